@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 import steelyard as sy
 from steelyard.codegen import Constant, Project, generate
-from steelyard.graph import Argument, Function, Graph, Output, cos, sign, sin, sqrt
+from steelyard.graph import Argument, Function, Graph, Output, cos, exp, log, sign, sin, sqrt
 
 Array = NDArray[np.float64]
 Compiled = Callable[..., list[Array]]
@@ -81,6 +81,8 @@ def _arithmetic() -> Function:
         "sine and cosine": sin(e) * cos(e) - sin(a + e) / (2.5 + cos(a + e)),
         "small and large constants": 1e-300 * a * 1e300 + 5e-324 * b - 1.7976931348623157e308 * (c * 1e-308),
         "square root": sqrt(a * a + b * b) - sqrt(c * c) * d,
+        "exponential": exp(-(a * a)) * exp(b - c) / exp(d),
+        "logarithm": log(a * a + 0.5) - log(b * b + 1e-300),
         "negative constants": a * -0.1 + -3.0 / (4.0 + b * b) - (-7.5 - c),
     }
     return Function(

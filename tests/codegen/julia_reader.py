@@ -364,6 +364,8 @@ def _call(name: str, arguments: list[Value], scope: dict[str, Value]) -> Value:
         "cos": np.cos,
         "sign": np.sign,
         "sqrt": np.sqrt,
+        "exp": np.exp,
+        "log": np.log,
         "sincos": lambda x: (np.sin(x), np.cos(x)),
         "length": len,
         "size": np.shape,

@@ -10,7 +10,7 @@ import pytest
 
 import steelyard as sy
 from steelyard.codegen import Project, generate
-from steelyard.codegen.rust import SQUARE_ROOT
+from steelyard.codegen.rust import EXPONENTIAL, SQUARE_ROOT
 from steelyard.graph import Argument, Function, Graph, Kernel, Output, cos, sin
 
 from .conftest import (
@@ -271,3 +271,39 @@ fn main() {
     (tmp_path / "root.rs").write_text(SQUARE_ROOT.replace("//!", "//") + check)
     run(["rustc", "-A", "unexpected_cfgs", "-O", "root.rs", "-o", "root"], tmp_path)
     run([str(tmp_path / "root")], tmp_path)
+
+
+@pytest.mark.slow
+def test_exponentials_without_a_standard_library(tmp_path: Path) -> None:
+    """Within two units in the last place of the standard library's, from the smallest numbers to the largest."""
+    need("rustc")
+    check = """
+fn near(ours: f64, exact: f64, x: f64) {
+    assert!((ours.to_bits() as i64 - exact.to_bits() as i64).abs() <= 2, "{} {} {}", x, ours, exact);
+}
+
+fn main() {
+    let mut x = 5.0e-324;
+    while x < f64::INFINITY {
+        for factor in [1.0, 1.1, 1.4, 1.5, 1.9, 1.9999] {
+            if x * factor < f64::INFINITY {
+                near(log(x * factor), (x * factor).ln(), x * factor);
+            }
+        }
+        x *= 2.0;
+    }
+    let mut y = -750.0;
+    while y < 720.0 {
+        near(exp(y), y.exp(), y);
+        y += 0.0137;
+    }
+    assert!(log(-1.0).is_nan() && log(f64::NAN).is_nan() && exp(f64::NAN).is_nan());
+    assert!(log(0.0) == -f64::INFINITY && log(f64::INFINITY) == f64::INFINITY);
+    assert!(exp(-f64::INFINITY) == 0.0 && exp(f64::INFINITY) == f64::INFINITY);
+}
+"""
+    (tmp_path / "exponential.rs").write_text(
+        EXPONENTIAL.replace("//!", "//").replace("#![allow(dead_code)]", "") + check
+    )
+    run(["rustc", "-A", "unexpected_cfgs", "-O", "exponential.rs", "-o", "exponential"], tmp_path)
+    run([str(tmp_path / "exponential")], tmp_path)

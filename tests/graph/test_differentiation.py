@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from steelyard.graph import Graph, cos, evaluate, gradient, jacobian, sign, sin, sqrt
+from steelyard.graph import Graph, cos, evaluate, exp, gradient, jacobian, log, sign, sin, sqrt
 
-KINDS = ("add", "sub", "mul", "div", "neg", "sin", "cos", "sign", "sqrt")
+KINDS = ("add", "sub", "mul", "div", "neg", "sin", "cos", "sign", "sqrt", "exp", "log")
 STEPS = st.lists(st.tuples(st.sampled_from(KINDS), st.integers(0, 99), st.integers(0, 99)))
 
 
@@ -24,7 +24,15 @@ def recorded(steps):
             values.append({"add": a + b, "sub": a - b, "mul": a * b}[kind])
         else:
             values.append(
-                {"neg": -a, "sin": sin(a), "cos": cos(a), "sign": sign(sin(a)), "sqrt": sqrt(a * a + 0.5)}[kind]
+                {
+                    "neg": -a,
+                    "sin": sin(a),
+                    "cos": cos(a),
+                    "sign": sign(sin(a)),
+                    "sqrt": sqrt(a * a + 0.5),
+                    "exp": exp(-(a * a)),
+                    "log": log(a * a + 0.5),
+                }[kind]
             )
     return inputs, values
 

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+import steelyard as sy
+from steelyard.dynamics import PiecewiseFriction, Stribeck
 from steelyard.simulation import simulate
 
 METHODS = ("radau", "bdf", "lsoda", "dormand_prince", "rosenbrock")
@@ -83,3 +85,23 @@ def test_friction_takes_the_energy_that_is_missing(block, wam):
     model, delta = block
     result = simulate(model, delta, [0.0], [1.0], 0.5, method="radau")
     np.testing.assert_allclose(result.energy[0] - result.energy, result.dissipated, atol=2e-5)
+
+
+@pytest.mark.parametrize(
+    ("term", "values", "torque"),
+    [
+        (Stribeck(0.4), {"Fcj1": 1.0, "Fsj1": 2.0}, lambda v: 1.0 + 2.0 * np.exp(-((v / 0.4) ** 2))),
+        (PiecewiseFriction([0.5, 2.0]), {"Fn1j1": 3.0, "Fn2j1": 4.0}, lambda v: np.interp(v, [0, 0.5, 2], [0, 3, 4])),
+    ],
+    ids=["stribeck", "piecewise"],
+)
+def test_a_block_slides_out_under_friction_that_depends_on_speed(block, term, values, torque):
+    """By SciPy on the formula of each law: laws with exponentials, and with signs of signs."""
+    model = sy.Model(block[0].robot.with_terms(term))
+    delta = np.zeros(model.parameter_count)
+    for name, value in {"m1": 2.0, **values}.items():
+        delta[model.parameter_names.index(name)] = value
+    known = solve_ivp(lambda t, y: [y[1], -torque(y[1]) / 2.0], (0.0, 0.5), [0.0, 1.0], rtol=1e-10, atol=1e-12).y
+    for method, tolerance in (("rosenbrock", 2e-6), ("dormand_prince", 1e-8)):
+        result = simulate(model, delta, [0.0], [1.0], 0.5, method=method, sign_width=1e-6)
+        np.testing.assert_allclose([result.final_q[0], result.final_dq[0]], known[:, -1], atol=tolerance)

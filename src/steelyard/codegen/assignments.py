@@ -33,7 +33,7 @@ __all__ = [
 ]
 
 # The operations that all languages write as calls.
-CALLS = ("sin", "cos", "sign", "sqrt")
+CALLS = ("sin", "cos", "sign", "sqrt", "exp", "log")
 _SUM, _PRODUCT, _ATOM = 1, 2, 3
 _PRECEDENCE = {"add": _SUM, "sub": _SUM, "mul": _PRODUCT, "div": _PRODUCT, "neg": _SUM}
 _SIGN = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
@@ -50,7 +50,7 @@ class Syntax:
     element : callable
         From the name of an argument (in the language) and an index from 0, such as ``("q", 0)``, the text ``q[0]``.
     calls : mapping
-        Templates for ``"sin"``, ``"cos"``, ``"sign"`` and ``"sqrt"``, such as ``"sin({})"``.
+        Templates for ``"sin"``, ``"cos"``, ``"sign"``, ``"sqrt"``, ``"exp"`` and ``"log"``, such as ``"sin({})"``.
     number : callable
         The literal of a finite float; a negative one is put in parentheses where needed.
     pair : (str, str) or None
@@ -243,7 +243,7 @@ class _Writer:
         kind = node.operation
         if kind == "neg":
             return f"-{self._operand(node.arguments[0], _ATOM)}"
-        if kind in ("sign", "sqrt"):
+        if kind in ("sign", "sqrt", "exp", "log"):
             return self.syntax.calls[kind].format(self.text[node.arguments[0].index][0])
         own = _PRECEDENCE[kind]
         a, b = node.arguments

@@ -38,13 +38,14 @@ class _Source(CFamily):
         self.array = self.scope.take(f"{macro}_ARRAY")
         self.part = self.scope.take(f"{macro}_PART")
         calls = {"sin": "sin({})", "cos": "cos({})", "sign": f"{SIGN}({{}})", "sqrt": "sqrt({})"}
+        calls |= {"exp": "exp({})", "log": "log({})"}
         self.prepare(naming(project, self.scope, prefix=f"{self.name}_", style=str.upper), Syntax(calls=calls))
 
     def files(self) -> dict[str, str]:
         project, name = self.project, self.name
         described = {
             f"{name}.h": "declarations, sizes, and what every argument is",
-            f"{name}.c": "the functions; needs only `sin`, `cos` and `sqrt` of the mathematical library",
+            f"{name}.c": "the functions; needs only `sin`, `cos`, `sqrt`, `exp` and `log` of the mathematical library",
             f"{name}_test.c": "self-test with reference values",
             "CMakeLists.txt": "builds the library and the self-test",
         }
@@ -118,7 +119,7 @@ class _Source(CFamily):
     def _source(self) -> str:
         lines = [*self._first(), f'#include "{self.name}.h"', ""]
         operations = self.operations
-        if operations & {"sin", "cos", "sqrt"}:
+        if operations & {"sin", "cos", "sqrt", "exp", "log"}:
             lines += ["#include <math.h>", ""]
         if "sign" in operations:
             lines += [

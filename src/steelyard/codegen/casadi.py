@@ -68,6 +68,7 @@ def casadi_function(function: Function) -> casadi.Function:
     inputs = [casadi.SX.sym(argument.name, argument.width) for argument in function.arguments]
     elements = {a.name: casadi.vertsplit(x) for a, x in zip(function.arguments, inputs, strict=True)}
     unary = {"sin": casadi.sin, "cos": casadi.cos, "sign": casadi.sign, "sqrt": casadi.sqrt}
+    unary |= {"exp": casadi.exp, "log": casadi.log}
     outputs = [
         _shaped(casadi, casadi.vertcat(*values), output.shape)
         for output, values in zip(function.outputs, evaluate_over(function, elements, unary, casadi.SX), strict=True)

@@ -48,6 +48,7 @@ class _Source(CFamily):
         self.namespace = f"{_OUTER}::{self.name}"
         self.part = self.scope.take(f"{self.name.upper()}_PART")
         calls = {"sin": "std::sin({})", "cos": "std::cos({})", "sign": f"{SIGN}({{}})", "sqrt": "std::sqrt({})"}
+        calls |= {"exp": "std::exp({})", "log": "std::log({})"}
         found = naming(project, self.scope)
         reserved = C_RESERVED | {SIGN, _OUTER, self.name, self.part}
         self.prepare(Naming(shadowing(found, reserved), found.sizes), Syntax(calls=calls))
@@ -118,7 +119,7 @@ class _Source(CFamily):
     def _source(self) -> str:
         operations = self.operations
         lines = [*self._first(), f'#include "{self.name}.hpp"', ""]
-        lines += ["#include <cmath>", ""] if operations & {"sin", "cos", "sqrt"} else []
+        lines += ["#include <cmath>", ""] if operations & {"sin", "cos", "sqrt", "exp", "log"} else []
         lines += [f"namespace {self.namespace} {{", ""]
         if "sign" in operations:
             lines += [

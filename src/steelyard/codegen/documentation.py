@@ -94,6 +94,8 @@ def operations_line(function: Function) -> str:
         "cos": ("cosine", "cosines"),
         "sign": ("sign", "signs"),
         "sqrt": ("square root", "square roots"),
+        "exp": ("exponential", "exponentials"),
+        "log": ("logarithm", "logarithms"),
     }
     count = function.operation_count
     parts = [f"{count[kind]} {word[count[kind] > 1]}" for kind, word in words.items() if count[kind]]

@@ -119,7 +119,14 @@ def _leading(arrays: Sequence[Any]) -> tuple[int, ...]:
 def _unary() -> dict[str, Callable[[Any], Any]]:
     import jax.numpy as jnp
 
-    return {"sin": jnp.sin, "cos": jnp.cos, "sign": lambda x: jnp.sign(jnp.real(x)), "sqrt": jnp.sqrt}
+    return {
+        "sin": jnp.sin,
+        "cos": jnp.cos,
+        "sign": lambda x: jnp.sign(jnp.real(x)),
+        "sqrt": jnp.sqrt,
+        "exp": jnp.exp,
+        "log": jnp.log,
+    }
 
 
 def _scalars(function: Function) -> Callable[..., list[Any]]:
@@ -219,6 +226,8 @@ _OPERATIONS: dict[str, Callable[..., jax.Array]] = {
     "cos": jnp.cos,
     "sign": jnp.sign,
     "sqrt": jnp.sqrt,
+    "exp": jnp.exp,
+    "log": jnp.log,
 }
 
 
@@ -411,7 +420,8 @@ class Step:
     Attributes
     ----------
     operation : str
-        ``"add"``, ``"mul"``, ``"div"``, ``"neg"``, ``"sin"``, ``"cos"``, ``"sign"`` or ``"sqrt"``.
+        ``"add"``, ``"mul"``, ``"div"``, ``"neg"``, ``"sin"``, ``"cos"``, ``"sign"``, ``"sqrt"``, ``"exp"`` or
+        ``"log"``.
     first : ndarray
         (k,) places of the first operands.
     second : ndarray or None

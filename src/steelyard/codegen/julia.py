@@ -22,7 +22,7 @@ _KEYWORDS = """
 abstract baremodule begin break catch const continue do else elseif end export false finally for function global if
 import in isa let local macro module mutable outer primitive public quote return struct true try type using where while
 sin cos sign sqrt sincos length size throw fill pi im Inf NaN Float64 AbstractVector AbstractMatrix AbstractArray Ref
-Base Core Main DimensionMismatch nothing missing eval include one zero ans ccall cglobal
+exp log Base Core Main DimensionMismatch nothing missing eval include one zero ans ccall cglobal
 """
 _RESERVED = frozenset(_KEYWORDS.split())
 _PACKAGES = """

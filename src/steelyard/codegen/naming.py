@@ -47,7 +47,7 @@ typename using virtual wchar_t xor xor_eq final override import module std
 # What headers and compilers define as macros, and the functions that the generated source calls.
 _MACROS = """
 linux unix i386 near far interface small huge pascal cdecl min max NULL EOF NAN INFINITY HUGE_VAL HUGE_VALF HUGE_VALL
-EDOM ERANGE EILSEQ errno stdin stdout stderr assert main sin cos sqrt fabs printf isnan isinf signbit isfinite
+EDOM ERANGE EILSEQ errno stdin stdout stderr assert main sin cos sqrt exp log fabs printf isnan isinf signbit isfinite
 fpclassify isnormal signgam complex imaginary I TRUE FALSE BUFSIZ
 """
 

@@ -28,7 +28,7 @@ unwind_protect unwind_protect_cleanup endclassdef enumeration events methods pro
 endarguments endenumeration endevents endmethods endproperties endspmd
 """
 _FUNCTIONS = """
-sin cos sign sqrt zeros numel error abs all fprintf permute ndims pi i j inf nan eps ans nargin nargout varargin
+sin cos sign sqrt exp log zeros numel error abs all fprintf permute ndims pi i j inf nan eps ans nargin nargout varargin
 varargout size isa isreal isequal double e NA true false
 """
 _RESERVED = frozenset((_KEYWORDS + _FUNCTIONS).split())

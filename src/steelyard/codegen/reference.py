@@ -127,6 +127,12 @@ def _rounding_bounds(function: Function, rows: Mapping[str, NDArray[np.float64]]
         elif kind == "sqrt":
             value = np.sqrt(a)
             error, rounding = error / (2.0 * value), 2.0 * _EPSILON
+        elif kind == "exp":
+            value = np.exp(a)
+            error, rounding = error * value, 2.0 * _EPSILON
+        elif kind == "log":
+            value = np.log(a)
+            error, rounding = error / a, 2.0 * _EPSILON
         elif kind in ("sin", "cos"):
             value, error, rounding = (np.sin(a) if kind == "sin" else np.cos(a)), error, 2.0 * _EPSILON
         else:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from .project import Project
 
-__all__ = ["SQUARE_ROOT", "TRIGONOMETRY", "write"]
+__all__ = ["EXPONENTIAL", "SQUARE_ROOT", "TRIGONOMETRY", "write"]
 
 # Half the exponent is a first guess within 4 percent; each of Heron's steps doubles the correct digits.
 SQUARE_ROOT = """
@@ -50,6 +50,73 @@ pub(crate) fn sqrt(x: f64) -> f64 {
     root = 0.5 * (root + x / root);
     root = 0.5 * (root + x / root);
     root * scale
+}
+"""
+
+# Taylor's series: of exp(r) with |r| up to ln(2)/2, and of log(m) in s = (m - 1) / (m + 1) with m up to sqrt(2).
+EXPONENTIAL = """
+//! Exponential and natural logarithm: of the standard library, or in plain arithmetic where there is none.
+#![allow(dead_code)]
+
+#[cfg(feature = "std")]
+extern crate std;
+
+#[cfg(feature = "std")]
+pub(crate) fn exp(x: f64) -> f64 {
+    x.exp()
+}
+
+#[cfg(feature = "std")]
+pub(crate) fn log(x: f64) -> f64 {
+    x.ln()
+}
+
+#[cfg(not(feature = "std"))]
+const LN_2_HIGH: f64 = 6.93147180369123816490e-01;
+#[cfg(not(feature = "std"))]
+const LN_2_LOW: f64 = 1.90821492927058770002e-10;
+
+/// Within two units in the last place.
+#[cfg(not(feature = "std"))]
+pub(crate) fn exp(x: f64) -> f64 {
+    if !(x > -746.0 && x < 710.0) {
+        return if x <= -746.0 { 0.0 } else { x + f64::INFINITY };
+    }
+    let turns = x * core::f64::consts::LOG2_E;
+    let whole = (if turns < 0.0 { turns - 0.5 } else { turns + 0.5 }) as i64;
+    let (high, low) = (x - whole as f64 * LN_2_HIGH, whole as f64 * LN_2_LOW);
+    let r = high - low;
+    let mut tail = 0.0;
+    let mut k = 13;
+    while k >= 2 {
+        tail = (tail + 1.0) * r / k as f64;
+        k -= 1;
+    }
+    let value = 1.0 + (r + (r * tail + ((high - r) - low)));
+    let half = whole / 2;
+    value * f64::from_bits(((half + 1023) as u64) << 52) * f64::from_bits(((whole - half + 1023) as u64) << 52)
+}
+
+/// Within two units in the last place; not a number where `x` is negative or not a number.
+#[cfg(not(feature = "std"))]
+pub(crate) fn log(x: f64) -> f64 {
+    if !(x > 0.0 && x < f64::INFINITY) {
+        return if x == 0.0 { -f64::INFINITY } else if x < 0.0 { f64::NAN } else { x };
+    }
+    let (x, shift) = if x < 2.2250738585072014e-308 { (x * 18014398509481984.0, 54) } else { (x, 0) };
+    let bits = x.to_bits() as i64;
+    let exponent = (bits - core::f64::consts::FRAC_1_SQRT_2.to_bits() as i64) >> 52;
+    let m = f64::from_bits((bits - (exponent << 52)) as u64);
+    let power = (exponent - shift) as f64;
+    let s = (m - 1.0) / (m + 1.0);
+    let square = s * s;
+    let mut series = 0.0;
+    let mut k = 23;
+    while k >= 3 {
+        series = square * (2.0 / k as f64 + series);
+        k -= 2;
+    }
+    power * LN_2_HIGH + (2.0 * s + (s * series + power * LN_2_LOW))
 }
 """
 
@@ -160,6 +227,8 @@ class _Source:
                 "cos": "trigonometry::sin_cos({}).1",
                 "sign": f"{_SIGN}({{}})",
                 "sqrt": "square_root::sqrt({})",
+                "exp": "exponential::exp({})",
+                "log": "exponential::log({})",
             },
             pair=("({}, {})", "trigonometry::sin_cos({})"),
         )
@@ -183,6 +252,9 @@ class _Source:
         if "sqrt" in self.operations:
             described["src/square_root.rs"] = "square root with and without the standard library"
             result["src/square_root.rs"] = f"// {marker(self.project.version)}{SQUARE_ROOT}"
+        if self.operations & {"exp", "log"}:
+            described["src/exponential.rs"] = "exponential and logarithm with and without the standard library"
+            result["src/exponential.rs"] = f"// {marker(self.project.version)}{EXPONENTIAL}"
         text = readme(self.project, "Rust", described, self._use(), self.functions, self.syntax.element)
         return {**result, "README.md": text}
 
@@ -198,7 +270,7 @@ class _Source:
                 "",
                 "[features]",
                 'default = ["std"]',
-                "# Sine, cosine and square root of the standard library; without it, the crate's own.",
+                "# Sines, roots and exponentials of the standard library; without it, the crate's own.",
                 "std = []",
                 "",
             ]
@@ -224,6 +296,7 @@ class _Source:
             "#![allow(non_snake_case, clippy::all, rustdoc::bare_urls)]",
             "",
         ]
+        lines += ["mod exponential;", ""] if self.operations & {"exp", "log"} else []
         lines += ["mod square_root;", ""] if "sqrt" in self.operations else []
         lines += ["mod trigonometry;", ""] if self.operations & {"sin", "cos"} else []
         for size in self.sizes.declared:

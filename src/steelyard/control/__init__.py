@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from .feedforward_tracking import FeedforwardTracking as FeedforwardTracking
     from .gravity_compensation import GravityCompensation as GravityCompensation
     from .impedance import ImpedanceControl as ImpedanceControl
+    from .joint_feedback import JointFeedback as JointFeedback
     from .joint_references import ConstantReference as ConstantReference
     from .joint_references import FunctionReference as FunctionReference
     from .joint_references import JointReference as JointReference

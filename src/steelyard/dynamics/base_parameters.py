@@ -304,9 +304,12 @@ def _reduce(vector: Vector, vectors: Mapping[int, Vector]) -> None:
 def _add_odd(vectors: dict[int, Vector], odd: Sequence[int], layout: ParameterLayout) -> None:
     """Add the null vectors of friction, which shares no torque with links: row by row, as far as motors couple them."""
     random = np.random.default_rng(20140102)
-    q, dq, ddq = (random.uniform(-size, size, (3 * 8 + 50, layout.robot.dof)) for size in (np.pi, 3.0, 9.0))
+    count = (3 * 8 + 50) * len(layout.speeds_of_terms)
+    q, dq = random.uniform(-np.pi, np.pi, (count, layout.robot.dof)), layout.random_speeds(random, count)
+    ddq = random.uniform(-9.0, 9.0, dq.shape)
     values: dict[int, dict[int, Matrix]] = {column: {} for column in odd}
-    for row, column, value in layout.terms(list(q.T), list(dq.T), list(ddq.T), np):
+    logged = layout.random_channels(random, count)
+    for row, column, value in layout.terms(list(q.T), list(dq.T), list(ddq.T), np, channels=logged):
         if column in values:
             values[column][row] = values[column].get(row, 0.0) + value
     for group in _connected({column: set(rows) for column, rows in values.items()}):

@@ -22,7 +22,7 @@ from .algorithms.kinematics import ZERO, JointFrame, Matrix3, Vector3, add, join
 from .algorithms.newton_euler import body_wrench, inverse_dynamics, link_motions
 from .algorithms.regressor import regressor
 from .algorithms.regrouping import regrouped
-from .layout import ParameterLayout
+from .layout import ParameterLayout, columns_of
 
 __all__ = ["CATALOGUE", "Entry", "Scene", "Value", "forward_dynamics_function"]
 
@@ -102,7 +102,7 @@ class Scene:
     def term_torques(self, q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any]) -> list[Any]:
         """Return the N torques of the terms."""
         torques: list[Any] = [0.0] * self.count
-        for row, column, value in self.layout.terms(q, dq, ddq, self.algebra, self.term):
+        for row, column, value in self.layout.terms(q, dq, ddq, self.algebra, self.term, self.scalars.get("channels")):
             torques[row] = torques[row] + self.scalars["parameters"][column] * value
         return torques
 
@@ -212,7 +212,7 @@ def _regressor(scene: Scene) -> list[Value]:
     elements: list[Any] = [0.0] * (scene.count * width)
     for (row, column), value in scene.layout.with_links(regressor(scene.frames, dq, ddq, scene.gravity)).items():
         elements[row * width + column] = value
-    for row, column, value in scene.layout.terms(q, dq, ddq, scene.algebra):
+    for row, column, value in scene.layout.terms(q, dq, ddq, scene.algebra, None, scene.scalars.get("channels")):
         elements[row * width + column] = value
     return [Value("matrix", (scene.count, width), elements, "regressor H: torques are H times the parameters")]
 
@@ -474,6 +474,10 @@ def forward_dynamics_function(robot: Robot, method: str) -> str:
 def _acts_alone(term: Term, robot: Robot) -> bool:
     """Tell whether a term of a coordinate acts on that coordinate only."""
     zeros = [0.0] * robot.dof
+    logged = dict.fromkeys(term.channels, zeros)
     return all(
-        row == k for k in range(robot.dof) for column in term.columns(k, zeros, zeros, zeros, np) for row in column
+        row == k
+        for k in range(robot.dof)
+        for column in columns_of(term, k, (zeros, zeros, zeros), np, logged)
+        for row in column
     )

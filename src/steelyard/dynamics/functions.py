@@ -51,15 +51,8 @@ class SmoothSign:
     def __init__(self, width: graph.Node) -> None:
         self._square = width * width
 
-    @staticmethod
-    def sin(x: Any) -> Any:
-        """Return the sine."""
-        return graph.sin(x)
-
-    @staticmethod
-    def cos(x: Any) -> Any:
-        """Return the cosine."""
-        return graph.cos(x)
+    sin, cos = staticmethod(graph.sin), staticmethod(graph.cos)
+    exp, log, sqrt = staticmethod(graph.exp), staticmethod(graph.log), staticmethod(graph.sqrt)
 
     def sign(self, x: Any) -> Any:
         """Return the smooth sign."""
@@ -96,10 +89,42 @@ class BaseColumns:
     kernel: Kernel
     joints: tuple[NDArray[np.intp], ...]
 
-    def entries(self, q: NDArray[np.float64], dq: NDArray[np.float64], ddq: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return what the kernel writes, (S, C); what rounding leaves of a joint at rest counts as no motion."""
-        dq = np.where(np.abs(dq) < RESIDUE_VELOCITY, 0.0, dq)
-        return self.kernel(q, dq, np.where(np.abs(ddq) < RESIDUE_ACCELERATION, 0.0, ddq))
+    def entries(
+        self,
+        q: NDArray[np.float64],
+        dq: NDArray[np.float64],
+        ddq: NDArray[np.float64],
+        channels: NDArray[np.float64] | None = None,
+    ) -> NDArray[np.float64]:
+        """Return what the kernel writes, (S, C); what rounding leaves of a joint at rest counts as no motion.
+
+        `channels` (S, K N) are those of `Model.channel_values`, where the robot has terms that need them.
+        """
+        return self.of_motion(q, *self.moving(dq, ddq), channels)
+
+    def moving(
+        self, dq: NDArray[np.float64], ddq: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return velocities and accelerations without what rounding leaves of a joint at rest."""
+        return np.where(np.abs(dq) < RESIDUE_VELOCITY, 0.0, dq), np.where(np.abs(ddq) < RESIDUE_ACCELERATION, 0.0, ddq)
+
+    def of_motion(
+        self,
+        q: NDArray[np.float64],
+        dq: NDArray[np.float64],
+        ddq: NDArray[np.float64],
+        channels: NDArray[np.float64] | None = None,
+        out: NDArray[np.float64] | None = None,
+    ) -> NDArray[np.float64]:
+        """Return what the kernel writes, for a motion that `moving` returned."""
+        if channels is not None:
+            return self.kernel(q, dq, ddq, channels, out=out)
+        if len(self.kernel.arguments) > 3:
+            raise InputError(
+                "The terms of this robot need channels of a log, such as a temperature, which were not given; hold "
+                "them at one value (`held` in [[terms]]), or leave these terms out."
+            )
+        return self.kernel(q, dq, ddq, out=out)
 
     def by_joint(self, entries: NDArray[np.float64]) -> list[NDArray[np.float64]]:
         """Split them into the columns of each joint."""
@@ -246,6 +271,8 @@ class ModelFunctions:
         robot = self.robot
         names = [n for n in entry.arguments if not (base and n == "parameters")]
         result = [self._motion_argument(name) for name in names if name in _MOTION_UNITS]
+        if robot.channels and entry.drives:
+            result.append(self._channel_argument())
         if "parameters" in entry.arguments:
             if base:
                 expressions = self.base_parameters().expressions
@@ -267,6 +294,11 @@ class ModelFunctions:
             texts = tuple(f"length {name}, m" for name in robot.lengths)
             result.append(Argument("lengths", len(texts), True, "lengths of the robot, m", texts))
         return result
+
+    def _channel_argument(self) -> Argument:
+        joints = [self.robot.joints[k].name for k in self.robot.driving_joints]
+        texts = tuple(f"{name} at joint {joint!r}" for name in self.robot.channels for joint in joints)
+        return Argument("channels", len(texts), False, f"{', '.join(self.robot.channels)} of each joint", texts)
 
     def _motion_argument(self, name: str) -> Argument:
         what, turning, sliding = _MOTION_UNITS[name]
@@ -344,7 +376,7 @@ class ModelFunctions:
             "frame": self._entry(name, base, gravity, sign)[1],
             "sign": sign,
             "gravity": [gravity, np.asarray(robot.gravity).tolist()],
-            "terms": [term.to_dict() for term in robot.terms],
+            "terms": [term.identity for term in robot.terms],
             "joints": joints,
             "base": self.base_parameters().independent.tolist() if base else None,
         }
@@ -527,7 +559,7 @@ class Evaluator:
         """Compute any batch of any arrays, or say what does not fit."""
         kernel = call.kernel
         motions = sum(not argument.uniform for argument in kernel.arguments)
-        arrays, lead = self._motion(given[:motions])
+        arrays, lead = self._motion(given[:motions], [argument.width for argument in kernel.arguments[:motions]])
         for argument, values in zip(kernel.arguments[motions:], given[motions:], strict=True):
             if argument.name == "parameters":
                 values = parameter_values(values, self._parameter_names, self._robot.name)
@@ -547,22 +579,22 @@ class Evaluator:
         full[:, kernel.places] = flat
         return result
 
-    def _motion(self, arrays: Sequence[ArrayLike]) -> tuple[list[Array], tuple[int, ...]]:
+    def _motion(self, arrays: Sequence[ArrayLike], widths: Sequence[int]) -> tuple[list[Array], tuple[int, ...]]:
         converted = [np.asarray(a, dtype=np.float64) for a in arrays]
-        n = self._robot.dof
-        for array in converted:
+        for array, n in zip(converted, widths, strict=True):
             if array.ndim == 0 or array.shape[-1] != n:
                 raise InputError(
                     f"{self._robot.name} has {n} joints: expected arrays of shape (..., {n}), got {array.shape}."
                 )
-        shape = converted[0].shape
-        if all(array.shape == shape for array in converted):  # the usual case, where broadcasting would cost time
-            return [np.ascontiguousarray(array).reshape(-1, n) for array in converted], shape[:-1]
+        lead = converted[0].shape[:-1]
+        pairs = list(zip(converted, widths, strict=True))
+        if all(array.shape[:-1] == lead for array in converted):  # the usual case, where broadcasting would cost time
+            return [np.ascontiguousarray(array).reshape(-1, n) for array, n in pairs], lead
         try:
-            shape = np.broadcast_shapes(*(a.shape for a in converted))
+            lead = np.broadcast_shapes(*(a.shape[:-1] for a in converted))
         except ValueError:
             raise InputError(f"Motion arrays do not fit each other: {[a.shape for a in converted]}.") from None
-        return [np.ascontiguousarray(np.broadcast_to(a, shape)).reshape(-1, n) for a in converted], shape[:-1]
+        return [np.ascontiguousarray(np.broadcast_to(a, (*lead, n))).reshape(-1, n) for a, n in pairs], lead
 
     def _vector(self, values: ArrayLike, size: int, what: str) -> Array:
         vector = np.asarray(values, dtype=np.float64)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -10,9 +10,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.graph.expression import is_zero
-from steelyard.robot import INERTIA_SYMBOLS, Robot
+from steelyard.robot import INERTIA_SYMBOLS, Robot, Term
 
-__all__ = ["ParameterLayout"]
+__all__ = ["ParameterLayout", "columns_of"]
+
+
+def columns_of(
+    term: Term,
+    k: int,
+    motion: tuple[Sequence[Any], Sequence[Any], Sequence[Any]],
+    algebra: Any,
+    channels: Mapping[str, Sequence[Any]],
+) -> tuple[dict[int, Any], ...]:
+    """Return the columns of a term, which is given the channels that it names."""
+    if not term.channels:
+        return term.columns(k, *motion, algebra)
+    return term.columns(k, *motion, algebra, {name: channels[name] for name in term.channels})  # type: ignore[call-arg]
+
 
 Entries = dict[tuple[int, int], Any]
 _INERTIAL = {
@@ -64,18 +78,49 @@ class ParameterLayout:
         return {(row, int(self.links[k // 10][k % 10])): value for (row, k), value in entries.items()}
 
     def terms(
-        self, q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any], algebra: Any, kind: str | None = None
+        self,
+        q: Sequence[Any],
+        dq: Sequence[Any],
+        ddq: Sequence[Any],
+        algebra: Any,
+        kind: str | None = None,
+        channels: Sequence[Any] | None = None,
     ) -> list[tuple[int, int, Any]]:
-        """Return the regressor of the terms alone, or of those of one kind, as (row, column, scalar)."""
+        """Return the regressor of the terms alone, or of those of one kind, as (row, column, scalar).
+
+        `channels` are N scalars for each channel of the robot, one channel after the other; zeros without them.
+        """
         entries: list[tuple[int, int, Any]] = []
+        logged = self._by_name(q, channels)
         for k, first in enumerate(self._columns[1]):
             column = first
             for term in self.robot.terms:
-                for values in term.columns(k, q, dq, ddq, algebra):
+                for values in columns_of(term, k, (q, dq, ddq), algebra, logged):
                     if kind is None or term.kind == kind:
                         entries.extend((row, column, value) for row, value in values.items())
                     column += 1
         return entries
+
+    def _by_name(self, q: Sequence[Any], channels: Sequence[Any] | None) -> Mapping[str, Sequence[Any]]:
+        if not self.robot.channels:
+            return {}
+        given = [0.0 * x for _ in self.robot.channels for x in q] if channels is None else channels
+        return {name: given[k * len(q) : (k + 1) * len(q)] for k, name in enumerate(self.robot.channels)}
+
+    def random_channels(self, random: np.random.Generator, rows: int) -> list[NDArray[np.float64]]:
+        """Return random values of the channels, in the order of `terms`."""
+        return list(random.uniform(0.0, 100.0, (len(self.robot.channels) * self.robot.dof, rows)))
+
+    def random_speeds(self, random: np.random.Generator, rows: int) -> NDArray[np.float64]:
+        """Return random speeds (rows, N) to 3 rad/s or m/s, some of them about the speeds that its terms name."""
+        scales = np.resize(self.speeds_of_terms, rows) / self.speeds_of_terms[0]
+        return random.uniform(-3.0, 3.0, (rows, self.robot.dof)) * scales[:, None]
+
+    @cached_property
+    def speeds_of_terms(self) -> tuple[float, ...]:
+        """Typical speeds of random motions, and those at which the columns of terms change."""
+        own = {speed for term in self.robot.terms for speed in term.speeds if speed > 0.0}
+        return (1.5, *sorted(own))
 
     def term_momenta(self, q: Sequence[Any], dq: Sequence[Any], algebra: Any) -> Entries:
         """Return what the terms add to the momentum regressor: their torques, linear in ddq, with dq in its place."""

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import fields
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -68,6 +67,8 @@ class Model:
         self._layout = ParameterLayout(robot)
         self._functions = ModelFunctions(self._layout, self.base_parameters)
         self._call = Evaluator(self._functions, threads).compute
+        if robot.channels:
+            self._call = self._with_channels(self._call)
         self._forward_dynamics: dict[str, str] = {}
 
     def _repr_html_(self) -> str:
@@ -139,6 +140,7 @@ class Model:
         parameters: ArrayLike,
         *,
         gravity: ArrayLike | None = None,
+        channels: Mapping[str, ArrayLike] | None = None,
         out: Array | None = None,
     ) -> Array:
         """Return the joint torques (..., N), N·m or N, of links and terms.
@@ -151,6 +153,9 @@ class Model:
             (n,) in the order of `parameter_names`.
         gravity : array_like, optional
             (3,) in the base frame, m/s², in place of the robot's own; also in the functions below.
+        channels : mapping, optional
+            What is logged beside the motion and is needed by terms, such as ``{"temperature": ...}``, (...,) for all
+            joints or (..., N) each; see `steelyard.Robot.channels`. Also in the functions below.
         out : ndarray, optional
             What the result is written into and which is then returned; also in the functions below. It must have the
             shape of the result and be C-contiguous, of float64, and not in the memory of another argument. Large
@@ -169,7 +174,8 @@ class Model:
         >>> model.inverse_dynamics(q, q, q, np.eye(10)[9], out=out) is out
         True
         """
-        return self._call("inverse_dynamics", (q, dq, ddq, parameters), gravity, out)
+        given = (q, dq, ddq, parameters) if channels is None else (q, dq, ddq, *self._logged(channels, q), parameters)
+        return self._call("inverse_dynamics", given, gravity, out)
 
     def inverse_dynamics_derivatives(
         self,
@@ -179,6 +185,7 @@ class Model:
         parameters: ArrayLike,
         *,
         gravity: ArrayLike | None = None,
+        channels: Mapping[str, ArrayLike] | None = None,
         out: Array | None = None,
     ) -> tuple[Array, Array, Array]:
         """Return the derivatives of the joint torques by q, dq and ddq, (..., N, N) each; row = torque.
@@ -186,7 +193,8 @@ class Model:
         The derivatives by the parameters are the `regressor`. The sign of Coulomb friction counts as constant. What is
         given as `out` is (..., 3, N, N), one behind the other.
         """
-        stacked = self._call("inverse_dynamics_derivatives", (q, dq, ddq, parameters), gravity, out)
+        given = (q, dq, ddq, parameters) if channels is None else (q, dq, ddq, *self._logged(channels, q), parameters)
+        stacked = self._call("inverse_dynamics_derivatives", given, gravity, out)
         return stacked[..., 0, :, :], stacked[..., 1, :, :], stacked[..., 2, :, :]
 
     def computed_torque(
@@ -224,6 +232,7 @@ class Model:
         q: ArrayLike | None = None,
         *,
         term: str | None = None,
+        channels: Mapping[str, ArrayLike] | None = None,
         out: Array | None = None,
     ) -> Array:
         """Return the torques (..., N) of all the terms, ``h`` of thesis eq. 2.9, or of one kind of term.
@@ -246,7 +255,9 @@ class Model:
         ndarray
         """
         name = "drive_torque" if term is None else f"drive_torque({term})"
-        return self._call(name, (np.zeros_like(dq) if q is None else q, dq, ddq, parameters), None, out)
+        q = np.zeros_like(dq) if q is None else q
+        given = (q, dq, ddq, parameters) if channels is None else (q, dq, ddq, *self._logged(channels, dq), parameters)
+        return self._call(name, given, None, out)
 
     def inertia_matrix(self, q: ArrayLike, parameters: ArrayLike, *, out: Array | None = None) -> Array:
         """Return the inertia matrix of the links M(q) (..., N, N) of thesis eq. 2.7."""
@@ -270,9 +281,18 @@ class Model:
         """Return the potential energy (...), J; zero for mass at the origin of the base frame."""
         return _number(self._call("potential_energy", (q, parameters), gravity, out), out)
 
-    def regressor(self, q: ArrayLike, dq: ArrayLike, ddq: ArrayLike, *, out: Array | None = None) -> Array:
+    def regressor(
+        self,
+        q: ArrayLike,
+        dq: ArrayLike,
+        ddq: ArrayLike,
+        *,
+        channels: Mapping[str, ArrayLike] | None = None,
+        out: Array | None = None,
+    ) -> Array:
         """Return H(q, dq, ddq) (..., N, n) of thesis eq. 2.22: torques are ``H delta``."""
-        return self._call("regressor", (q, dq, ddq), None, out)
+        given = (q, dq, ddq) if channels is None else (q, dq, ddq, *self._logged(channels, q))
+        return self._call("regressor", given, None, out)
 
     def momentum_regressor(self, q: ArrayLike, dq: ArrayLike, *, out: Array | None = None) -> Array:
         """Return (..., N, n): times the parameters it is the generalised momentum."""
@@ -296,6 +316,7 @@ class Model:
         *,
         method: str = "automatic",
         gravity: ArrayLike | None = None,
+        channels: Mapping[str, ArrayLike] | None = None,
         out: Array | None = None,
     ) -> Array:
         """Return the accelerations (..., N) that joint torques cause, thesis eq. 5.1.
@@ -327,7 +348,8 @@ class Model:
         function = self._forward_dynamics.get(method)
         if function is None:
             function = self._forward_dynamics[method] = forward_dynamics_function(self.robot, method)
-        result = self._call(function, (q, dq, tau, parameters), gravity, out)
+        given = (q, dq, tau, parameters) if channels is None else (q, dq, tau, *self._logged(channels, q), parameters)
+        result = self._call(function, given, gravity, out)
         # The sum of one sample is finite unless a number is not, or they are enormous; then all are looked at.
         if result.ndim == 1 and math.isfinite(sum(result.tolist())):
             return result
@@ -427,16 +449,101 @@ class Model:
             return Drives.unknown(n)
         still, delta = np.zeros((n, n)), parameter_values(parameters, self.parameter_names, self.robot.name)
         described = np.array(self._layout.described_as)
+        braking = ("damping", "friction", "quadratic_damping", "cubic_damping")
 
         def felt(kind: str) -> Array:
-            if kind not in described and kind in ("rotor_inertia", "offset"):
+            if kind not in described and kind not in ("damping", "friction"):
                 return np.full(n, np.nan)
             share = np.where(described == kind, delta, 0.0)
-            speed = np.eye(n) if kind in ("damping", "friction") else still
+            speed = np.eye(n) if kind in braking else still
             acceleration = np.eye(n) if kind == "rotor_inertia" else still
-            return np.diagonal(term_torques(self._layout, still, speed, acceleration, share)).copy()
+            forth = term_torques(self._layout, still, speed, acceleration, share)
+            if kind not in braking:
+                return np.diagonal(forth).copy()
+            # Half of the difference of both directions, which is all that a description holds of friction that differs.
+            back = term_torques(self._layout, still, -speed, acceleration, share)
+            return np.diagonal(0.5 * (forth - back)).copy()
 
-        return Drives(*(felt(one.name) for one in fields(Drives)))
+        told = {kind: felt(kind) for kind in (*braking, "rotor_inertia", "offset")}
+        return Drives.unknown(n).with_known(**told, **self._springs(delta, described))
+
+    def _springs(self, delta: Array, described: NDArray[np.str_]) -> dict[str, Array]:
+        """Stiffness and rest of the springs of joints, where there are any."""
+        if "stiffness" not in described:
+            return {}
+        still, share = np.zeros((self.dof, self.dof)), np.where(described == "stiffness", delta, 0.0)
+        at_zero = np.diagonal(term_torques(self._layout, still, still, still, share))
+        moved = np.diagonal(term_torques(self._layout, np.eye(self.dof), still, still, share))
+        stiffness = moved - at_zero
+        rest = np.divide(-at_zero, stiffness, out=np.zeros(self.dof), where=stiffness > 0.0)
+        return {"spring_stiffness": stiffness, "spring_rest": rest}
+
+    # What is logged beside the motion
+
+    def channel_values(self, channels: Mapping[str, ArrayLike] | None, shape: tuple[int, ...]) -> Array:
+        """Return the channels that the terms need as one array (..., K N), in the order of `Robot.channels`.
+
+        Parameters
+        ----------
+        channels : mapping
+            For each name (...,), the same for all joints, or (..., N).
+        shape : tuple of int
+            Shape (..., N) of the motion.
+
+        Raises
+        ------
+        InputError
+            If a channel is missing, has another shape, is not finite, or is beyond the range of a term.
+        """
+        found = []
+        for name in self.robot.channels:
+            if channels is None or name not in channels:
+                raise InputError(self._lacks(name))
+            values = np.asarray(channels[name], dtype=np.float64)
+            if values.ndim < len(shape):
+                values = values[..., None]
+            try:
+                values = np.broadcast_to(values, shape)
+            except ValueError:
+                raise InputError(
+                    f"The channel {name!r} has shape {np.shape(channels[name])}; expected {shape[:-1]}, or {shape} "
+                    "with one value for each joint."
+                ) from None
+            if not np.isfinite(values).all():
+                raise InputError(f"The channel {name!r} is not finite in some rows; remove them, or fill them before.")
+            for term in self.robot.terms:
+                if name in term.channels:
+                    term.check_channel(name, values)
+            found.append(values)
+        return np.ascontiguousarray(np.concatenate(found, axis=-1)) if found else np.zeros((*shape[:-1], 0))
+
+    def _logged(self, channels: Mapping[str, ArrayLike], motion: ArrayLike) -> tuple[Array, ...]:
+        """Return the channels as an argument of functions, of which there is none where no term needs any."""
+        return (self.channel_values(channels, np.shape(motion)),) if self.robot.channels else ()
+
+    @cached_property
+    def without_channels(self) -> Model:
+        """The model with terms that need no channels in place of those that do: itself, as a rule."""
+        if not self.robot.channels:
+            return self
+        plain = (term.without_channels() for term in self.robot.terms)
+        return Model(self.robot.with_terms(*(term for term in plain if term is not None)))
+
+    def _lacks(self, name: str) -> str:
+        kinds = " and ".join(term.kind for term in self.robot.terms if name in term.channels)
+        return (
+            f"The term {kinds} of {self.robot.name} needs the channel {name!r}, which was not given: name its column "
+            f'in [log], as in channels = {{ {name} = "..." }}, or give channels={{{name!r}: values}} in Python.'
+        )
+
+    def _with_channels(self, call: Callable[..., Array]) -> Callable[..., Array]:
+        def checked(function: str, given: tuple[Any, ...], gravity: ArrayLike | None, out: Array | None) -> Array:
+            entry = CATALOGUE[function.partition("(")[0]]
+            if entry.drives and len(given) == len(entry.arguments):
+                raise InputError(self._lacks(self.robot.channels[0]))
+            return call(function, given, gravity, out)
+
+        return checked
 
     # What the model is made of
 
@@ -637,9 +744,10 @@ def _number(values: Array, out: Array | None) -> Array:
 def _sampled_regressor(layout: ParameterLayout) -> Array:
     """The regressor at random motions, stacked, with three rows for each parameter and some more."""
     joints, parameters = layout.robot.dof, len(layout.names)
-    count = max(20, -(-(3 * parameters + 50) // joints))
+    count = max(20, -(-(3 * parameters + 50) // joints)) * len(layout.speeds_of_terms)
     generator = np.random.default_rng(20140101)
     q = generator.uniform(-np.pi, np.pi, (count, joints))
-    dq = generator.uniform(-3.0, 3.0, q.shape)
+    dq = layout.random_speeds(generator, count)
     ddq = generator.uniform(-9.0, 9.0, q.shape)
-    return regressor_with_numpy(layout, q, dq, ddq).reshape(-1, parameters)
+    logged = layout.random_channels(generator, count)
+    return regressor_with_numpy(layout, q, dq, ddq, logged).reshape(-1, parameters)

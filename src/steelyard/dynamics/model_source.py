@@ -75,6 +75,7 @@ def model_project(
         "gravity": random.uniform(-10.0, 10.0, (_SAMPLES, 3)),
         "point": random.uniform(-0.5, 0.5, (_SAMPLES, 3)),
         "sign_width": random.uniform(0.01, 0.1, (_SAMPLES, 1)),
+        "channels": random.uniform(10.0, 50.0, (_SAMPLES, len(robot.channels) * robot.dof)),
         "lengths": random.uniform(0.2, 0.6, (_SAMPLES, len(robot.lengths))),
     }
     constants = [

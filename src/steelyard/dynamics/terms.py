@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,16 +15,20 @@ from steelyard.extensions import Extensions
 from steelyard.files import made_from_table, shown, suggestion
 from steelyard.robot import Joint, Robot, Term, TermParameter
 
+from .layout import columns_of
+
 __all__ = [
     "TERMS",
     "Coulomb",
     "MotorSide",
     "Offset",
     "RotorInertia",
+    "ShapedTerm",
     "Viscous",
     "check_term",
     "is_known_term",
     "term_from_dict",
+    "weighted_sum",
 ]
 
 
@@ -194,7 +199,7 @@ class MotorSide(Term):
     ) -> tuple[dict[int, Any], ...]:
         """Return the four columns of motor `k`."""
         ratios = [(joint, float(ratio)) for joint, ratio in enumerate(self.coupling[:, k]) if ratio != 0.0]
-        velocity, acceleration = _weighted(ratios, dq), _weighted(ratios, ddq)
+        velocity, acceleration = weighted_sum(ratios, dq), weighted_sum(ratios, ddq)
         direction = algebra.sign(velocity)
         return tuple({i: r * value for i, r in ratios} for value in (velocity, direction, 1.0, acceleration))
 
@@ -211,7 +216,159 @@ class MotorSide(Term):
         return {"kind": self.kind, "coupling": self.coupling.tolist()}
 
 
-def _weighted(ratios: Sequence[tuple[int, float]], values: Sequence[Any]) -> Any:
+PerJoint = float | Sequence[float]
+"""A number for all joints, or one for each."""
+JointNumbers = Sequence[int] | None
+
+
+class ShapedTerm(Term):
+    """A term of the joints with a shape: numbers that its columns depend on, and that are no parameters.
+
+    A subclass hands its shape to the constructor of this class by name, and gives `values`, the torque by each
+    parameter at the joint itself.
+
+    Parameters
+    ----------
+    joints : sequence of int, optional
+        Numbers of the joints, from 1, where the term acts; all where it is not given. Its parameters of the others have
+        no effect.
+    **shape : float, sequence of float or None
+        Numbers by name; None is one that is not set.
+    """
+
+    def __init__(self, *, joints: JointNumbers = None, **shape: Any) -> None:
+        if joints is not None:
+            whole = isinstance(joints, Sequence) and all(type(one) is int and one >= 1 for one in joints)
+            if not whole or not joints or len(set(joints)) < len(joints):
+                raise InputError(
+                    f"The joints of a term of kind {self.kind!r} must be numbers of joints, from 1, no two of them "
+                    f"equal, got {shown(joints)}; leave them out where it acts at all joints."
+                )
+            joints = tuple(joints)
+        self.shape: dict[str, Any] = {name: self._numbers(name, given) for name, given in shape.items()}
+        self.joints = joints
+
+    def _numbers(self, name: str, given: Any) -> Any:
+        if given is None:
+            return None
+        several = isinstance(given, (Sequence, np.ndarray)) and not isinstance(given, str)
+        if several and name in self.one_number:
+            raise InputError(f"The {name} of a term of kind {self.kind!r} must be one number, got {shown(given)}.")
+        values = list(given) if several else [given]
+        if not values or not all(
+            isinstance(x, (int, float, np.integer, np.floating)) and not isinstance(x, bool) and np.isfinite(x)
+            for x in values
+        ):
+            raise InputError(
+                f"The {name} of a term of kind {self.kind!r} must be a finite number, or such numbers, got "
+                f"{shown(given)}."
+            )
+        numbers = tuple(int(x) if isinstance(x, (int, np.integer)) else float(x) for x in values)
+        return numbers if several else numbers[0]
+
+    def __repr__(self) -> str:
+        parts = [f"{name}={value!r}" for name, value in self.to_dict().items() if name != "kind"]
+        return f"{type(self).__name__}({', '.join(parts)})"
+
+    def __eq__(self, other: object) -> bool:
+        return type(self) is type(other) and self.to_dict() == other.to_dict()
+
+    def __hash__(self) -> int:
+        return hash((type(self), repr(self)))
+
+    def with_shape(self, **changes: Any) -> Self:
+        """Return the same term with other numbers for some of its shape.
+
+        Raises
+        ------
+        InputError
+            If it has no such number, or cannot have that value.
+        """
+        known = {**self.shape, "joints": self.joints}
+        wrong = next((name for name in changes if name not in known), None)
+        if wrong is not None:
+            raise InputError(f"A term of kind {self.kind!r} has no {wrong!r}; {suggestion(wrong, known)}")
+        return type(self)(**{name: value for name, value in {**known, **changes}.items() if value is not None})
+
+    def at(self, name: str, k: int) -> float:
+        """Return a number of the shape at a joint, from 0."""
+        value = self.shape[name]
+        return float(value[k] if isinstance(value, tuple) else value)
+
+    def every(self, name: str) -> tuple[float, ...]:
+        """Return all the numbers of a name, each once."""
+        value = self.shape[name]
+        return tuple(dict.fromkeys(float(x) for x in (value if isinstance(value, tuple) else (value,))))
+
+    def require_positive(self, *names: str) -> None:
+        """Refuse numbers of these names that are not positive."""
+        for name in names:
+            if self.shape[name] is not None and min(self.every(name)) <= 0.0:
+                raise InputError(
+                    f"The {name} of a term of kind {self.kind!r} must be positive, got {shown(self.shape[name])}."
+                )
+
+    def check(self, robot: Robot) -> None:
+        """Refuse joints that the robot has not, and other numbers of values than it has joints."""
+        beyond = max(self.joints or (0,))
+        if beyond > robot.dof:
+            raise InputError(
+                f"The term {self.kind!r} is to act at joint {beyond}, but {robot.name} has {robot.dof} joints."
+            )
+        for name in self.per_joint:
+            value = self.shape.get(name)
+            if isinstance(value, tuple) and len(value) != robot.dof:
+                raise InputError(
+                    f"The {name} of the term {self.kind!r} has {len(value)} numbers, but {robot.name} has {robot.dof} "
+                    "joints: give one number for each, or one for all."
+                )
+
+    per_joint: ClassVar[tuple[str, ...]] = ()
+    """What of the shape may be one number for each joint."""
+    one_number: ClassVar[tuple[str, ...]] = ()
+    """What of the shape is one number in any case."""
+
+    def acts_at(self, k: int) -> bool:
+        """Whether joint `k`, from 0, is one of its joints."""
+        return self.joints is None or k + 1 in self.joints
+
+    @abstractmethod
+    def values(self, k: int, q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any], algebra: Any) -> tuple[Any, ...]:
+        """Torque at joint `k` for each parameter at the value 1; None where it is 0."""
+
+    def columns(
+        self, k: int, q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any], algebra: Any
+    ) -> tuple[dict[int, Any], ...]:
+        """Return the torque of each parameter at the joint itself."""
+        if not self.acts_at(k):
+            return tuple({} for _ in self.parameters)
+        return tuple({} if value is None else {k: value} for value in self.values(k, q, dq, ddq, algebra))
+
+    def energies(self, k: int, q: Sequence[Any], algebra: Any) -> tuple[Any, ...]:
+        """Potential energy of joint `k` for each parameter at the value 1; 0 where it stores no energy."""
+        return (0.0,) * len(self.parameters)
+
+    def potential(self, k: int, q: Sequence[Any], algebra: Any) -> tuple[Any, ...]:
+        """Return the potential energy where the term acts."""
+        if not self.acts_at(k):
+            return (0.0,) * len(self.parameters)
+        return self.energies(k, q, algebra)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the term as it stands in robot.toml."""
+        given = {**self.shape, "joints": self.joints}
+        return {
+            "kind": self.kind,
+            **{
+                name: list(value) if isinstance(value, tuple) else value
+                for name, value in given.items()
+                if value is not None
+            },
+        }
+
+
+def weighted_sum(ratios: Sequence[tuple[int, float]], values: Sequence[Any]) -> Any:
+    """Return the sum of the values of some joints, each times its ratio."""
     total: Any = 0.0
     for joint, ratio in ratios:
         total = total + ratio * values[joint]
@@ -227,15 +384,32 @@ def _checked_term(name: str, offered: object) -> type[Term]:
     return offered
 
 
-TERMS: Extensions[type[Term]] = Extensions(
-    "terms", "term", {one.kind: one for one in (Viscous, Coulomb, Offset, RotorInertia, MotorSide)}, _checked_term
-)
+_FRICTION, _SPRINGS = "steelyard.dynamics.friction_terms", "steelyard.dynamics.spring_terms"
+_OWN: dict[str, type[Term] | str] = {
+    **{one.kind: one for one in (Viscous, Coulomb, Offset, RotorInertia, MotorSide)},
+    "coulomb_by_direction": f"{_FRICTION}:CoulombByDirection",
+    "viscous_by_direction": f"{_FRICTION}:ViscousByDirection",
+    "stribeck": f"{_FRICTION}:Stribeck",
+    "coulomb_smooth": f"{_FRICTION}:SmoothCoulomb",
+    "friction_polynomial": f"{_FRICTION}:PolynomialFriction",
+    "friction_piecewise": f"{_FRICTION}:PiecewiseFriction",
+    "friction_by_load": f"{_FRICTION}:LoadFriction",
+    "friction_by_channel": f"{_FRICTION}:ChannelFriction",
+    "spring": f"{_SPRINGS}:Spring",
+    "counterbalance": f"{_SPRINGS}:Counterbalance",
+    "cogging": f"{_SPRINGS}:Cogging",
+    "tendon": f"{_SPRINGS}:Tendon",
+    "screw": f"{_SPRINGS}:Screw",
+    "by_joint": "steelyard.dynamics.by_joint:ByJoint",
+}
+TERMS: Extensions[type[Term]] = Extensions("terms", "term", _OWN, _checked_term)
 """By the kind that stands in robot.toml."""
 
 
 def is_known_term(term: Term) -> bool:
     """Tell whether a term is one of those defined here, which `to_dict` describes completely."""
-    return type(term) in TERMS.own.values()
+    own, kind = TERMS.own.get(getattr(term, "kind", "")), type(term)
+    return own is kind or own == f"{kind.__module__}:{kind.__qualname__}"
 
 
 def term_from_dict(section: Mapping[str, Any], where: str = "[[terms]]", *, allow_extensions: bool = False) -> Term:
@@ -290,9 +464,10 @@ def check_term(term: Term, robot: Robot) -> None:
     with faults_told(f"The term {term.kind!r} cannot be used", "mend its class"):
         recorder, count = graph.Graph(), robot.dof
         q, dq, ddq = (recorder.inputs(name, count) for name in ("q", "dq", "ddq"))
-        values = _trials(count)
+        values = _trials(count) | {f"{name}[{k}]": np.full(7, 1.5) for name in term.channels for k in range(count)}
         for k in range(count):
-            columns = term.columns(k, q, dq, ddq, graph)
+            logged = {name: recorder.inputs(name, count) for name in term.channels}
+            columns = columns_of(term, k, (q, dq, ddq), graph, logged)
             potential = term.potential(k, q, graph)
             for what, given in (("columns", columns), ("potentials", potential)):
                 if not isinstance(given, tuple) or len(given) != len(term.parameters):

@@ -436,20 +436,24 @@ class TermColumns:
 def term_columns(layout: ParameterLayout, random: np.random.Generator) -> TermColumns:
     """Sort the columns of the terms by their values at random motions."""
     count = layout.robot.dof
-    q, dq, ddq = (random.uniform(-size, size, (_SAMPLES, count)) for size in (np.pi, 3.0, 9.0))
-    forth, back = _columns(layout, q, dq, ddq), _columns(layout, q, -dq, ddq)
-    calm = _columns(layout, q, dq, 0.0 * ddq)
+    samples = _SAMPLES * len(layout.speeds_of_terms)
+    q, dq = random.uniform(-np.pi, np.pi, (samples, count)), layout.random_speeds(random, samples)
+    ddq = random.uniform(-9.0, 9.0, (samples, count))
+    logged = layout.random_channels(random, samples)
+    forth, back = _columns(layout, q, dq, ddq, logged), _columns(layout, q, -dq, ddq, logged)
+    calm = _columns(layout, q, dq, 0.0 * ddq, logged)
     units = _columns(layout, np.repeat(q[:1], count, 0), np.repeat(dq[:1], count, 0), np.eye(count))
     torques: dict[int, Row] = {}
     inertias: dict[tuple[int, int], Row] = {}
     regular: list[int] = []
     odd: list[int] = []
     others: list[int] = []
-    for column in sorted(forth):
-        values, place = forth[column], len(regular)
-        size = max(float(np.abs(value).max()) for value in values.values())
+    links = {int(column) for link in layout.links for column in link}
+    for column in (k for k in range(len(layout.names)) if k not in links):
+        values, place = forth.get(column, {}), len(regular)  # none where no torque depends on the parameter
+        size = max((float(np.abs(value).max()) for value in values.values()), default=0.0)
         constant = all(np.all(value == value[0]) for value in values.values())
-        matrix = {(i, j): float(v) for i, row in units[column].items() for j, v in enumerate(row) if v}
+        matrix = {(i, j): float(v) for i, row in units.get(column, {}).items() for j, v in enumerate(row) if v}
         if constant:
             regular.append(column)
             for row, value in values.items():
@@ -466,9 +470,11 @@ def term_columns(layout: ParameterLayout, random: np.random.Generator) -> TermCo
     return TermColumns(tuple(regular), DriveEffects(torques, inertias), tuple(odd), tuple(others))
 
 
-def _columns(layout: ParameterLayout, q: Array, dq: Array, ddq: Array) -> dict[int, dict[int, Array]]:
+def _columns(
+    layout: ParameterLayout, q: Array, dq: Array, ddq: Array, channels: list[Array] | None = None
+) -> dict[int, dict[int, Array]]:
     found: dict[int, dict[int, Array]] = {}
-    for row, column, value in layout.terms(list(q.T), list(dq.T), list(ddq.T), np):
+    for row, column, value in layout.terms(list(q.T), list(dq.T), list(ddq.T), np, channels=channels):
         rows = found.setdefault(column, {})
         rows[row] = rows.get(row, 0.0) + np.broadcast_to(np.asarray(value, dtype=float), (len(q),))
     return found

@@ -165,6 +165,7 @@ def design_excitation(
     >>> design.condition_number < 10, design.margins[0].clearance >= 0
     (True, True)
     """
+    model = model.without_channels  # no motion sets a temperature
     say = progress or (lambda _: None)
     if not (np.isfinite(rate) and rate > 0.0):
         raise InputError(f"rate must be positive, got {rate!r}.")

@@ -175,6 +175,8 @@ def _plain(value: Any) -> Any:
         return "none"  # TOML has no null
     if isinstance(value, TomlSection):
         return value.described()
+    if isinstance(value, dict):
+        return {name: _plain(item) for name, item in value.items()}
     return [_plain(item) for item in value] if isinstance(value, tuple) else value
 
 

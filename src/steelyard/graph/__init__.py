@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     from .expression import Node as Node
     from .expression import cos as cos
     from .expression import evaluate as evaluate
+    from .expression import exp as exp
+    from .expression import log as log
     from .expression import operation_count as operation_count
     from .expression import sign as sign
     from .expression import sin as sin

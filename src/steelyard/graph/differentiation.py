@@ -30,6 +30,10 @@ def _local(node: Node) -> list[tuple[Node, Node | float]]:
         return [(a, -sin(a))]
     if kind == "sqrt":
         return [(a, 0.5 / node)]
+    if kind == "exp":
+        return [(a, node)]
+    if kind == "log":
+        return [(a, 1.0 / a)]
     return []  # the sign is taken as constant
 
 

@@ -19,8 +19,10 @@ __all__ = [
     "Node",
     "cos",
     "evaluate",
+    "exp",
     "interpret",
     "is_zero",
+    "log",
     "operation_count",
     "reachable",
     "sign",
@@ -41,7 +43,7 @@ class Node:
         Order of creation; the arguments of a node have smaller indices.
     operation : str
         ``"input"``, ``"constant"``, ``"add"``, ``"sub"``, ``"mul"``, ``"div"``, ``"neg"``, ``"sin"``, ``"cos"``,
-        ``"sign"`` or ``"sqrt"``.
+        ``"sign"``, ``"sqrt"``, ``"exp"`` or ``"log"``.
     arguments : tuple of Node
     value : float or str
         The number of a constant, the name of an input, otherwise ``""``.
@@ -238,12 +240,12 @@ class Graph:
         return self._make(("neg", a.index), "neg", (a,))
 
     def function(self, name: str, a: Node) -> Node:
-        """Return ``sin(a)``, ``cos(a)``, ``sign(a)`` or ``sqrt(a)``; a root of a negative constant is an error."""
+        """Return a function of a node by its name; a root or logarithm of a negative constant is an error."""
         if a.operation == "constant":
             number = _number(a)
             value = float(np.sign(number)) if name == "sign" else getattr(math, name)(number)
             return self.constant(value)
-        if a.operation == "neg" and name != "sqrt":
+        if a.operation == "neg" and name in ("sin", "cos", "sign"):
             inner = self.function(name, a.arguments[0])
             return inner if name == "cos" else self.neg(inner)
         return self._make((name, a.index), name, (a,))
@@ -288,6 +290,16 @@ def sqrt(a: Node) -> Node:
     return a.graph.function("sqrt", a)
 
 
+def exp(a: Node) -> Node:
+    """Return the exponential of a node."""
+    return a.graph.function("exp", a)
+
+
+def log(a: Node) -> Node:
+    """Return the natural logarithm of a node."""
+    return a.graph.function("log", a)
+
+
 def reachable(outputs: Iterable[Node]) -> list[Node]:
     """Return the nodes that the outputs need, arguments before their users."""
     seen: dict[int, Node] = {}
@@ -310,7 +322,8 @@ def operation_count(outputs: Iterable[Node]) -> dict[str, int]:
     Returns
     -------
     dict
-        ``"mul"``, ``"add"`` (with subtractions), ``"div"``, ``"neg"``, ``"sin"``, ``"cos"``, ``"sign"`` and ``"sqrt"``.
+        ``"mul"``, ``"add"`` (with subtractions), ``"div"``, ``"neg"``, ``"sin"``, ``"cos"``, ``"sign"``, ``"sqrt"``,
+        ``"exp"`` and ``"log"``.
 
     Examples
     --------
@@ -319,7 +332,7 @@ def operation_count(outputs: Iterable[Node]) -> dict[str, int]:
     >>> operation_count([x * y + x, x * y])["mul"]
     1
     """
-    count = dict.fromkeys(("mul", "add", "div", "neg", "sin", "cos", "sign", "sqrt"), 0)
+    count = dict.fromkeys(("mul", "add", "div", "neg", "sin", "cos", "sign", "sqrt", "exp", "log"), 0)
     for node in reachable(outputs):
         if node.operation in ("add", "sub"):
             count["add"] += 1
@@ -352,6 +365,8 @@ def evaluate(outputs: Sequence[Node], values: Mapping[str, Any]) -> list[NDArray
         "cos": np.cos,
         "sign": _real_sign,
         "sqrt": np.sqrt,
+        "exp": np.exp,
+        "log": np.log,
     }
     results = interpret(outputs, values.__getitem__, operations, float)
     return [_array(results[node.index]) for node in outputs]
@@ -373,7 +388,8 @@ def interpret(
     value_of : callable
         From the name of an input to its value.
     operations : mapping
-        What ``"add"``, ``"sub"``, ``"mul"``, ``"div"``, ``"neg"``, ``"sin"``, ``"cos"``, ``"sign"`` and ``"sqrt"`` are.
+        What ``"add"``, ``"sub"``, ``"mul"``, ``"div"``, ``"neg"``, ``"sin"``, ``"cos"``, ``"sign"``, ``"sqrt"``,
+        ``"exp"`` and ``"log"`` are.
     constant : callable
         From a float to the algebra's own number.
     """

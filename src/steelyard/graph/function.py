@@ -198,7 +198,7 @@ def evaluate_over(
     elements : mapping
         For each argument its `width` elements.
     unary : mapping
-        What ``"sin"``, ``"cos"``, ``"sign"`` and ``"sqrt"`` are.
+        What ``"sin"``, ``"cos"``, ``"sign"``, ``"sqrt"``, ``"exp"`` and ``"log"`` are.
     constant : callable
         From a float to the algebra's own number.
 

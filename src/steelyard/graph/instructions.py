@@ -33,6 +33,14 @@ _COSINE = (
     -1.135337196245555e-11,
 )
 
+# ln 2 as a sum of two doubles; the first has 21 zeros at its end, so that its products with exponents are exact.
+_LN_2 = (0.693147180369123816490, 1.90821492927058770002e-10)
+# Taylor's series of exp(x) to |x| = ln(2)/2, and of log(x) = 2 s (1 + s²/3 + s⁴/5 ...) with s = (x - 1) / (x + 1) to
+# x = sqrt(2): what is left out is 4e-18 and 2e-17 of the values.
+_EXPONENTIAL = tuple(1.0 / math.factorial(k) for k in range(14))
+_LOGARITHM = tuple(2.0 / (2 * k + 3) for k in range(11))
+_OVERFLOWS, _UNDERFLOWS = 710.0, -746.0  # beyond, exp is infinite, and 0
+
 
 class Instructions:
     """Lines of LLVM assembly, with a fresh name for each result.
@@ -82,7 +90,7 @@ class Instructions:
         """Return a number as a value."""
         text = self._constants.get(value)
         if text is None:
-            text = f"0x{struct.unpack('>Q', struct.pack('>d', value))[0]:016X}"
+            text = f"0x{_bits(value):016X}"
             if self.lanes > 1:
                 text = "<" + ", ".join([f"double {text}"] * self.lanes) + ">"
             self._constants[value] = text
@@ -156,6 +164,50 @@ class Instructions:
         following = self.new(f"add {i} {quadrant}, {self._integer(1)}")
         return self._flip(sine, quadrant), self._flip(cosine, following)
 
+    def exponential(self, x: str) -> str:
+        """Return the exponential within 1.5 units in the last place; 0 and infinity beyond the range of doubles."""
+        t = self.type
+        high, low = self.constant(_OVERFLOWS), self.constant(_UNDERFLOWS)
+        x = self._select(self.new(f"fcmp ogt {t} {x}, {high}"), high, x)
+        x = self._select(self.new(f"fcmp olt {t} {x}, {low}"), low, x)
+        turns = self.new(f"fmul {t} {x}, {self.constant(1.0 / math.log(2.0))}")
+        whole = self._rounded(turns)
+        back = self.negative(whole)
+        r = self._fused(back, self.constant(_LN_2[0]), x)
+        r = self._fused(back, self.constant(_LN_2[1]), r)
+        value = self._polynomial(_EXPONENTIAL, r)
+        # Two factors, because 2 to the power of -1074 or 1024 is no normal number.
+        half = self.new(f"fmul {t} {whole}, {self.constant(0.5)}")
+        first = self._rounded(half)
+        for power in (first, self.binary("sub", whole, first)):
+            value = self.binary("mul", value, self._power_of_two(power))
+        return value
+
+    def logarithm(self, x: str) -> str:
+        """Return the natural logarithm within 2 units in the last place; NaN below 0, minus infinity at 0."""
+        t, i = self.type, self._integer_type
+        zero, one = self.constant(0.0), self.constant(1.0)
+        small = self.new(f"fcmp olt {t} {x}, {self.constant(2.0**-1022)}")
+        normal = self._select(small, self.binary("mul", x, self.constant(2.0**54)), x)
+        bits = self.new(f"bitcast {t} {normal} to {i}")
+        # The exponent is taken from where the mantissa is 1/sqrt(2), so that what is left lies about 1.
+        shifted = self.new(f"sub {i} {bits}, {self._integer(_bits(math.sqrt(0.5)))}")
+        exponent = self.new(f"ashr {i} {shifted}, {self._integer(52)}")
+        scaled = self.new(f"sub {i} {bits}, {self.new(f'shl {i} {exponent}, {self._integer(52)}')}")
+        m = self.new(f"bitcast {i} {scaled} to {t}")
+        power = self.new(f"sitofp {i} {exponent} to {t}")
+        power = self._select(small, self.binary("sub", power, self.constant(54.0)), power)
+        s = self.binary("div", self.binary("sub", m, one), self.binary("add", m, one))
+        square = self.binary("mul", s, s)
+        tail = self.binary("mul", self.binary("mul", s, square), self._polynomial(_LOGARITHM, square))
+        tail = self._fused(power, self.constant(_LN_2[1]), tail)
+        value = self._fused(self.constant(2.0), s, tail)
+        value = self._fused(power, self.constant(_LN_2[0]), value)
+        value = self._select(self.new(f"fcmp oeq {t} {x}, {zero}"), self.constant(-math.inf), value)
+        value = self._select(self.new(f"fcmp olt {t} {x}, {zero}"), self.constant(math.nan), value)
+        odd = self.new(f"fcmp ueq {t} {x}, {self.constant(math.inf)}")  # or NaN
+        return self._select(odd, x, value)
+
     def transposed(self, rows: Sequence[str]) -> list[str]:
         """Transpose a square block of vectors in registers.
 
@@ -199,6 +251,18 @@ class Instructions:
     def _select(self, condition: str, yes: str, no: str) -> str:
         return self.new(f"select {self._flag_type} {condition}, {self.type} {yes}, {self.type} {no}")
 
+    def _rounded(self, x: str) -> str:
+        """Return the nearest whole number, below 2 to the power of 51."""
+        rounder = self.constant(_ROUNDER)
+        return self.binary("sub", self.binary("add", x, rounder), rounder)
+
+    def _power_of_two(self, whole: str) -> str:
+        """Return 2 to the power of a whole number that gives a normal number."""
+        t, i = self.type, self._integer_type
+        shifted = self.new(f"fadd {t} {whole}, {self.constant(_ROUNDER + 1023.0)}")
+        bits = self.new(f"shl {i} {self.new(f'bitcast {t} {shifted} to {i}')}, {self._integer(52)}")
+        return self.new(f"bitcast {i} {bits} to {t}")
+
     def _polynomial(self, coefficients: Sequence[float], x: str) -> str:
         value = self.constant(coefficients[-1])
         for coefficient in reversed(coefficients[:-1]):
@@ -213,6 +277,10 @@ class Instructions:
         bits = self.new(f"bitcast {t} {value} to {i}")
         flipped = self.new(f"xor {i} {bits}, {mask}")
         return self.new(f"bitcast {i} {flipped} to {t}")
+
+
+def _bits(value: float) -> int:
+    return int(struct.unpack(">Q", struct.pack(">d", value))[0])
 
 
 # The names that a kernel imports, and the types of what they take.

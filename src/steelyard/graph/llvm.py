@@ -465,6 +465,10 @@ def plain_operation(it: Instructions, node: Node, values: list[str], pairs: dict
         return it.sign(values[0])
     if kind == "sqrt":
         return it.square_root(values[0])
+    if kind == "exp":
+        return it.exponential(values[0])
+    if kind == "log":
+        return it.logarithm(values[0])
     angle = node.arguments[0].index
     if angle not in pairs:
         pairs[angle] = it.sine_and_cosine(values[0])

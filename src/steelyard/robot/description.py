@@ -119,10 +119,7 @@ class UrdfFormat(DescriptionFormat):
         """See `write_urdf`."""
         from .urdf_writer import write_urdf  # what writes is loaded when something is written
 
-        write_urdf(
-            robot, parameters, drives.damping, drives.friction, source, target,
-            rotor_inertia=drives.rotor_inertia, offset=drives.offset,
-        )  # fmt: skip
+        write_urdf(robot, parameters, source=source, target=target, **vars(drives))
 
 
 def _checked_format(name: str, offered: object) -> DescriptionFormat:

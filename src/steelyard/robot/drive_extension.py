@@ -1,4 +1,4 @@
-"""The element of ours for what URDF and SDF have no place for: inertia of rotors, and offsets of torques.
+"""The element of ours for what URDF and SDF have no place for: rotors, offsets, elastic joints, springs, powers.
 
 Other programs pass over it, since they do not know its namespace; docs/reference/descriptions.md says what is in it.
 """
@@ -8,8 +8,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from steelyard.errors import InputError
-
 from .joint import Drives
 from .robot import Robot
 from .xml_document import DRIVES_NAMESPACE
@@ -18,7 +16,7 @@ from .xml_edit import XmlEdit, XmlElement, attribute_text, number_text, tag_text
 __all__ = ["write_extension"]
 
 ELEMENT, JOINT = "steelyard:drives", "steelyard:joint"
-HELD = ("rotor_inertia", "offset")
+HELD = ("rotor_inertia",)
 
 
 def write_extension(
@@ -39,18 +37,17 @@ def write_extension(
     Raises
     ------
     InputError
-        If an offset is infinite.
+        If one of them is infinite.
     """
     earlier = parent.find(ELEMENT)
     held = {one.attributes.get("name", ""): dict(one.attributes) for one in earlier.all(JOINT)} if earlier else {}
     before = {name: dict(attributes) for name, attributes in held.items()}
     for name, index in zip(robot.joint_names, robot.driving_joints, strict=True):
-        offset = float(drives.offset[robot.joints[index].coordinate])
-        if math.isinf(offset):
-            raise InputError(f'joint "{name}": its offset must be finite, got {offset}')
         told = {key: value for key, value in changed.get(name, {}).items() if key in HELD}
-        if not math.isnan(offset):
-            told["offset"] = offset
+        for key in drives.without_joint:
+            value = drives.told(key, name, robot.joints[index].coordinate)
+            if not math.isnan(value):
+                told[key] = value
         if told:
             texts = {key: number_text(value) for key, value in told.items()}
             held[name] = {"name": name, **held.get(name, {}), **texts}

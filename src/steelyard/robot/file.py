@@ -21,7 +21,7 @@ from .robot import Robot
 
 __all__ = ["RobotFile"]
 
-TABLES = ("log", "processing", "limits", "constraints", "payload")
+TABLES = ("log", "processing", "limits", "constraints", "payload", "elastic", "drive", "controller")
 TOP_LEVEL = ("name", "description", "terms", *TABLES)
 DEFAULT_TERMS = ("viscous", "coulomb", "offset")
 """The terms of a file that names none: every robot has friction, and few drives measure exactly zero torque at rest."""
@@ -47,7 +47,8 @@ class RobotFile:
     terms : tuple of dict
         The tables `[[terms]]`, as written, or the default ones.
     sections : mapping from name to dict
-        The tables `[log]`, `[processing]`, `[limits]`, `[constraints]` and `[payload]`, as written; empty where absent.
+        The tables `[log]`, `[processing]`, `[limits]`, `[constraints]`, `[payload]`, `[elastic]`, `[drive]` and
+        `[controller]`, as written; empty where absent.
     description : mapping
         How a URDF was read: its `tip` and its `locked` joints, where there are any.
     allow_extensions : bool

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from steelyard.errors import InputError
 
 from .inertia import Inertia
 from .placement import frozen, motion_z
@@ -88,6 +90,15 @@ class Link:
         return f"Link({self.name!r}, {mass}{merged})"
 
 
+def _unknown() -> Matrix:
+    """Stand for values of which none was given."""
+    return np.zeros(0)
+
+
+SPRINGS_AND_POWERS = ("spring_stiffness", "spring_rest", "quadratic_damping", "cubic_damping")
+"""What few robots have, and few formats hold."""
+
+
 @dataclass(frozen=True, eq=False)
 class Drives:
     """What the drives of a robot add, of each coordinate moving alone; NaN where nothing is known.
@@ -102,6 +113,12 @@ class Drives:
         Inertia of the rotors as the joints feel it, kg m² or kg.
     offset : (N,) array
         Constant torque, N m or N.
+    spring_stiffness, spring_rest : (N,) array, optional
+        Of a spring, N m/rad or N/m, and where it exerts no torque, rad or m.
+    quadratic_damping, cubic_damping : (N,) array, optional
+        Friction by ``|dq| dq`` and by ``dq³``, N m s²/rad² and N m s³/rad³, or N s²/m² and N s³/m³.
+    stiffness, transmission_damping : (N,) array, optional
+        Of the transmissions of elastic joints, N m/rad and N m s/rad, or N/m and N s/m.
 
     Examples
     --------
@@ -113,10 +130,18 @@ class Drives:
     friction: Matrix
     rotor_inertia: Matrix
     offset: Matrix
+    spring_stiffness: Matrix = field(default_factory=_unknown)
+    spring_rest: Matrix = field(default_factory=_unknown)
+    quadratic_damping: Matrix = field(default_factory=_unknown)
+    cubic_damping: Matrix = field(default_factory=_unknown)
+    stiffness: Matrix = field(default_factory=_unknown)
+    transmission_damping: Matrix = field(default_factory=_unknown)
 
     def __post_init__(self) -> None:
         for one in fields(self):
             values = np.asarray(getattr(self, one.name), dtype=float)
+            if not values.size:
+                values = np.full(np.shape(self.damping), np.nan)
             object.__setattr__(self, one.name, frozen(values, values.shape[:1]))
 
     @classmethod
@@ -126,7 +151,33 @@ class Drives:
 
     def held_by_joints(self) -> dict[str, Matrix]:
         """Those that are fields of `Joint`, by their names."""
-        return {name: values for name, values in vars(self).items() if name != "offset"}
+        return {name: values for name, values in vars(self).items() if name not in self.without_joint}
+
+    def always_told(self) -> dict[str, Any]:
+        """Those that every estimate tells, by their names."""
+        return {name: getattr(self, name) for name in ("damping", "friction", "rotor_inertia", "offset")}
+
+    def told_where_present(self) -> dict[str, Matrix]:
+        """Springs and friction of higher powers, by their names, where the robot has any."""
+        return {name: getattr(self, name) for name in SPRINGS_AND_POWERS if np.isfinite(getattr(self, name)).any()}
+
+    @property
+    def without_joint(self) -> tuple[str, ...]:
+        """Names of those that no joint of a description holds."""
+        return ("offset", *SPRINGS_AND_POWERS, "stiffness", "transmission_damping")
+
+    def told(self, name: str, joint: str, coordinate: int) -> float:
+        """One of them at the coordinate of a joint.
+
+        Raises
+        ------
+        InputError
+            If it is infinite.
+        """
+        value = float(getattr(self, name)[coordinate])
+        if np.isinf(value):
+            raise InputError(f'joint "{joint}": its {name} must be finite, got {value}')
+        return value
 
     def with_known(self, **values: ArrayLike | None) -> Drives:
         """The same drives with other values; None leaves them."""

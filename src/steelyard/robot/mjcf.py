@@ -18,7 +18,7 @@ class MjcfFormat(DescriptionFormat):
     """MJCF."""
 
     tells_gravity = True
-    holds = ("damping", "friction", "rotor_inertia")
+    holds = ("damping", "friction", "rotor_inertia", "stiffness", "quadratic_damping", "cubic_damping")
 
     def read(self, path: Path, tip: str | None, locked: Locked, gravity: ArrayLike | None) -> Robot:
         """See `Robot.from_mjcf`."""

@@ -15,17 +15,17 @@ from steelyard.files import read_bytes, write_bytes
 
 from .description_changes import DescriptionChanges, description_changes, is_same, require_robot, require_target
 from .inertia import Inertia
-from .joint import Drives
+from .joint import SPRINGS_AND_POWERS, Drives
 from .mjcf_document import MjcfElement, MjcfFile
 from .mjcf_tree import MjcfTree, read_mjcf_tree
 from .robot import Robot
 from .xml_edit import attribute_text, number_text, tag_text
 
-__all__ = ["DRIVE_ATTRIBUTES", "OFFSET", "write_mjcf"]
+__all__ = ["DRIVE_ATTRIBUTES", "write_mjcf"]
 
 DRIVE_ATTRIBUTES = {"damping": "damping", "friction": "frictionloss", "rotor_inertia": "armature"}
-OFFSET = "steelyard:offset:"
-"""Beginning of the name of a number in ``<custom>``."""
+OWN = "steelyard:{}:{}"
+"""Name of a number in ``<custom>``: what it is, and of which joint."""
 OTHER_INERTIA = ("fullinertia", "quat", "axisangle", "xyaxes", "zaxis", "euler")
 # MuJoCo refuses principal moments of which two are less than the third, or one below 1e-14 kg m², by whatever little.
 # An estimate may lie on that bound, where rounding decides; so much, relative to the largest one, is added to all.
@@ -66,8 +66,10 @@ def write_mjcf(
         Values of `robot.parameter_names`.
     drives : Drives
         Of each coordinate; NaN leaves a value as it was. They include what the mimic joints of the coordinate add,
-        which get 0. The offset, for which MJCF has no place, stands in ``<custom>`` as the number with the name
-        ``steelyard:offset:`` and that of the joint.
+        which get 0. Springs and powers of the speed are as MuJoCo 4.0 reads them. The offset, for which MJCF has no
+        place, stands in ``<custom>`` as the number with the name ``steelyard:offset:`` and that of the joint; the
+        stiffness and the damping of the transmission of an elastic joint likewise, ``steelyard:stiffness:`` and
+        ``steelyard:transmission_damping:``.
     source : str or Path
         The MJCF to copy.
     target : str or Path
@@ -102,15 +104,21 @@ def write_mjcf(
     """
     source, target = Path(source), Path(target)
     changes = description_changes(robot, parameters, drives.held_by_joints())
-    offsets = dict(zip(robot.joint_names, drives.offset.tolist(), strict=True))
+    own = {
+        OWN.format(key, name): drives.told(key, name, k)
+        for key in drives.without_joint
+        if key not in SPRINGS_AND_POWERS
+        for k, name in enumerate(robot.joint_names)
+    }
     require_target(source, target, robot, "MJCF")
-    if not changes and all(math.isnan(value) for value in offsets.values()):
+    if not changes and all(math.isnan(value) for value in own.values()) and not drives.told_where_present():
         write_bytes(read_bytes(source, remedy="give the path of an MJCF file"), target)
         return
     read = read_mjcf_tree(source)
     require_robot(source, robot, "MJCF", read.tree.links, read.tree.joints, "body")
     writer = _Writer(read, changes)
-    writer.set_offsets({name: value for name, value in offsets.items() if not math.isnan(value)})
+    writer.set_own({name: value for name, value in own.items() if not math.isnan(value)})
+    writer.set_springs_and_powers(robot, drives)
     if not changes and not any(file.edit.edited for file in read.document.files):
         write_bytes(read.document.files[0].edit.data, target)
         return
@@ -161,15 +169,13 @@ class _Writer:
         self._join(source, target)
         return self.document.files[0].edit.result()
 
-    def set_offsets(self, offsets: Mapping[str, float]) -> None:
-        """Write constant torques, which MJCF does not have, as numbers of the user."""
+    def set_own(self, numbers: Mapping[str, float]) -> None:
+        """Write what MJCF does not have, such as constant torques, as numbers of the user."""
         sections = list(self.document.root.all("custom"))
         held = {one.attributes.get("name"): one for section in sections for one in section.all("numeric")}
         lines = []
-        for joint, value in offsets.items():
-            if math.isinf(value):
-                raise InputError(f'joint "{joint}": its offset must be finite, got {value}')
-            name, data = OFFSET + joint, number_text(value)
+        for name, value in numbers.items():
+            data = number_text(value)
             if name not in held:
                 lines.append(tag_text("numeric", {"name": _attribute(name), "data": data}))
             elif held[name].attributes.get("data") != data:
@@ -177,6 +183,28 @@ class _Writer:
         if lines:
             first = self.document.files[0].edit
             first.insert_last(first.root, "<custom>", *(f"  {line}" for line in lines), "</custom>")
+
+    def set_springs_and_powers(self, robot: Robot, drives: Drives) -> None:
+        """Write springs, and damping as a polynomial ``d0 + d1 |v| + d2 v²`` of the speed."""
+        told = drives.told_where_present()
+        degrees = self.document.setting("compiler", "angle") != "radian"
+        for index, name in zip(robot.driving_joints, robot.joint_names, strict=True):
+            joint = robot.joints[index]
+            own = {key: float(values[joint.coordinate]) for key, values in told.items()}
+            texts: dict[str, str] = {}
+            if math.isfinite(own.get("spring_stiffness", math.nan)):
+                rest = math.degrees(own["spring_rest"]) if degrees and joint.rotates else own["spring_rest"]
+                texts |= {"stiffness": number_text(own["spring_stiffness"]), "springref": number_text(rest)}
+            powers = [own.get(key, 0.0) for key in ("quadratic_damping", "cubic_damping")]
+            if any(powers):
+                first = float(drives.damping[joint.coordinate])
+                first = joint.damping if math.isnan(first) else first
+                linear = 0.0 if math.isnan(first) else first
+                texts["damping"] = " ".join(number_text(value) for value in (linear, *powers))
+                self.changes.drives.get(name, {}).pop("damping", None)
+            if texts:
+                element = self._element(name, "joint")
+                element.file.edit.set_attributes(element.place, texts)
 
     def _element(self, name: str, what: str) -> MjcfElement:
         found = (self.document.bodies if what == "body" else self.document.joints).get(name)

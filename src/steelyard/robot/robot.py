@@ -39,10 +39,11 @@ class TermParameter:
         What it is, in a few words.
     nonnegative : bool
         Whether a negative value is physically impossible.
-    described_as : {"damping", "friction", "rotor_inertia", "offset"}, optional
-        As what a robot description may hold it: torque by velocity, torque against the velocity, torque by
-        acceleration, or a constant torque. What joints feel of all such parameters is written into descriptions, see
-        `Drives`; parameters without it stand in the estimate alone.
+    described_as : str, optional
+        As what a robot description may hold it: "damping" (torque by velocity), "friction" (torque against the
+        velocity), "rotor_inertia" (torque by acceleration), "offset" (a constant torque), "stiffness" (torque by
+        position), "quadratic_damping" or "cubic_damping" (torque by a power of the velocity). What joints feel of all
+        such parameters is written into descriptions, see `Drives`; parameters without it stand in the estimate alone.
 
     Examples
     --------
@@ -55,7 +56,10 @@ class TermParameter:
     unit_prismatic: str
     description: str
     nonnegative: bool
-    described_as: Literal["damping", "friction", "rotor_inertia", "offset"] | None = None
+    described_as: (
+        Literal["damping", "friction", "rotor_inertia", "offset", "stiffness", "quadratic_damping", "cubic_damping"]
+        | None
+    ) = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,6 +113,54 @@ class Term(ABC):
 
     kind: ClassVar[str]
     parameters: tuple[TermParameter, ...]
+
+    @property
+    def speeds(self) -> tuple[float, ...]:
+        """Speeds (rad/s or m/s) at which the columns change, such as a Stribeck velocity; none as a rule.
+
+        Which parameters a motion can show at all is found at random motions, some of them as slow or fast as these.
+        """
+        return ()
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of what is logged beside the motion and the columns need, such as a temperature; none as a rule.
+
+        `columns` then has one more argument, a mapping from these names to N scalars each, one for each joint.
+        """
+        return ()
+
+    @property
+    def laws(self) -> tuple[Term, ...]:
+        """The terms of which this one is made, such as those of single joints: itself, as a rule."""
+        return (self,)
+
+    @property
+    def stands_for(self) -> frozenset[str]:
+        """What friction of a description it is, "damping" or "friction", of which a joint has that of one law alone."""
+        told = (parameter.described_as for parameter in self.parameters)
+        return frozenset(one for one in told if one in ("damping", "friction"))
+
+    def acts_at(self, k: int) -> bool:
+        """Whether the term acts at joint `k`, from 0; where it does not, its parameters of the joint have no effect."""
+        return True
+
+    def check_channel(self, name: str, values: Matrix) -> None:
+        """Raise InputError where a channel has values for which the term was not made."""
+        return
+
+    def without_channels(self) -> Term | None:
+        """Return a term that comes near to this one and needs no channels; None where there is none."""
+        return None if self.channels else self
+
+    def on(self, robot: Robot) -> Term:
+        """Return the term as it acts on a robot: itself, unless its columns depend on the robot's links."""
+        return self
+
+    @property
+    def identity(self) -> Mapping[str, Any]:
+        """What determines the columns for a given robot: the term as in robot.toml, as a rule."""
+        return self.to_dict()
 
     @abstractmethod
     def columns(
@@ -491,14 +543,22 @@ class Robot:
                     f"got {term!r}"
                 )
             term.check(self)
+        terms = tuple(term.on(self) for term in terms)
         symbols = [*INERTIA_SYMBOLS, *(parameter.symbol for term in terms for parameter in term.parameters)]
         twice = next((symbol for symbol in symbols if symbols.count(symbol) > 1), None)
         if twice is not None:
+            kinds = [term.kind for term in terms if twice in [parameter.symbol for parameter in term.parameters]]
+            owners = f" ({' and '.join(kinds)})" if len(kinds) > 1 else ""
             raise InputError(
-                f'robot "{self.name}": two terms have the parameter "{twice}"; '
-                "give each term once, or rename its symbol"
+                f'robot "{self.name}": two terms{owners} have the parameter "{twice}"; give each term once, or rename '
+                "its symbol; terms that act at different joints may be the laws of one term of kind 'by_joint'"
             )
         return replace(self, terms=terms)
+
+    @cached_property
+    def channels(self) -> tuple[str, ...]:
+        """Names of what is logged beside the motion and is needed by terms, each once."""
+        return tuple(dict.fromkeys(name for term in self.terms for name in term.channels))
 
     @cached_property
     def lengths(self) -> tuple[str, ...]:
@@ -547,6 +607,11 @@ class Robot:
     def joint_names(self) -> tuple[str, ...]:
         """Names (N,) of the driving joints, in the order of the coordinates."""
         return tuple(self.joints[index].name for index in self.driving_joints)
+
+    @cached_property
+    def position_units(self) -> tuple[str, ...]:
+        """Units (N,) of the positions: rad, or m where a joint slides."""
+        return tuple("rad" if self.joints[index].rotates else "m" for index in self.driving_joints)
 
     @cached_property
     def torque_units(self) -> tuple[str, ...]:

@@ -32,6 +32,7 @@ def write_urdf(
     *,
     rotor_inertia: ArrayLike | None = None,
     offset: ArrayLike | None = None,
+    **more: ArrayLike,
 ) -> None:
     """Write a copy of a URDF with other inertias and joint friction; all else stays, byte for byte.
 
@@ -40,9 +41,9 @@ def write_urdf(
     The whole inertia of a moving link is written into that link; links that are fixed to it lose their `<inertial>`, so
     that the total is the estimate. Links that hang on *locked* joints keep theirs, which is taken from the estimate.
     Links fixed to the base do not change. Friction goes into `<dynamics>`, and into `<gazebo reference="joint">` and
-    `<ros2_control>` where these state damping or friction a second time; rotor inertia and offset, for which the format
-    has no place, into `<steelyard:drives>`. A xacro is written as the URDF that it describes. The target is written
-    beside and renamed, so it is whole or not there.
+    `<ros2_control>` where these state damping or friction a second time; what the format has no place for, as rotor
+    inertia, offsets and springs, into `<steelyard:drives>`. A xacro is written as the URDF that it describes. The
+    target is written beside and renamed, so it is whole or not there.
 
     Parameters
     ----------
@@ -55,6 +56,8 @@ def write_urdf(
         was. They include what the mimic joints of the coordinate add, so these joints get 0 where they had a value.
     rotor_inertia, offset : (N,) array, optional
         Inertia of the rotors as the joints feel it (kg m² or kg) and constant torques (N m or N), likewise.
+    **more : (N,) array
+        More of `Drives`, such as ``spring_stiffness``, likewise.
     source : str or Path
         The URDF to copy.
     target : str or Path
@@ -85,7 +88,11 @@ def write_urdf(
     """
     source, target = Path(source), Path(target)
     drives = Drives.unknown(robot.dof).with_known(
-        damping=damping, friction=friction, rotor_inertia=rotor_inertia, offset=offset
+        damping=damping,
+        friction=friction,
+        rotor_inertia=rotor_inertia,
+        offset=offset,
+        **more,
     )
     changes = description_changes(robot, parameters, drives.held_by_joints())
     _check_files(robot, source, target)

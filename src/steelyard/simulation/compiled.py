@@ -23,7 +23,9 @@ from steelyard.graph import (
     Output,
     cos,
     evaluate_over,
+    exp,
     jacobian,
+    log,
     sign,
     sin,
     sqrt,
@@ -279,31 +281,37 @@ class _Composer:
 
     def damping(self, q: Nodes, dq: Nodes, ahead: Nodes) -> Nodes:
         """Return the damping matrix of the terms (N, N): derivatives by dq, with the slopes of signs by `_slope`."""
-        recorder = Graph()
-        widths = {"q": len(q), "dq": len(q), "parameters": self._functions.parameter_count}
+        recorder, count = Graph(), len(q)
+        widths = {"q": count, "dq": count, "parameters": self._functions.parameter_count}
         inputs = {name: recorder.inputs(name, width) for name, width in widths.items()}
-        speeds: list[Node] = []
+        inner: list[Node] = []  # what signs are taken of; those of a polygon depend on signs before them
+        signs: list[Node] = []
 
-        def linear(x: Node) -> Node:
-            speeds.append(x)
-            return x * recorder.input(f"slope[{len(speeds) - 1}]")
+        def taken(x: Node) -> Node:
+            inner.append(x)
+            signs.append(recorder.input(f"sign[{len(signs)}]"))
+            return signs[-1]
 
         function = self._functions.model.function("drive_torque", base=self._functions.base)
-        elements = {**inputs, "base_parameters": inputs["parameters"], "ddq": [recorder.zero] * len(q)}
+        elements = {**inputs, "base_parameters": inputs["parameters"], "ddq": [recorder.zero] * count}
         used = {a.name: elements[a.name] for a in function.arguments}
-        (torques,) = evaluate_over(function, used, {**_UNARY, "sign": linear}, recorder.node)
+        (torques,) = evaluate_over(function, used, {**_UNARY, "sign": taken}, recorder.node)
+        now, then = ({"q": q, "dq": v, "parameters": self.parameters, "sign": list[Any]()} for v in (dq, ahead))
         slopes = []
-        if speeds:
-            now, then = (
-                self._substituted(speeds, {"q": q, "dq": velocity, "parameters": self.parameters})
-                for velocity in (dq, ahead)
-            )
-            slopes = [self._slope(x, y) for x, y in zip(now, then, strict=True)]
-        rows = jacobian([recorder.node(t) for t in torques], inputs["dq"])
-        flat = [node for row in rows for node in row]
-        values = {"q": q, "dq": dq, "parameters": self.parameters, "slope": slopes}
-        array: Nodes = np.array(self._substituted(flat, values), dtype=object).reshape(len(q), len(q))
-        return array
+        for x in inner:
+            here, there = self._substituted([x], now)[0], self._substituted([x], then)[0]
+            slopes.append(self._slope(here, there))
+            for values, at in ((now, here), (then, there)):
+                values["sign"] = [*values["sign"], at / sqrt(at * at + self.width * self.width)]
+        outputs = [*(recorder.node(t) for t in torques), *inner]
+        rows = jacobian(outputs, [*inputs["dq"], *signs])
+        flat = self._substituted([node for row in rows for node in row], now)
+        partial: Nodes = np.array(flat, dtype=object).reshape(len(outputs), count + len(signs))
+        # The chain rule, one sign after the other.
+        total = partial[:, :count]
+        for place, slope in enumerate(slopes):
+            total = total + partial[:, count + place, None] * (total[count + place] * slope)
+        return np.asarray(total[:count])
 
     def _slope(self, now: Node, ahead: Node) -> Node:
         """Return the slope of the smooth sign at a velocity, or its secant where an explicit step would reverse it."""
@@ -321,7 +329,14 @@ class _Composer:
         return evaluate_over(function, elements, _UNARY, self._recorder.node)[0]
 
 
-_UNARY: Mapping[str, Callable[[Any], Any]] = {"sin": sin, "cos": cos, "sign": sign, "sqrt": sqrt}
+_UNARY: Mapping[str, Callable[[Any], Any]] = {
+    "sin": sin,
+    "cos": cos,
+    "sign": sign,
+    "sqrt": sqrt,
+    "exp": exp,
+    "log": log,
+}
 _KNOWN: WeakKeyDictionary[Model, dict[tuple[bool, bool, bool], MotionFunctions]] = WeakKeyDictionary()
 
 

@@ -68,6 +68,7 @@ def simulate(
     Parameters
     ----------
     model : Model
+        A term that needs a channel of a log, such as a temperature, acts as at its reference.
     parameters : array_like
         (n,), or (n_b,) with `base`; (R, n) for runs of different robots.
     q0, dq0 : array_like
@@ -138,7 +139,7 @@ def simulate(
     if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
         raise InputError(f"seed must be a whole number of at least 0, got {seed!r}.")
     request = Request(
-        model,
+        model.without_channels,
         parameters,
         q0,
         dq0,

@@ -16,13 +16,16 @@ from numpy.typing import NDArray
 
 from steelyard.graph.expression import is_zero
 
-from ..layout import ParameterLayout
+from ..layout import Entries, ParameterLayout
 from .kinematics import ZERO, JointFrame, Vector3, add, cross, dot, joint_frames, scale, times, transposed
 from .newton_euler import Motion, link_motions, robot_gravity
 from .regrouping import JointLine, joint_line
 
 __all__ = [
+    "energy_balance_with_numpy",
     "kinetic_energy_regressor",
+    "momentum_balance",
+    "momentum_balance_with_numpy",
     "potential_energy_regressor",
     "regressor",
     "regressor_with_numpy",
@@ -85,6 +88,15 @@ def _read_from_parent(row: list[Any], parent: Sequence[Any], line: JointLine) ->
         row[9] = parent[9]  # a mass on the axis, at the origins
 
 
+def _carried(frame: JointFrame, twists: dict[int, tuple[Vector3, Vector3]]) -> dict[int, tuple[Vector3, Vector3]]:
+    """Return motions of the parent link as they are in the frame of the link."""
+    here: dict[int, tuple[Vector3, Vector3]] = {}
+    for source, (angular, linear) in twists.items():
+        angular, linear = frame.to_link(angular), frame.to_link(add(linear, cross(angular, frame.base_point)))
+        here[source] = (angular, add(linear, cross(angular, frame.arm)))
+    return here
+
+
 def regressor(
     frames: Sequence[JointFrame], dq: Sequence[Any], ddq: Sequence[Any], gravity: Vector3
 ) -> dict[tuple[int, int], Any]:
@@ -112,12 +124,8 @@ def regressor(
     entries: dict[tuple[int, int], Any] = {}
     for index, frame in enumerate(frames):
         parent = frame.joint.parent
-        here: dict[int, tuple[Vector3, Vector3]] = {}
         line = joint_line(frame)
-        if parent >= 0:
-            for source, (angular, linear) in carried[parent].items():
-                angular, linear = frame.to_link(angular), frame.to_link(add(linear, cross(angular, frame.base_point)))
-                here[source] = (angular, add(linear, cross(angular, frame.arm)))
+        here = _carried(frame, carried[parent]) if parent >= 0 else {}
         here[index] = frame.unit_motion
         carried.append(here)
         rows.append({})
@@ -134,12 +142,66 @@ def regressor(
     return entries
 
 
+def momentum_balance(frames: Sequence[JointFrame], dq: Sequence[Any], gravity: Vector3) -> tuple[Entries, Entries]:
+    """Split the regressor of the rigid links into the rate of a momentum and the rest: ``H = dP/dt + R``.
+
+    The momentum of a joint is that of the links beyond it along its unit motion s. It changes by the wrench that the
+    torque is, and because s moves with its own link, ``ds/dt = v x s`` (v: the twist of that link). So
+    ``R = -(v x s) · h - s · gravity`` with the momentum h of each link: no accelerations. In matrices
+    ``P = M dq`` and ``R = g - C' dq`` with ``C + C' = dM/dt``.
+
+    Parameters
+    ----------
+    frames : sequence of JointFrame
+        The joints at their positions.
+    dq : sequence of scalar
+        N velocities.
+    gravity : Vector3
+        In the base frame, m/s².
+
+    Returns
+    -------
+    momentum, rest : dict
+        As that of `regressor`.
+
+    References
+    ----------
+    A. De Luca, R. Mattone, Actuator failure detection and isolation using generalized momenta, Proc. IEEE
+    International Conference on Robotics and Automation, 2003.
+    """
+    still = [0.0] * len(dq)
+    momenta, resting = link_motions(frames, still, dq, ZERO), link_motions(frames, still, still, gravity)
+    carried: list[dict[int, tuple[Vector3, Vector3]]] = []
+    turning: list[dict[int, tuple[Vector3, Vector3]]] = []
+    momentum: Entries = {}
+    rest: Entries = {}
+    for index, frame in enumerate(frames):
+        parent = frame.joint.parent
+        here = _carried(frame, carried[parent]) if parent >= 0 else {}
+        rates = _carried(frame, turning[parent]) if parent >= 0 else {}
+        angular, linear = here[index] = frame.unit_motion
+        w, v = momenta[index].angular_acceleration, momenta[index].acceleration
+        rates[index] = (cross(w, angular), add(cross(w, linear), cross(v, angular)))
+        carried.append(here)
+        turning.append(rates)
+        for source, motion in here.items():
+            joint = frames[source].joint
+            held = zip(_row(resting[index], *motion), _row(momenta[index], *rates[source]), strict=True)
+            for entries, row in ((momentum, _row(momenta[index], *motion)), (rest, [a - b for a, b in held])):
+                for parameter, value in enumerate(row):
+                    key = (joint.coordinate, 10 * index + parameter)
+                    entries[key] = entries.get(key, 0.0) + joint.multiplier * value
+    return momentum, rest
+
+
 # The model evaluated with NumPy, sample by sample side by side, where compiling would not pay.
 
 Array = NDArray[np.float64]
 
 
-def regressor_with_numpy(layout: ParameterLayout, q: Array, dq: Array, ddq: Array) -> Array:
+def regressor_with_numpy(
+    layout: ParameterLayout, q: Array, dq: Array, ddq: Array, channels: list[Array] | None = None
+) -> Array:
     """Return the regressor (S, N, n) of links and terms at S samples of a motion, (S, N) each."""
     robot = layout.robot
     result = np.zeros((len(q), robot.dof, len(layout.names)))
@@ -148,9 +210,54 @@ def regressor_with_numpy(layout: ParameterLayout, q: Array, dq: Array, ddq: Arra
         regressor(frames, list(dq.T), list(ddq.T), robot_gravity(robot))
     ).items():
         result[:, row, column] = value
-    for row, column, value in layout.terms(list(q.T), list(dq.T), list(ddq.T), np):
+    for row, column, value in layout.terms(list(q.T), list(dq.T), list(ddq.T), np, channels=channels):
         result[:, row, column] = value
     return result
+
+
+def momentum_balance_with_numpy(
+    layout: ParameterLayout, q: Array, dq: Array, channels: list[Array] | None = None
+) -> tuple[Array, Array]:
+    """Return P and R (S, N, n) of links and terms at S samples: the regressor is ``dP/dt + R``.
+
+    The inertia of a term may not depend on positions.
+    """
+    robot = layout.robot
+    frames, positions, speeds = joint_frames(robot, list(q.T), np), list(q.T), list(dq.T)
+    momentum, rest = np.zeros((2, len(q), robot.dof, len(layout.names)))
+    for result, entries in zip((momentum, rest), momentum_balance(frames, speeds, robot_gravity(robot)), strict=True):
+        for (row, column), value in layout.with_links(entries).items():
+            result[:, row, column] = value
+    for (row, column), value in layout.term_momenta(positions, speeds, np).items():
+        momentum[:, row, column] = value
+    still = list(np.zeros_like(q).T)
+    for row, column, value in layout.terms(positions, speeds, still, np, channels=channels):
+        rest[:, row, column] = value
+    return momentum, rest
+
+
+def energy_balance_with_numpy(
+    layout: ParameterLayout, q: Array, dq: Array, channels: list[Array] | None = None
+) -> tuple[Array, Array]:
+    """Return E and D (S, n) at S samples: times the parameters the power of all torques is ``dE/dt + D``.
+
+    E is the kinetic energy of links and rotors and the potential energy of the links; D is the power that goes into
+    what else the terms are: friction, springs.
+    """
+    robot = layout.robot
+    frames, positions, speeds = joint_frames(robot, list(q.T), np), list(q.T), list(dq.T)
+    energy, spent = np.zeros((2, len(q), len(layout.names)))
+    kinetic = kinetic_energy_regressor(frames, speeds)
+    potential = potential_energy_regressor(frames, robot_gravity(robot))
+    for columns, one, other in zip(layout.links, kinetic, potential, strict=True):
+        for column, a, b in zip(columns, one, other, strict=True):
+            energy[:, column] = a + b
+    for (row, column), value in layout.term_momenta(positions, speeds, np).items():
+        energy[:, column] += 0.5 * dq[:, row] * value
+    still = list(np.zeros_like(q).T)
+    for row, column, value in layout.terms(positions, speeds, still, np, channels=channels):
+        spent[:, column] += dq[:, row] * value
+    return energy, spent
 
 
 def term_torques(layout: ParameterLayout, q: Array, dq: Array, ddq: Array, parameters: Array) -> Array:

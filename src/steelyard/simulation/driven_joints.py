@@ -1,0 +1,367 @@
+"""Joints under a position controller, in time: many stretches of a motion at once, with their exact sensitivities.
+
+What each joint feels is ``tau = Kp (command - q) - Kd dq + offset + gain signal``, less its drive's own rotor inertia,
+viscous and Coulomb friction. The links' part is that of the compiled inverse dynamics and its derivatives.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.dynamics import Model
+from steelyard.errors import InputError
+from steelyard.robot import Robot
+
+__all__ = ["DRIVE_PARAMETERS", "Branch", "DrivenMotion", "FrictionLaw", "branches_of", "drive"]
+
+Array = NDArray[np.float64]
+
+DRIVE_PARAMETERS = ("rotor_inertia", "viscous", "coulomb", "offset", "kp", "kd", "gain", "delay")
+"""What a drive has at each joint, in the order of the columns of sensitivities."""
+
+ITERATIONS = 2
+"""Of Newton's method in a step, at most; what centripetal torques change within a step is of order h."""
+
+TRIALS, RELAXATIONS = 6, 200
+"""Of finding which joints stick by Newton's method, and of relaxation where that goes in circles."""
+
+
+@dataclass(frozen=True)
+class FrictionLaw:
+    """Coulomb friction that a simulation can follow: ``clip((dq + ahead ddq) / softness, -Fc, Fc)``.
+
+    This is the law of MuJoCo's ``frictionloss``, whose force is the minimiser of a convex problem in the accelerations
+    (Todorov 2014, "Convex and analytically-invertible dynamics with contacts and constraints", eq. 6): friction looks
+    `ahead` by half its time constant, and the softness is `slip` times `ahead` over the joint's inertia. The equation
+    of a step is piecewise linear and monotone in the accelerations, has one solution, and sticks where the torque is
+    below Fc but for a creep of ``slip ahead Fc`` over the inertia.
+
+    Parameters
+    ----------
+    ahead : float
+        s; 0 stands for the end of the step, which is Coulomb friction proper as far as steps of time resolve it.
+    slip : float
+        Softness of the constraint as a part of the joint's inverse inertia.
+
+    Examples
+    --------
+    >>> law = FrictionLaw.mujoco()
+    >>> round(law.ahead, 6), round(law.slip, 6)
+    (0.0095, 0.111111)
+    """
+
+    ahead: float
+    slip: float
+
+    @classmethod
+    def mujoco(cls, time_constant: float = 0.02, impedance: tuple[float, float] = (0.9, 0.95)) -> FrictionLaw:
+        """The law of MuJoCo with its ``solreffriction`` (time constant, damping ratio 1) and ``solimpfriction``.
+
+        Its reference acceleration is ``-2 / (dmax time_constant)`` times the velocity, and its softness ``(1 - d0) /
+        d0`` of the inverse inertia.
+        """
+        least, most = impedance
+        return cls(0.5 * most * time_constant, (1.0 - least) / least)
+
+    @classmethod
+    def coulomb(cls) -> FrictionLaw:
+        """Friction that follows the velocity at the end of each step, with a softness of one hundredth."""
+        return cls(0.0, 0.01)
+
+
+@dataclass(frozen=True, eq=False)
+class Branch:
+    """Joints that move independently of all others, since their links hang on the base by themselves.
+
+    Attributes
+    ----------
+    model : Model
+        Of these joints alone, without terms.
+    coordinates : tuple of int
+        Their places among the coordinates of the robot.
+    links : tuple of int
+        The places of their links among those of the robot.
+    """
+
+    model: Model
+    coordinates: tuple[int, ...]
+    links: tuple[int, ...]
+
+    @property
+    def count(self) -> int:
+        """Number n of joints."""
+        return len(self.coordinates)
+
+
+def branches_of(robot: Robot) -> tuple[Branch, ...]:
+    """Part a robot on a fixed base into branches.
+
+    Raises
+    ------
+    InputError
+        If a joint mimics another: its drive moves both, which this does not know.
+
+    Examples
+    --------
+    >>> [branch.coordinates for branch in branches_of(Robot.from_dh([(0, 0.3, 0, "q"), (0, 0.3, 0, "q")]))]
+    [(0, 1)]
+    """
+    mimic = next((joint for joint in robot.joints if joint.mimics is not None), None)
+    if mimic is not None:
+        raise InputError(
+            f'joint "{mimic.name}" mimics "{mimic.mimics}"; drives are identified from positions without such joints: '
+            "lock it in [description]."
+        )
+    root: list[int] = []
+    for index, joint in enumerate(robot.joints):
+        root.append(index if joint.parent < 0 else root[joint.parent])
+    found = []
+    for first in dict.fromkeys(root):
+        links = [index for index, one in enumerate(root) if one == first]
+        place = {link: k for k, link in enumerate(links)}
+        joints = [
+            replace(robot.joints[index], coordinate=k, parent=place.get(robot.joints[index].parent, -1))
+            for k, index in enumerate(links)
+        ]
+        part = replace(
+            robot,
+            joints=tuple(joints),
+            links=tuple(robot.links[index] for index in links),
+            terms=(),
+            base_attachments=(),
+        )
+        found.append(Branch(Model(part), tuple(robot.joints[index].coordinate for index in links), tuple(links)))
+    return tuple(found)
+
+
+@dataclass(frozen=True, eq=False)
+class DrivenMotion:
+    """What a batch of K stretches of L intervals gave for each of B branches of n joints.
+
+    Attributes
+    ----------
+    q : ndarray
+        (L + 1, B, K, n) positions at the beginning of each interval, and at the end.
+    dq : ndarray
+        (L + 1, B, K, n) velocities there.
+    by_start, by_parameters : ndarray or None
+        (L + 1, B, K, n, 2 n) and (L + 1, B, K, n, m) derivatives of the positions.
+    end_by_start, end_by_parameters : ndarray or None
+        (B, K, 2 n, 2 n) and (B, K, 2 n, m).
+    """
+
+    q: Array
+    dq: Array
+    by_start: Array | None = None
+    by_parameters: Array | None = None
+    end_by_start: Array | None = None
+    end_by_parameters: Array | None = None
+
+    @property
+    def end(self) -> Array:
+        """Positions and velocities (B, K, 2 n) at the end."""
+        return np.concatenate([self.q[-1], self.dq[-1]], axis=-1)
+
+
+def drive(
+    branches: Sequence[Branch],
+    inertials: Sequence[Array],
+    drives: Array,
+    encoder: Array,
+    start: Array,
+    steps: Array,
+    command: Array,
+    command_by_delay: Array,
+    law: FrictionLaw,
+    *,
+    substeps: int = 1,
+    inertial_directions: Sequence[Array] | None = None,
+    sensitivities: bool = True,
+) -> DrivenMotion:
+    """Drive branches with as many joints each through a batch of stretches of time.
+
+    A step of length h is a kick at the place of half a drift, ``q + h dq / 2``, with what depends on velocities taken
+    in its middle, ``dq + h ddq / 2``: second order, and stable for stiff drives. Its accelerations solve inverse
+    dynamics, and the derivatives are those of that solution by the implicit function theorem, no differences.
+
+    Parameters
+    ----------
+    branches : sequence of Branch
+        B of them, of n joints each.
+    inertials : sequence of ndarray
+        (10 n,) parameters of the links of each branch.
+    drives : ndarray
+        (B, 8, n) in the order of `DRIVE_PARAMETERS`; the delay is in the commands already.
+    encoder : ndarray
+        (B, n) by how much encoders read more than the joints stand at.
+    start : ndarray
+        (B, K, 2 n) position and velocity.
+    steps : ndarray
+        (L, K) lengths of the intervals, s.
+    command, command_by_delay : ndarray
+        (L substeps, B, K, n) the mean of the delayed command in each step, and its derivative by the delay.
+    law : FrictionLaw
+    substeps : int
+        Steps in an interval.
+    inertial_directions : sequence of ndarray, optional
+        (10 n, f) derivatives of the inertials of each branch by f freed parameters.
+    sensitivities : bool
+        Whether derivatives are computed: by the 8 n drive parameters (all of a kind together), n encoders, then the f.
+
+    Returns
+    -------
+    DrivenMotion
+    """
+    n, parts = branches[0].count, len(branches)
+    length, each = steps.shape
+    count = parts * each
+    own = [slice(b * each, (b + 1) * each) for b in range(parts)]
+    armature, viscous, friction, offset, kp, kd, gain, _ = np.repeat(drives.transpose(1, 0, 2), each, axis=1)
+    shift = np.repeat(encoder, each, axis=0)
+    flat = start.reshape(count, 2 * n)
+    q, v = flat[:, :n].copy(), flat[:, n:].copy()
+    a = np.zeros_like(v)
+    inverse_inertia = np.empty((count, n))
+    for branch, values, rows, drive_values in zip(branches, inertials, own, drives, strict=True):
+        at_zero = branch.model.total_inertia_matrix(np.zeros(n), values) + np.diag(drive_values[0])
+        inverse_inertia[rows] = np.diag(np.linalg.inv(at_zero)) * law.slip
+    diagonal = np.arange(n)
+    freed = 0 if inertial_directions is None else max(one.shape[1] for one in inertial_directions)
+    width = 9 * n + freed
+    positions = np.empty((length + 1, count, n))
+    positions[0] = q
+    velocities = np.empty_like(positions)
+    velocities[0] = v
+    sens = np.zeros((count, 2 * n, 2 * n + width))
+    sens[:, : 2 * n, : 2 * n] = np.eye(2 * n)
+    traces = np.zeros((length + 1, count, n, 2 * n + width)) if sensitivities else None
+    if traces is not None:
+        traces[0] = sens[:, :n]
+    columns = np.zeros((count, n, width))
+    torque = np.empty((count, n))
+    derivatives = np.empty((count, 3, n, n))
+    by_q, by_v, by_a = derivatives[:, 0], derivatives[:, 1], derivatives[:, 2]
+    speed_loss, force = viscous + kd, kp + gain
+    for row in range(length):
+        h = np.tile(steps[row] / substeps, parts)[:, np.newaxis]
+        h3 = h[:, :, np.newaxis]
+        ahead = np.broadcast_to(h * 0.5 if law.ahead == 0.0 else law.ahead, v.shape)
+        reach, soft = 0.5 * h + ahead, inverse_inertia * ahead
+        for place in range(row * substeps, (row + 1) * substeps):
+            u = command[place].reshape(count, n)
+            middle = q + 0.5 * h * v
+            stands = middle - shift
+            driven = kp * (u - middle) + gain * u + offset
+            at = v + 0.5 * h * a
+            for branch, values, rows in zip(branches, inertials, own, strict=True):
+                branch.model.inverse_dynamics_derivatives(
+                    stands[rows], at[rows], a[rows], values, out=derivatives[rows]
+                )
+            smooth = by_a + 0.5 * h3 * by_v
+            smooth[:, diagonal, diagonal] += armature + 0.5 * h * speed_loss
+            for _ in range(ITERATIONS):
+                for branch, values, rows in zip(branches, inertials, own, strict=True):
+                    branch.model.inverse_dynamics(stands[rows], at[rows], a[rows], values, out=torque[rows])
+                wanted = (smooth @ a[:, :, np.newaxis])[..., 0]
+                wanted += driven - torque - armature * a - speed_loss * at
+                a, slips, inertia = _with_friction(smooth, wanted, v, a, reach, soft, friction)
+                before, at = at, v + 0.5 * h * a
+                if np.max(np.abs(at - before)) < 1e-9:
+                    break
+            if traces is not None:
+                by_place, by_speed = by_q.copy(), by_v.copy()
+                by_place[:, diagonal, diagonal] += kp
+                by_speed[:, diagonal, diagonal] += speed_loss + (slips == 0.0) / soft
+                delayed = command_by_delay[place].reshape(count, n)
+                _fill(columns, n, a, at, slips, u - middle, u, force, delayed)
+                columns[:, :, 8 * n : 9 * n] = -by_q
+                if inertial_directions is not None:
+                    for branch, directions, rows in zip(branches, inertial_directions, own, strict=True):
+                        if directions.shape[1]:
+                            regressor = branch.model.regressor(stands[rows], at[rows], a[rows])
+                            columns[rows, :, 9 * n : 9 * n + directions.shape[1]] = regressor @ directions
+                right = by_place @ sens[:, :n] + (by_speed + 0.5 * h3 * by_place) @ sens[:, n:]
+                right[:, :, 2 * n :] += columns
+                change = np.linalg.inv(inertia) @ right
+                sens[:, :n] += h3 * sens[:, n:] - (0.5 * h3 * h3) * change
+                sens[:, n:] -= h3 * change
+            after = v + h * a
+            q = middle + 0.5 * h * after
+            v = after
+        positions[row + 1], velocities[row + 1] = q, v
+        if traces is not None:
+            traces[row + 1] = sens[:, :n]
+    shape = (parts, each)
+    places, speeds = (part.reshape(length + 1, *shape, n) for part in (positions, velocities))
+    if traces is None:
+        return DrivenMotion(places, speeds)
+    cut = 2 * n
+    traced, last = traces.reshape(length + 1, *shape, n, -1), sens.reshape(*shape, 2 * n, -1)
+    return DrivenMotion(places, speeds, traced[..., :cut], traced[..., cut:], last[..., :cut], last[..., cut:])
+
+
+def _fill(
+    columns: Array, n: int, a: Array, v: Array, slips: Array, error: Array, u: Array, force: Array, by_delay: Array
+) -> None:
+    """Write the derivatives of the equation of motion by the drive parameters of each joint, in their order."""
+    joints = np.arange(n)
+    values: Sequence[Array | float] = (a, v, slips, -1.0, -error, v, -u, -force * by_delay)
+    for kind, value in enumerate(values):
+        columns[:, joints, kind * n + joints] = value
+
+
+def _with_friction(
+    smooth: Array, wanted: Array, v: Array, a: Array, reach: Array, soft: Array, friction: Array
+) -> tuple[Array, Array, Array]:
+    """Solve ``smooth a + clip((v + reach a) / soft, -Fc, Fc) = wanted`` for a: which joints stick is found by trial.
+
+    Returns the accelerations, the signs of the joints that slip (0 for those that stick), and the matrix by which the
+    accelerations follow changes.
+    """
+    diagonal = np.arange(v.shape[1])
+    slips = _slipping(v, a, reach, soft, friction)
+    for trial in range(2 * TRIALS):
+        sticks = slips == 0.0
+        inertia = smooth.copy()
+        inertia[:, diagonal, diagonal] += sticks * (reach / soft)
+        right = wanted - np.where(sticks, v / soft, slips * friction)
+        a = np.asarray(np.linalg.solve(inertia, right[:, :, np.newaxis])[..., 0], dtype=np.float64)
+        found = _slipping(v, a, reach, soft, friction)
+        differ = (found != slips).any(axis=1)
+        if not differ.any():
+            break
+        slips = found
+        if trial == TRIALS:  # Newton's method may go in circles, one joint setting off another
+            slips[differ] = _slips_by_relaxation(
+                *(one[differ] for one in (smooth, wanted, v, np.broadcast_to(reach, v.shape), soft, friction))
+            )
+    return a, slips, inertia
+
+
+def _slips_by_relaxation(smooth: Array, wanted: Array, v: Array, reach: Array, soft: Array, friction: Array) -> Array:
+    """Find which joints slip by relaxing the friction of one joint after the other, which always converges."""
+    inverse = np.linalg.inv(smooth)
+    free = v + reach * (inverse @ wanted[:, :, np.newaxis])[..., 0]
+    force = np.clip(free / soft, -friction, friction)
+    own = np.diagonal(inverse, axis1=1, axis2=2)
+    for _ in range(RELAXATIONS):
+        largest = 0.0
+        for k in range(v.shape[1]):
+            others = free[:, k] - reach[:, k] * (np.einsum("sj,sj->s", inverse[:, k], force) - own[:, k] * force[:, k])
+            after = np.clip(others / (soft[:, k] + reach[:, k] * own[:, k]), -friction[:, k], friction[:, k])
+            largest = max(largest, float(np.max(np.abs(after - force[:, k]))))
+            force[:, k] = after
+        if largest < 1e-12:
+            break
+    found: Array = np.where(np.abs(force) >= friction, np.sign(force), 0.0)
+    return found
+
+
+def _slipping(v: Array, a: Array, reach: Array, soft: Array, friction: Array) -> Array:
+    ahead = (v + reach * a) / soft
+    found: Array = np.where(np.abs(ahead) >= friction, np.sign(ahead), 0.0)
+    return found
