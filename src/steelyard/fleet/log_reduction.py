@@ -5,12 +5,21 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from steelyard.dynamics import Model
 from steelyard.files import tell
-from steelyard.identification.log_reader import LogReader, LogTask, Progress, ReducedGroup
+from steelyard.identification.log_reader import (
+    JoinedSections,
+    LogReader,
+    LogTask,
+    Progress,
+    ReducedGroup,
+    ReducedSection,
+    SectionedLog,
+)
 from steelyard.recording.formats import content_hash, hashed_log
+from steelyard.recording.formats.registry import log_format, split_source
 
 from .checkpoints import Checkpoints, checkpoint_key, robot_content
 from .executors import Combine, Executor, Here, Leaf, Workers
@@ -22,6 +31,10 @@ GROUP, MANY = 8, 64
 """Logs whose batch means, nine tenths of an Information, are added where they were computed, and from how many on. Up
 to that each log is a checkpoint by itself. Both follow from the logs alone, so that a run which began on one machine
 ends on a cluster, and takes over what it had done."""
+
+
+LARGE = 32_000_000
+"""Bytes of a log from which on it is opened here, to be shared section by section; it may have three million rows."""
 
 
 class _Common:
@@ -54,14 +67,26 @@ class _Common:
         return checkpoint_key(robots, kinds, log, self.processing.to_dict(), self.chunk_rows)
 
 
-def reduced_log(common: _Common, task: LogTask) -> bytes:
-    """Reduce a log; see `LogReader.reduced`."""
+class SectionTask(NamedTuple):
+    """A section of a long log that is to be reduced."""
+
+    log: SectionedLog
+    section: int
+
+
+def reduced_log(common: _Common, task: LogTask | SectionTask) -> bytes:
+    """Reduce a log, or a section of one; see `LogReader`."""
+    if isinstance(task, SectionTask):
+        return packed(common.reader().reduced_section(task.log, task.section, common.models[1]))
     return packed(common.reader().reduced(task, common.models[1]))
 
 
 def grouped(common: Any, results: Sequence[bytes]) -> bytes:
-    """Join reduced logs, in order, to a group; add their batch means."""
-    group = ReducedGroup.of([unpacked(one) for one in results])
+    """Join reduced logs, in order, to a group; add their batch means. A section stands alone."""
+    found = [unpacked(one) for one in results]
+    if isinstance(found[0], ReducedSection):
+        return results[0]
+    group = ReducedGroup.of(found)
     return packed((list(group.logs), group.batch_means))
 
 
@@ -121,40 +146,91 @@ class LogReduction:
         """See `steelyard.identification.log_reader.LogReduction`."""
         common = _Common(reader, model)
         size = GROUP if len(tasks) > MANY else 1
-        groups = [list(tasks[start : start + size]) for start in range(0, len(tasks), size)]
+        groups: list[list[LogTask | SectionTask]] = []
+        for start in range(0, len(tasks), size):
+            log = self._sectioned(reader, tasks[start], model, say) if size == 1 else None
+            if log is None:
+                groups.append(list(tasks[start : start + size]))
+            else:
+                groups += [[SectionTask(log, section)] for section in range(log.sections)]
         # What is in memory here is reduced here.
-        local = [not all(_is_path(task.log) for task in group) for group in groups]
+        local = [not all(_is_path(_log_task(task).log) for task in group) for group in groups]
         keys = self._keys(common, groups, local, say)
         say(f"reading {len(tasks)} log{'s' * (len(tasks) > 1)}")
-        done = 0
-        for content in run_in_order(reduced_log, grouped, common, groups, self.executor, keys, self.checkpoints, local):
-            logs, means = unpacked(content)
-            done += len(logs)
+        done, joined = 0, None
+        contents = run_in_order(reduced_log, grouped, common, groups, self.executor, keys, self.checkpoints, local)
+        for (first, *_), content in zip(groups, contents, strict=True):
+            if isinstance(first, SectionTask):
+                joined = JoinedSections(first.log, model) if first.section == 0 or joined is None else joined
+                joined.add(unpacked(content).for_model(model))
+                if first.section + 1 < first.log.sections:
+                    continue
+                found = ReducedGroup.of([joined.reduced()])
+            else:
+                logs, means = unpacked(content)
+                found = ReducedGroup(tuple(log.for_model(model) for log in logs), means)
+            done += len(found.logs)
             tell("reading logs", done, len(tasks), "logs")
-            yield ReducedGroup(tuple(log.for_model(model) for log in logs), means)
+            yield found
+
+    def _sectioned(self, reader: LogReader, task: LogTask, model: Model, say: Progress) -> SectionedLog | None:
+        """Open a log that may be so long that others can share its sections; None of others."""
+        if not _is_path(task.log) or _size(str(task.log)) < LARGE or not _may_be_shared(str(task.log)):
+            return None
+        say(f"opening {task.log}")
+        log = reader.opened(task, model)
+        return log if log is not None and log.opened.can_move else None
 
     def _keys(
-        self, common: _Common, groups: Sequence[Sequence[LogTask]], local: Sequence[bool], say: Progress
+        self,
+        common: _Common,
+        groups: Sequence[Sequence[LogTask | SectionTask]],
+        local: Sequence[bool],
+        say: Progress,
     ) -> list[str | None]:
         """Name what each group of logs comes to; None of those that are in memory."""
         if self.checkpoints is None:
             return [None] * len(groups)
-        paths = [str(task.log) for group, here in zip(groups, local, strict=True) if not here for task in group]
-        say(f"hashing {len(paths)} log{'s' * (len(paths) > 1)}")
-        names = list(dict.fromkeys(paths))
+        apart = [group for group, here in zip(groups, local, strict=True) if not here]
+        names = list(dict.fromkeys(str(_log_task(task).log) for group in apart for task in group))
+        say(f"hashing {len(names)} log{'s' * (len(names) > 1)}")
         # Processes of this machine would take longer to start than files to be hashed.
         where = Here() if isinstance(self.executor, Workers) else self.executor
         hashes = run_in_order(hashed, first_of, None, [[name] for name in names], where)
         contents = {name: unpacked(one) for name, one in zip(names, hashes, strict=True)}
         shared = common.key()
 
-        def told(task: LogTask) -> list[Any]:
-            return [str(task.log), contents[str(task.log)], task.points, task.rows, task.logs, task.fitted]
+        def told(given: LogTask | SectionTask) -> list[Any]:
+            task = _log_task(given)
+            what = [str(task.log), contents[str(task.log)], task.points, task.rows, task.logs, task.fitted]
+            return [*what, given.section, given.log.sections] if isinstance(given, SectionTask) else what
 
         return [
             None if here else checkpoint_key(shared, [told(task) for task in group])
             for group, here in zip(groups, local, strict=True)
         ]
+
+
+def _log_task(task: LogTask | SectionTask) -> LogTask:
+    return task.log.task if isinstance(task, SectionTask) else task
+
+
+def _size(log: str) -> int:
+    """Return the bytes of the files of a log; 0 where any of them is not on this machine."""
+    if "://" in log:
+        return 0
+    try:
+        return sum(Path(str(path)).stat().st_size for path in split_source(log))
+    except OSError:
+        return 0
+
+
+def _may_be_shared(log: str) -> bool:
+    """Whether the files of a log, none of them opened, are of formats that are read from the middle."""
+    return all(
+        (kind := log_format(Path(str(path)).suffix)) is not None and kind.may_have_places(Path(str(path)))
+        for path in split_source(log)
+    )
 
 
 def _is_path(log: object) -> bool:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from steelyard.errors import InputError
-from steelyard.identification.log_reader import DrawnLog, ReducedLog
+from steelyard.identification.log_reader import DrawnLog, ReducedLog, ReducedSection
 from steelyard.recording import Samples
 from steelyard.recording.recognition import ColumnMeaning, Layout
 from steelyard.regression import Factor, Information
@@ -20,7 +20,8 @@ __all__ = ["is_whole", "packed", "unpacked"]
 
 _MARK = b"steelyard-packed-1\n"
 _KINDS: dict[str, type[Any]] = {
-    kind.__name__: kind for kind in (ColumnMeaning, DrawnLog, Factor, Information, Layout, ReducedLog, Samples)
+    kind.__name__: kind
+    for kind in (ColumnMeaning, DrawnLog, Factor, Information, Layout, ReducedLog, ReducedSection, Samples)
 }
 """What may stand in packed bytes beside numbers, texts, lists, mappings and arrays."""
 _PASSED_OVER = {"regressor_model", "cutoff_choice"}

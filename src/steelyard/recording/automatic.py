@@ -82,6 +82,7 @@ def decide(processing: Processing, recordings: Sequence[Measurements], model: Mo
     InputError
         Where the recordings do not tell.
     """
+    model = None if model is None else model.without_channels  # of which the decisions take no notice
     source = recordings[0].source if len(recordings) == 1 else f"{len(recordings)} logs"
     recordings = [_middle(one) for one in recordings if one.count >= FEWEST_ROWS] or [recordings[0]]
     few = recordings[0].count < FEWEST_ROWS
@@ -159,7 +160,8 @@ def settle(decision: Decision, recording: Measurements, model: Model | None = No
     held = HeldJoints.of(recording)
     choice, remarks = decision.cutoff_choice, decision.remarks
     plan = Plan(processing, chosen, np.zeros(joints), stiction, levels, choice, remarks, held)
-    return replace(_with_delay(plan, recording, model), model=model)
+    plain = None if model is None else model.without_channels
+    return replace(_with_delay(plan, recording, plain), model=model)
 
 
 def _with_delay(plan: Plan, recording: Measurements, model: Model | None) -> Plan:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextvars import copy_context
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from queue import Full, Queue
 from threading import Event, Thread
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steelyard.errors import InputError
 
@@ -28,6 +30,7 @@ from .conversion import Signals, clock_at, convert, log_columns, names_of, requi
 from .even import EvenClock, Part
 from .filters.zero_phase import decimation_padding
 from .formats import BLOCK_ROWS, Columns, LogFiles, Source
+from .formats.registry import split_source
 from .measurements import check_order, check_period
 from .options import Processing
 from .plan import masking_remarks
@@ -38,7 +41,7 @@ from .survey import LogSurvey
 if TYPE_CHECKING:
     from steelyard.dynamics import Model
 
-__all__ = ["Chunk", "ahead", "process_chunks", "read_chunks"]
+__all__ = ["Chunk", "OpenedLog", "SeenRows", "ahead", "process_chunks", "read_chunks"]
 
 Item = TypeVar("Item")
 
@@ -47,6 +50,10 @@ CHUNK_ROWS = 200_000
 
 PIECE_ROWS = 50_000
 """Rows that are processed together, at least; four times what the filters need around them, where that is more."""
+
+SECTION_ROWS = 2_000_000
+"""Rows of a section of a log, about: so few that two processes end at about the same time, so many that what each
+section costs by itself, such as rows that are read twice, is nothing."""
 
 CHOICE_ROWS = 200_000
 """Rows by which everything is chosen that the data decides: the same rows whatever the size of the chunks, since the
@@ -76,6 +83,7 @@ class LogStream:
     def __init__(
         self, source: Source, columns: LogColumns | dict[str, Any] | None, joints: int | Sequence[str] | None
     ) -> None:
+        self.source = source
         self.files = LogFiles(source, log_columns(columns))
         self.columns = self.files.columns
         self.layout = self.files.layout(joints)
@@ -105,6 +113,15 @@ class LogStream:
             ticks = np.array([0.0, self.stated.numbers(self.count - 1, self.count)[0] / rate])
             gaps, skipped = self.stated.gap_rows, self.stated.skipped
             self.clock = replace(self.clock, gap_rows=gaps, skipped=skipped, gaps=self.stated.gaps, ticks=ticks)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {**self.__dict__, "files": self.files.places()}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state)
+        self.files = LogFiles(self.source, self.columns)
+        self.files.keep(self.layout.names)
+        self.files.use_places(state["files"], self.count)
 
     def _stamps(self) -> Iterator[np.ndarray[Any, np.dtype[np.float64]]]:
         """Yield the stamps in s, block by block."""
@@ -305,82 +322,163 @@ def process_chunks(
     processing = Processing() if processing is None else processing
     if model is not None and processing.filters_torque:
         rows = min(rows, PIECE_ROWS)  # samples with their regressors take ten times the memory
-    ending: list[str] = []
-    pieces = _processed(source, columns, processing, joints, model, look, survey, ending)
+    survey = LogSurvey() if survey is None else survey
+    opened = OpenedLog(source, columns, processing, joints, model, look)
+    seen = SeenRows(survey)
+    pieces = itertools.chain.from_iterable(opened.samples(section, seen) for section in range(opened.sections))
     last: Samples | None = None
     for chunk in regrouped(pieces, max(1, rows // processing.step)):
         if last is not None:
             yield last
         last = chunk
     if last is not None:
-        yield replace(last, remarks=(*last.remarks, *ending))
+        yield replace(last, remarks=(*last.remarks, *opened.ending(seen)))
 
 
-def _processed(
-    source: Source,
-    columns: LogColumns | dict[str, Any] | None,
-    processing: Processing,
-    joints: int | Sequence[str] | None,
-    model: Model | None,
-    look: Callable[[Recording], object] | None,
-    survey: LogSurvey | None,
-    ending: list[str],
-) -> Iterator[Samples]:
-    """Yield the samples of a log, piece by piece; what is only known after the last of them is added to `ending`."""
-    if processing.needs_whole_log:
-        raise InputError(
-            f"the filter {processing.filter.kind!r} in [processing] needs the log whole, in memory; read it with "
-            "Recording.read and process it, or use another filter."
-        )
-    survey = LogSurvey() if survey is None else survey
-    stream = LogStream(source, columns, joints)
-    check_period(stream.clock.period, stream.files.name)
-    head = next(stream.spans([(0, min(CHOICE_ROWS, stream.count))]))
-    LogSurvey.of(head).velocity_remarks()  # what is sure to be wrong is refused at once
-    if look is not None:
-        look(head)
-    even = stream.even(processing)
-    rate = stream.rate if even.as_is else 1.0 / even.period
-    sample = stream.middle(even)
-    plan = settle(decide(processing, [sample], model), sample, model)
-    if plan.held.mask.any() and sample.count < stream.count:  # they may move in other rows
-        starts = range(0, stream.count, CHOICE_ROWS)
-        plan = replace(
-            plan, held=plan.held.among(stream.spans([(a, min(a + CHOICE_ROWS, stream.count)) for a in starts]))
-        )
-    excerpt = any(part.count > sample.count == DECISION_ROWS for part in even.parts)
-    note = f" (Chosen by {sample.count} of {stream.count} rows.)" if excerpt else ""
-    chosen = (remark + note for remark in plan.remarks)
-    remarks: tuple[str, ...] = (*stream.layout.guesses, *even.remarks, *chosen, *plan.held_remarks(sample))
-    del head, sample  # memory stays that of a piece
-    inner = decimation_padding(processing.decimate)
-    inner += -inner % processing.step
-    outer = plan.padding(rate)
-    step = processing.step
-    size = max(PIECE_ROWS, 4 * outer)
-    size = max(step, size - size % step)
-    kept = plan.kept([part.count for part in even.parts], rate, stream.files.name)
-    pieces = [
-        Piece(part, start, min(start + size, end), begin, end, inner, outer)
-        for part, (begin, end) in zip(even.parts, kept, strict=True)
-        for start in range(begin, end, size)
-    ]
-    counts: dict[str, Any] = {}
-    spans = [even.rows(piece.part, piece.first, piece.last) for piece in pieces]
-    for number, (piece, span, raw) in enumerate(zip(pieces, spans, ahead(stream.spans(spans)), strict=True)):
-        survey.add(raw)
-        recording = even.placed(raw, span[0], piece.part, piece.first, piece.last)
-        begin, end = piece.kept
-        trimmed = max(0, piece.begin - piece.first), min(piece.end - piece.first, recording.count)
-        samples, flags = plan.rows(recording, begin - piece.first, end - piece.first, trimmed)
-        first = (piece.start - begin) // step
-        own = samples.rows(first, first - (piece.start - piece.stop) // step, with_remarks=number == 0)
-        for name, flagged in flags.items():
-            counts[name] = counts.get(name, 0) + flagged[first : first + own.count].sum(axis=0)
-        yield replace(own, remarks=remarks) if number == 0 else own
-    ending += [*survey.remarks(), *masking_remarks(counts)]
-    low, high = survey.torque
-    processing.check_torques(survey.first_row, low, high, survey.travel)
+@dataclass
+class SeenRows:
+    """What is gathered of the rows of a log, or of a section of it, while they are processed.
+
+    Attributes
+    ----------
+    survey : LogSurvey
+    masked : dict
+        How many rows of each joint were masked, by the reason.
+    """
+
+    survey: LogSurvey = field(default_factory=LogSurvey)
+    masked: dict[str, NDArray[np.intp]] = field(default_factory=dict)
+
+    def mask(self, name: str, counts: NDArray[np.intp]) -> None:
+        """Count rows that are masked for a reason."""
+        self.masked[name] = self.masked[name] + counts if name in self.masked else counts
+
+
+class OpenedLog:
+    """A log of which everything is chosen that the data decides, in sections that can be processed one by one.
+
+    Sections follow from the log alone. Any of them may be processed in another process, to which this object was sent,
+    where `can_move`; its samples are the same numbers there.
+
+    Parameters
+    ----------
+    source, columns, processing, joints, model, look
+        As in `process_chunks`.
+
+    Attributes
+    ----------
+    remarks : tuple of str
+        What was found and chosen; `samples` brings them with the first of the log.
+    """
+
+    def __init__(
+        self,
+        source: Source,
+        columns: LogColumns | dict[str, Any] | None,
+        processing: Processing,
+        joints: int | Sequence[str] | None,
+        model: Model | None,
+        look: Callable[[Recording], object] | None,
+    ) -> None:
+        if processing.needs_whole_log:
+            raise InputError(
+                f"the filter {processing.filter.kind!r} in [processing] needs the log whole, in memory; read it with "
+                "Recording.read and process it, or use another filter."
+            )
+        self.processing = processing
+        self.stream = stream = LogStream(source, columns, joints)
+        check_period(stream.clock.period, stream.files.name)
+        head = next(stream.spans([(0, min(CHOICE_ROWS, stream.count))]))
+        LogSurvey.of(head).velocity_remarks()  # what is sure to be wrong is refused at once
+        if look is not None:
+            look(head)
+        self.first = head.chosen(np.arange(head.count) == 0)
+        self.even = even = stream.even(processing)
+        rate = stream.rate if even.as_is else 1.0 / even.period
+        sample = stream.middle(even)
+        plan = settle(decide(processing, [sample], model), sample, model)
+        if plan.held.mask.any() and sample.count < stream.count:  # they may move in other rows
+            starts = range(0, stream.count, CHOICE_ROWS)
+            plan = replace(
+                plan, held=plan.held.among(stream.spans([(a, min(a + CHOICE_ROWS, stream.count)) for a in starts]))
+            )
+        self.plan = plan
+        excerpt = any(part.count > sample.count == DECISION_ROWS for part in even.parts)
+        note = f" (Chosen by {sample.count} of {stream.count} rows.)" if excerpt else ""
+        chosen = (remark + note for remark in plan.remarks)
+        self.remarks: tuple[str, ...] = (*stream.layout.guesses, *even.remarks, *chosen, *plan.held_remarks(sample))
+        step = processing.step
+        inner = decimation_padding(processing.decimate)
+        inner += -inner % step
+        outer = plan.padding(rate)
+        size = max(PIECE_ROWS, 4 * outer)
+        size = max(step, size - size % step)
+        kept = plan.kept([part.count for part in even.parts], rate, stream.files.name)
+        self.pieces = [
+            Piece(part, start, min(start + size, end), begin, end, inner, outer)
+            for part, (begin, end) in zip(even.parts, kept, strict=True)
+            for start in range(begin, end, size)
+        ]
+        many = sum(piece.stop - piece.start for piece in self.pieces)
+        count = max(1, min(round(many / SECTION_ROWS), len(self.pieces)))
+        self._bounds = [len(self.pieces) * k // count for k in range(count + 1)]
+
+    def __getstate__(self) -> dict[str, Any]:
+        # The plan's model is compiled where it is used.
+        return {**self.__dict__, "plan": replace(self.plan, model=None)}
+
+    def use_model(self, model: Model) -> None:
+        """Take the model with which the log was opened, as another process has it."""
+        self.plan = replace(self.plan, model=model)
+
+    @property
+    def sections(self) -> int:
+        """How many sections there are: one of a log of up to some three million rows."""
+        return len(self._bounds) - 1
+
+    @property
+    def can_move(self) -> bool:
+        """Whether another process can read a section without reading what is before it."""
+        given = split_source(self.stream.source)
+        return all(isinstance(one, str | Path) for one in given) and self.stream.files.places() is not None
+
+    def count(self, sections: int | None = None) -> int:
+        """Return how many samples so many sections have together; by default all of them."""
+        stop = self._bounds[self.sections if sections is None else sections]
+        return sum(-((piece.start - piece.stop) // self.processing.step) for piece in self.pieces[:stop])
+
+    def samples(self, section: int, seen: SeenRows) -> Iterator[Samples]:
+        """Yield the samples of a section, piece by piece; what is seen on the way is added to `seen`."""
+        step, plan = self.processing.step, self.plan
+        first_piece, stop = self._bounds[section : section + 2]
+        pieces = self.pieces[first_piece:stop]
+        spans = [self.even.rows(piece.part, piece.first, piece.last) for piece in pieces]
+        stream = ahead(self.stream.spans(spans))
+        for number, (piece, span, raw) in enumerate(zip(pieces, spans, stream, strict=True), first_piece):
+            seen.survey.add(raw)
+            recording = self.even.placed(raw, span[0], piece.part, piece.first, piece.last)
+            begin, end = piece.kept
+            trimmed = max(0, piece.begin - piece.first), min(piece.end - piece.first, recording.count)
+            samples, flags = plan.rows(recording, begin - piece.first, end - piece.first, trimmed)
+            first = (piece.start - begin) // step
+            own = samples.rows(first, first - (piece.start - piece.stop) // step, with_remarks=number == 0)
+            for name, flagged in flags.items():
+                seen.mask(name, flagged[first : first + own.count].sum(axis=0))
+            yield replace(own, remarks=self.remarks) if number == 0 else own
+
+    def ending(self, seen: SeenRows) -> tuple[str, ...]:
+        """Return what is only known after the last row.
+
+        Raises
+        ------
+        InputError
+            Where a torque is stuck, or nothing moves.
+        """
+        survey = seen.survey
+        remarks = *survey.remarks(), *masking_remarks(seen.masked)
+        low, high = survey.torque
+        self.processing.check_torques(survey.first_row, low, high, survey.travel)
+        return remarks
 
 
 @dataclass(frozen=True)

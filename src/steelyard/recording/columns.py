@@ -86,6 +86,9 @@ class LogColumns(TomlSection):
     topic
         Topic of a bag that is read, where several hold joint states; a list of those that belong together, each of
         which holds what those before it lack.
+    channels
+        What else is read, by the names that terms have for it: the name of one column, which holds for all joints, or
+        a list of columns or a pattern with one for each joint, as in ``{"temperature": "temp_{}"}``.
     missing
         What to do where positions or torques are missing, NaN or infinite: "refuse" the log, or "fill" them by
         interpolation and leave their rows out of the samples.
@@ -116,6 +119,7 @@ class LogColumns(TomlSection):
     header: tuple[str, ...] | None = None
     topic: str | tuple[str, ...] | None = None
     missing: str = "refuse"
+    channels: Mapping[str, str | tuple[str, ...]] | None = None
 
     def _clean(self, where: str) -> None:
         """Check every value and bring it into its stored form."""
@@ -140,6 +144,7 @@ class LogColumns(TomlSection):
         store("position_offset", _vector)
         store("gain", _gains)
         store("torque_sign", _signs)
+        store("channels", _channels)
         if self.missing not in ("refuse", "fill"):
             raise InputError(f"{where}, key 'missing', is {self.missing!r}; it must be 'refuse' or 'fill'.")
         units = (self.torque_unit,) if isinstance(self.torque_unit, str) else self.torque_unit
@@ -210,6 +215,12 @@ def _names(value: Any, where: str) -> str | tuple[str, ...]:
     if not isinstance(value, Sequence) or not value or not all(isinstance(item, str) for item in value):
         raise InputError(f'{where} is {value!r}; it must be a list of column names or a pattern such as "q{{}}".')
     return tuple(value)
+
+
+def _channels(value: Any, where: str) -> dict[str, str | tuple[str, ...]]:
+    if not isinstance(value, Mapping) or not all(isinstance(name, str) for name in value):
+        raise InputError(f'{where} is {value!r}; it must be a table such as {{ temperature = "temp_{{}}" }}.')
+    return {name: _names(given, f"{where} {name!r},") for name, given in value.items()}
 
 
 def _clock(value: Any, where: str) -> str | tuple[str, ...]:

@@ -17,6 +17,7 @@ from .even import filled
 from .formats import Columns, LogFiles
 from .measurements import check_order
 from .recognition import Layout
+from .samples import cut_channels, joined_channels
 
 __all__ = [
     "Signals",
@@ -39,6 +40,7 @@ class Signals:
     torque: NDArray[np.float64]
     velocity: NDArray[np.float64] | None
     acceleration: NDArray[np.float64] | None
+    channels: Mapping[str, NDArray[np.float64]] | None = None
 
     @property
     def count(self) -> int:
@@ -47,8 +49,11 @@ class Signals:
 
     def rows(self, start: int, stop: int) -> Signals:
         """Return the rows start:stop, without copying them."""
-        cut: dict[str, Any] = {name: a if a is None else a[start:stop] for name, a in vars(self).items()}
-        return Signals(**cut)
+        cut: dict[str, Any] = {name: a if a is None else a[start:stop] for name, a in self._arrays().items()}
+        return Signals(**cut, channels=cut_channels(self.channels, slice(start, stop)))
+
+    def _arrays(self) -> dict[str, NDArray[np.float64] | None]:
+        return {name: a for name, a in vars(self).items() if name != "channels"}
 
     @classmethod
     def joined(cls, parts: Sequence[Signals]) -> Signals:
@@ -56,10 +61,10 @@ class Signals:
         if len(parts) == 1:
             return parts[0]
         joined: dict[str, Any] = {}
-        for name in vars(parts[0]):
+        for name in parts[0]._arrays():
             columns = [getattr(part, name) for part in parts]
             joined[name] = None if any(one is None for one in columns) else np.concatenate(columns)
-        return cls(**joined)
+        return cls(**joined, channels=joined_channels([part.channels for part in parts]))
 
 
 def convert(raw: Columns, layout: Layout, columns: LogColumns, where: Callable[[int], str], source: str) -> Signals:
@@ -96,7 +101,8 @@ def convert(raw: Columns, layout: Layout, columns: LogColumns, where: Callable[[
         sign = columns.torque_sign
         torque *= sign if isinstance(sign, float) else _list_of(sign, torque.shape[1], "torque_sign", source)
     t = None if layout.time is None else layout.seconds(raw)
-    return Signals(t, q, torque, velocity, acceleration)
+    channels = {name: _stacked(raw, own) for name, own in layout.channels} or None
+    return Signals(t, q, torque, velocity, acceleration, channels)
 
 
 def require_numbers(
@@ -113,7 +119,7 @@ def require_numbers(
     rows = np.logical_or.reduce(list(bad.values()))
     first = int(np.argmax(rows))
     name = next(name for name, flags in bad.items() if flags[first])
-    others = f" and {len(bad) - 1} other columns" if len(bad) > 1 else ""
+    others = f" and {len(bad) - 1} other column{'s' * (len(bad) > 2)}" if len(bad) > 1 else ""
     remedy = 'remove those rows, split the log there, or state `missing = "fill"` in [log].'
     kind = next((kind for kind, own in (spare or {}).items() if bad.keys() <= set(own or ())), None)
     if kind is not None:  # drivers that measure no velocities write NaN
@@ -177,6 +183,8 @@ def signals_fields(signals: Signals, t: NDArray[np.float64], source: str) -> dic
         if missing is not None:
             kind = "torque_missing" if name == "torque" else "position_missing"
             fields[kind] = missing if fields[kind] is None else fields[kind] | missing
+    if signals.channels is not None:
+        fields["channels"] = {name: filled(t, one, name, source)[0] for name, one in signals.channels.items()}
     return fields
 
 

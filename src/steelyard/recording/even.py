@@ -14,7 +14,7 @@ from steelyard.errors import InputError
 from .clock import FEWEST_ROWS, JITTER_SILENT, TICK, ClockStatistics, clock_statistics
 from .measurements import Measurements
 
-__all__ = ["EvenClock", "Part", "evened", "filled"]
+__all__ = ["EvenClock", "Part", "evened", "filled", "longest_part"]
 
 Log = TypeVar("Log", bound=Measurements)
 JITTER_ACCEPTED = 0.1
@@ -240,6 +240,12 @@ class EvenClock:
             torque=np.column_stack([np.interp(grid, at, column) for column in recording.torque.T]),
             velocity=smooth(recording.velocity),
             acceleration=smooth(recording.acceleration),
+            channels=None
+            if recording.channels is None
+            else {
+                name: np.column_stack([np.interp(grid, at, column) for column in values.T])
+                for name, values in recording.channels.items()
+            },
             position_missing=absent if absent.any() else None,
             torque_missing=silent if silent.any() else None,
             stated_rate=1.0 / self.period,
@@ -282,6 +288,11 @@ def evened(
     return [
         even.placed(recording.rows(part.start, part.stop), part.start, part, 0, part.count) for part in even.parts
     ], even.remarks
+
+
+def longest_part(recording: Log) -> Log:
+    """Return the longest stretch of a recording without gaps, on an even clock."""
+    return max(evened(recording, True, None, True)[0], key=lambda part: part.count)
 
 
 def filled(

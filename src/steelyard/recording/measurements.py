@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Self
 
@@ -13,7 +13,7 @@ from steelyard.display import html_table
 from steelyard.errors import InputError
 from steelyard.files.arguments import LARGEST
 
-from .samples import read_only_matrix, read_only_vector, require_finite
+from .samples import checked_channels, cut_channels, read_only_matrix, read_only_vector, require_finite
 
 if TYPE_CHECKING:
     from .recognition import Layout
@@ -79,6 +79,7 @@ class Measurements:
     position_missing: NDArray[np.bool_] | None = None
     torque_missing: NDArray[np.bool_] | None = None
     layout: Layout | None = None
+    channels: Mapping[str, NDArray[np.float64]] | None = None
 
     def __post_init__(self) -> None:
         t = read_only_vector(self.t, f"`t` of {self.source}")
@@ -114,6 +115,10 @@ class Measurements:
             flags = getattr(self, name)
             if flags is not None and (np.asarray(flags).dtype != np.bool_ or np.shape(flags) != shape):
                 raise InputError(f"`{name}` of {self.source} must be boolean of shape {shape}.")
+        if self.channels is not None:
+            object.__setattr__(
+                self, "channels", checked_channels(self.channels, (t.size, self.joint_count), self.source)
+            )
         check_order(t, self.where, self.source)
         if self.joint_names is not None:
             names = tuple(self.joint_names)
@@ -169,7 +174,7 @@ class Measurements:
         names = ("t", "q", "torque", "velocity", "acceleration", "position_missing", "torque_missing")
         values = {name: getattr(self, name) for name in names}
         fields: dict[str, Any] = {name: part if part is None else part[rows] for name, part in values.items()}
-        return replace(self, **fields)
+        return replace(self, **fields, channels=cut_channels(self.channels, rows))
 
     def arrays(self) -> dict[str, NDArray[np.float64]]:
         """Return what was measured as a log holds it: t (S,), and q, dq, ddq and tau (S, N) as far as they are there.

@@ -28,7 +28,7 @@ from .filters.zero_phase import (
 )
 from .measurements import Measurements
 from .options import Processing
-from .samples import Samples
+from .samples import Samples, cut_channels
 
 if TYPE_CHECKING:
     from steelyard.dynamics import Model
@@ -235,7 +235,7 @@ class Plan:
         if late.any():
             flags[LATE] = late
         step = processing.step
-        regressor = self._regressor((q, dq, ddq), start, stop, inside, rate, source)
+        regressor = self._regressor((q, dq, ddq), recording, start, stop, inside)
         q, dq, ddq, torque = (
             decimate(array[start:stop], processing.decimate, source) for array in (q, dq, ddq, torque)
         )
@@ -257,32 +257,39 @@ class Plan:
             filtered_torque=processing.filters_torque,
             regressor=regressor,
             regressor_model=None if regressor is None else self.model,
+            channels=cut_channels(recording.channels, slice(start, stop, step)),
         )
         return samples, thinned
 
     def _regressor(
         self,
         motion: tuple[Array, Array, Array],
+        recording: Measurements,
         start: int,
         stop: int,
         inside: slice,
-        rate: float,
-        source: str,
     ) -> Array | None:
         """Return rows start:stop of the model's base regressor, through the filters of the torques.
 
         A filter on both sides of the dynamics biases nothing: the filtered torques are linear in the same parameters.
-        On the torques alone it rounds the jumps of friction, which the regressor of the motion keeps.
+        On the torques alone it rounds the jumps of friction, which the regressor of the motion keeps. Where terms need
+        channels of the log, their columns are computed here in any case, with the rows of the channels at hand.
         """
-        if self.model is None or not self.processing.filters_torque:
+        if self.model is None or not (self.processing.filters_torque or self.model.robot.channels):
             return None
-        columns, processing = self.model.base_columns, self.processing
+        columns, processing, rate, source = self.model.base_columns, self.processing, recording.rate, recording.source
         if processing.torque_cutoff is None:  # decimation reads no other rows
             inside = slice(start, stop)
         rows = slice(start - inside.start, stop - inside.start)
         q, dq, ddq = (np.ascontiguousarray(array[inside]) for array in motion)
+        logged = None
+        if self.model.robot.channels:
+            try:
+                logged = self.model.channel_values(cut_channels(recording.channels, inside), q.shape)
+            except InputError as error:
+                raise InputError(f"{source}: {error}") from None
         filtered = []
-        for own in columns.by_joint(columns.entries(q, dq, ddq)):  # one after the other, for the sake of memory
+        for own in columns.by_joint(columns.entries(q, dq, ddq, logged)):  # one after the other, for the sake of memory
             if own.size:
                 smooth = own
                 if processing.torque_cutoff is not None:

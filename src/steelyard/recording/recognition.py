@@ -34,7 +34,7 @@ from .column_styles import (
 )
 from .columns import CURRENT_UNITS, PER_SECOND, TIME_UNITS, LogColumns
 
-__all__ = ["ColumnMeaning", "Layout", "find_columns", "label_columns"]
+__all__ = ["ColumnMeaning", "Layout", "find_columns", "label_columns", "numbered_columns"]
 
 Values = Callable[[str], Iterable[NDArray[np.float64]]]
 _OF_SLIDES = {"rad": "m", "rad/s": "m/s", "rad/s²": "m/s²", "N·m": "N"}
@@ -97,6 +97,8 @@ class Layout:
         What was assumed, a sentence each.
     has_matrix : bool
         Whether a matrix makes joints of the columns, so that a column belongs to no single one.
+    channels : tuple of (str, tuple of str)
+        What else is read, by name: one column, or one for each joint.
     """
 
     time: str | None
@@ -110,6 +112,7 @@ class Layout:
     table: tuple[ColumnMeaning, ...] = ()
     guesses: tuple[str, ...] = ()
     has_matrix: bool = False
+    channels: tuple[tuple[str, tuple[str, ...]], ...] = ()
 
     @property
     def stamps(self) -> tuple[str, ...]:
@@ -120,7 +123,8 @@ class Layout:
     @property
     def names(self) -> tuple[str, ...]:
         """Names of all columns to be read, each once."""
-        groups = (self.stamps, self.position, self.velocity or (), self.acceleration or (), self.torque)
+        groups = [self.stamps, self.position, self.velocity or (), self.acceleration or (), self.torque]
+        groups += [columns for _, columns in self.channels]
         return tuple(dict.fromkeys(name for group in groups for name in group))
 
     def seconds(self, raw: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
@@ -219,6 +223,18 @@ def label_columns(names: Sequence[str]) -> tuple[str, ...]:
     """
     groups = _groups(names).get("label", ())
     return groups[0].columns if groups else ()
+
+
+def numbered_columns(pattern: str, count: int, names: Sequence[str]) -> tuple[str, ...]:
+    """Return the columns that a pattern with ``{}`` stands for: numbered from 1, or from 0 where a log has those.
+
+    Examples
+    --------
+    >>> numbered_columns("q{}", 2, ["t", "q0", "q1"])
+    ('q0', 'q1')
+    """
+    from_0, from_1 = (tuple(pattern.replace("{}", str(first + k)) for k in range(count)) for first in (0, 1))
+    return from_0 if from_1[-1] not in names and all(name in names for name in from_0) else from_1
 
 
 def find_columns(
@@ -323,7 +339,29 @@ class _Search:
                     for i, (column, unit) in enumerate(told)
                 ]
         has_matrix = any(self._matrix(kind) is not None for kind, group in found.items() if group is not None)
-        return replace(layout, table=tuple(table), guesses=tuple(self.guesses), has_matrix=has_matrix)
+        channels = self._channels(len(position) if not has_matrix else self.joint_count)
+        table += [
+            ColumnMeaning(column, self._joint("torque", i) if len(own) > 1 else "", name, "", _STATED)
+            for name, own in channels
+            for i, column in enumerate(own)
+        ]
+        guesses = tuple(self.guesses)
+        return replace(layout, table=tuple(table), guesses=guesses, has_matrix=has_matrix, channels=channels)
+
+    def _channels(self, joints: int | None) -> tuple[tuple[str, tuple[str, ...]], ...]:
+        """Return the columns of what else is read."""
+        found = []
+        for name, stated in (self.columns.channels or {}).items():
+            columns = self._expanded(name, stated) if isinstance(stated, str) else stated
+            for column in columns:
+                self._require(column, name)
+            if len(columns) > 1 and len(columns) != joints:
+                raise InputError(
+                    f"{self.source}: the channel {name!r} in [log] has {len(columns)} columns, but there are {joints} "
+                    "joints; name one column for all of them, or one for each."
+                )
+            found.append((name, columns))
+        return tuple(found)
 
     def _matrix(self, kind: str) -> tuple[tuple[float, ...], ...] | None:
         return self.columns.torque_matrix if kind == "torque" else self.columns.position_matrix
@@ -545,10 +583,7 @@ class _Search:
             while pattern.replace("{}", str(count + 1)) in self.names:
                 count += 1
             count = max(count, 1)
-        wanted = tuple(pattern.replace("{}", str(number + 1)) for number in range(count))
-        from_0 = tuple(pattern.replace("{}", str(number)) for number in range(count))
-        is_from_0 = wanted[-1] not in self.names and all(name in self.names for name in from_0)
-        return from_0 if is_from_0 else wanted
+        return numbered_columns(pattern, count, self.names)
 
     def _check_counts(self, found: Mapping[str, _Group | None]) -> None:
         position = found["position"]

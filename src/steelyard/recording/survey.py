@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import pi
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,8 @@ from steelyard.errors import InputError
 from .measurements import Measurements
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from numpy.typing import ArrayLike
 
 
@@ -39,6 +41,10 @@ MOVING = 5e-3
 """Root mean square velocity (rad/s or m/s) from which a joint counts as moving."""
 
 
+_SUMS = ("count", "_filled", "_blocks", "_products", "_derived", "_averaged")
+"""Of a survey, what is added where another one of the rows that follow joins it."""
+
+
 class LogSurvey:
     """Extremes, speeds and measured velocities beside positions, gathered in one pass over a log or its pieces.
 
@@ -57,7 +63,7 @@ class LogSurvey:
         self.speed = np.empty(0)
         self._log: Measurements | None = None
         self._rate = float("nan")
-        self._filled = [0, 0]
+        self._filled = np.zeros(2, dtype=int)
         self._blocks = 0
         self._products = self._derived = self._averaged = np.empty(0)
 
@@ -88,6 +94,26 @@ class LogSurvey:
             self._see_speeds(recording.t[rows], recording.q[rows], recording.rate)
             if recording.velocity is not None:
                 self._compare(recording.t[rows], recording.q[rows], recording.velocity[rows], recording.rate)
+
+    @property
+    def state(self) -> dict[str, NDArray[Any]]:
+        """What was gathered of rows of a log, as plain arrays for `join`, perhaps in another process."""
+        return {name: np.asarray(getattr(self, name)) for name in ("q", "torque", "speed", *_SUMS)}
+
+    def join(self, state: Mapping[str, NDArray[Any]], first: Measurements) -> None:
+        """Take in what was gathered of the rows that follow, of a log whose first row is the first of `first`."""
+        if self._log is None:
+            self._log, self._rate = first.chosen(np.arange(first.count) == 0), first.rate
+            self.q, self.torque, self.speed = state["q"], state["torque"], state["speed"]
+            for name in _SUMS:
+                setattr(self, name, state[name])
+            return
+        for name in ("q", "torque"):
+            (low, high), (lower, higher) = getattr(self, name), state[name]
+            setattr(self, name, np.stack([np.minimum(low, lower), np.maximum(high, higher)]))
+        self.speed = np.maximum(self.speed, state["speed"])
+        for name in _SUMS:
+            setattr(self, name, getattr(self, name) + state[name])
 
     def _see_speeds(self, t: Array, q: Array, rate: float) -> None:
         size = max(1, round(BLOCK * rate))

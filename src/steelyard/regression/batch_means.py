@@ -22,6 +22,9 @@ BATCH_LENGTHS = (8, 16, 32, 64, 128, 256, 512, 1024)
 before, so that its sums come from those. 1024 samples are one second at 1 kHz, longer than the memory of friction and
 filters."""
 
+LONG = 64
+"""Samples in the shortest batches of long data, whose neighbouring rows are combined."""
+
 BATCHES_HELD = 8192
 """Shortest batches that are reduced together, a multiple of the longest: a minute at 1 kHz, so that also the longest
 batches are not reduced a few at a time. Of robots with many joints fewer, see `most_held`."""
@@ -41,15 +44,28 @@ class BatchSums:
         self.triangles = [[f.triangle for f in empty] for _ in BATCH_LENGTHS]
         self.counts = [[0] * len(empty) for _ in BATCH_LENGTHS]
         self.held: list[list[Array]] = [[] for _ in empty]
+        self.held_long: list[list[Array]] = [[] for _ in empty]
 
-    def add(self, rows: Sequence[Array]) -> None:
-        """Add samples to each factor, in order: (samples, c + 1), or (samples, channels, c + 1); zero where masked.
+    def add(self, rows: Sequence[Array], mask: NDArray[np.bool_] | None = None) -> None:
+        """Add samples to each factor, in order: (samples, c + 1), or (samples, channels, c + 1).
 
-        Each call but the last must bring a multiple of 1024 samples; a batch that is begun ends with its call.
+        Where the mask (samples, factors) leaves a row out, or the row is zero already, it counts as none. Each call but
+        the last must bring a multiple of 1024 samples; a batch that is begun ends with its call.
         """
-        for held, own in zip(self.held, rows, strict=True):
-            held.append(summed(own, BATCH_LENGTHS[0]))
+        for index, (held, own) in enumerate(zip(self.held, rows, strict=True)):
+            held.append(summed(own if mask is None else own * mask[:, index, None], BATCH_LENGTHS[0]))
         if sum(map(len, self.held[0])) >= most_held(BATCHES_HELD, sum(own[0].size for own in rows)):
+            self._reduce_all()
+
+    def add_combined(self, sums: Sequence[Array]) -> None:
+        """Add the sums over `LONG` samples of each factor, (sums, c + 1), of a multiple of 1024 samples.
+
+        Those of shorter batches are not told: the longer ones stand in their place, too. So the batches of 8 hold at
+        least 8 samples, and show correlation at least as far. Of data so long none shorter than these is ever chosen.
+        """
+        for held, own in zip(self.held_long, sums, strict=True):
+            held.append(own)
+        if sum(map(len, self.held_long[0])) >= most_held(BATCHES_HELD, sum(own[0].size for own in sums)):
             self._reduce_all()
 
     def end(self) -> None:
@@ -76,20 +92,24 @@ class BatchSums:
 
     def _reduce(self, index: int) -> None:
         """Add the sums that are held to the triangles of every length; each is twice the one before."""
-        held = self.held[index]
-        if not held:
-            return
-        sums = held[0] if len(held) == 1 else np.concatenate(held)
-        held.clear()
-        for level, rows in enumerate(sums_of_all_lengths(sums)):
-            self.counts[level][index] += len(rows)
-            self.triangles[level][index] = extended(self.triangles[level][index], rows)
+        for held, first in ((self.held[index], 0), (self.held_long[index], BATCH_LENGTHS.index(LONG))):
+            if not held:
+                continue
+            sums = held[0] if len(held) == 1 else np.concatenate(held)
+            held.clear()
+            for level, rows in enumerate(sums_of_all_lengths(sums, first), first):
+                # Sums that stand in the place of shorter ones, too, are reduced once.
+                shorter = range(first) if level == first else ()
+                kept = extended(np.zeros_like(self.triangles[level][index]), rows) if shorter else rows
+                for each in (*shorter, level):
+                    self.counts[each][index] += len(rows)
+                    self.triangles[each][index] = extended(self.triangles[each][index], kept)
 
 
-def sums_of_all_lengths(sums: Array) -> Iterator[Array]:
-    """Yield for each of `BATCH_LENGTHS` the sums that are not zero, (batches, c + 1), from those of the first."""
-    for level in range(len(BATCH_LENGTHS)):
-        if level:
+def sums_of_all_lengths(sums: Array, first: int = 0) -> Iterator[Array]:
+    """Yield for each of `BATCH_LENGTHS` from the first the sums that are not zero, (batches, c + 1), from its sums."""
+    for level in range(first, len(BATCH_LENGTHS)):
+        if level > first:
             sums = summed(sums, 2)
         rows = sums.reshape(-1, sums.shape[-1])
         yield rows[np.any(rows != 0.0, axis=1)]

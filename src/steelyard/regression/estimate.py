@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from steelyard.display import html_table
 from steelyard.errors import InputError, faults_told
 from steelyard.files import plain, read_json, shown, write_json
-from steelyard.robot import Drives
 from steelyard.robot.description import URDF, DescriptionFormat, UrdfFormat, description_format
+from steelyard.robot.joint import Drives
 
 from .factor import LARGEST
 
@@ -39,7 +39,7 @@ _ARRAYS = (
 )
 _NAMES = ("base_names", "base_expressions", "joint_names", "parameter_names", "remarks")
 _NUMBERS = {"relative_error": np.nan, "condition_number": np.inf}  # the meaning of null in a file
-_LATER = ("rotor_inertia", "offset")  # not in the files of the first version
+_LATER = ("rotor_inertia", "offset", "elastic_joints")  # not in the files of the first version
 _OPTIONAL = (*_ARRAYS[2:], "consistency", "certificate", "optimality_gap")
 
 
@@ -103,6 +103,9 @@ class Estimate:
     error_correlation : ndarray or None
         (n_b (n_b - 1) / 2,) of the errors of the base parameters with one another, the lower triangle row by row; zero
         for those of which the data says nothing. None where not known. See `covariance`.
+    elastic_joints : tuple of mapping
+        Stiffness, damping and second encoder of elastic joints as plain data, see
+        `steelyard.estimators.JointStiffness`; empty where that was not asked.
 
     Examples
     --------
@@ -142,6 +145,7 @@ class Estimate:
     error_correlation: Array | None = None
     rotor_inertia: Array | None = None
     offset: Array | None = None
+    elastic_joints: tuple[Mapping[str, Any], ...] = ()
 
     @property
     def covariance(self) -> Array:
@@ -356,6 +360,13 @@ class Estimate:
         chosen = description_format(source, self.description.get("xacro_arguments"))
         self._write(chosen or URDF, source, Path(target))
 
+    def _of_transmissions(self, name: str) -> Array | None:
+        """A number of the elastic joints whose stiffness was measured, (N,); NaN at others."""
+        measured = {str(one["joint"]): one for one in self.elastic_joints if one.get("verdict") == "measured"}
+        if not measured:
+            return None
+        return np.array([float(measured[j][name]) if j in measured else np.nan for j in self.joint_names])
+
     def _write(self, kind: DescriptionFormat, source: Path, target: Path) -> None:
         if self.parameters is None:
             raise InputError(
@@ -376,7 +387,13 @@ class Estimate:
             index = {name: k for k, name in enumerate(self.parameter_names)}
             links = self.parameters[[index[name] for name in names]]
             drives = Drives.unknown(robot.dof).with_known(
-                damping=self.damping, friction=self.friction, rotor_inertia=self.rotor_inertia, offset=self.offset
+                damping=self.damping,
+                friction=self.friction,
+                rotor_inertia=self.rotor_inertia,
+                offset=self.offset,
+                stiffness=self._of_transmissions("stiffness"),
+                transmission_damping=self._of_transmissions("damping"),
+                **self.description.get("drives", {}),
             )
             kind.write(robot, links, drives, source, target)
 
@@ -392,7 +409,7 @@ def _read(name: str, value: Any, where: str) -> Any:
     if name in _NAMES:
         expected, good = "a list of strings", isinstance(value, list) and all(isinstance(v, str) for v in value)
         value = tuple(value) if good else value
-    elif name == "parameter_table":
+    elif name in ("parameter_table", "elastic_joints"):
         expected, good = "a list of objects", isinstance(value, list) and all(isinstance(v, dict) for v in value)
         value = tuple(value) if good else value
     elif name in (*_NUMBERS, "row_count", "optimality_gap"):

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, reduce
 from operator import add
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,7 +22,7 @@ from steelyard.recording.samples import regrouped
 from .batch_means import BATCH_LENGTHS, BatchMeans, BatchSums, added
 from .factor import LARGEST, Factor, Reduced, combined, solve, triangular, unidentifiable_columns
 from .joint_weights import given_weights, inverse_deviations
-from .reduction import BLOCK, JointReduction, WhitenedReduction, as_covariance, empty_factors, narrowing, require_joints
+from .reduction import CHUNK, JointReduction, WhitenedReduction, as_covariance, empty_factors, narrowing, require_joints
 from .time_blocks import TimeBlocks
 
 if TYPE_CHECKING:
@@ -46,7 +46,9 @@ class Information:
     """The reduced regression of a data set: for each joint the triangular factor of its rows, and how many there were.
 
     It answers exactly, without the data, for every weighting of the joints: least squares, residual norms, constrained
-    fits. Two of them add: ``a + b`` is the Information of both data sets together.
+    fits. Two of them add: ``a + b`` is the Information of both data sets together. Of a data set of more than 131 072
+    samples, 64 neighbouring rows at a time are replaced by four combinations of them wherever the motion is so smooth
+    that less than a thousandth of any column is lost; standard errors and residual norms change by a millionth.
 
     Attributes
     ----------
@@ -63,8 +65,8 @@ class Information:
     remarks : tuple of str
         What the user should know of these rows, in sentences; estimates repeat it.
     batch_means : tuple of tuples of Factor
-        The same of the sums over 8, 16, ... 1024 neighbouring samples, from which `ParameterCovariance` tells how far
-        residuals are correlated in time. Empty where they were not asked for.
+        The same of the sums over 8, 16, ... 1024 neighbouring samples, of long data 64 at least, from which
+        `ParameterCovariance` tells how far residuals are correlated in time. Empty where they were not asked for.
     filtered_torque : bool
         Whether torques were filtered and the dynamics were not, see `Samples`; no interval of a base parameter holds
         then.
@@ -114,6 +116,11 @@ class Information:
         return html_table(repr(self), heads, rows, remarks)
 
     @property
+    def method(self) -> str:
+        """What least squares of these rows are where the rows decide it; else empty."""
+        return "" if self.covariance is None else "generalised least squares"
+
+    @property
     def joint_blocks(self) -> tuple[Factor, ...]:
         """The factors, one for each joint."""
         return self.factors
@@ -127,6 +134,11 @@ class Information:
     def count(self) -> int:
         """Number of rows: samples times joints, less what was masked."""
         return sum(f.count for f in self.factors)
+
+    @classmethod
+    def of(cls, rows: Information, **own: Any) -> Self:
+        """Return an Information of this class with the rows of another, and what it has of its own."""
+        return cls(**{one.name: getattr(rows, one.name) for one in fields(Information)}, **own)
 
     @classmethod
     def empty(cls, model: Model) -> Information:
@@ -175,6 +187,7 @@ class Information:
         batch_means: bool = True,
         sums: BatchSums | None = None,
         blocks: TimeBlocks | None = None,
+        exact: int | None = None,
     ) -> Information:
         """Reduce samples that come one chunk after the other, so that they never stand in memory together.
 
@@ -190,6 +203,9 @@ class Information:
             Not with a covariance.
         blocks : TimeBlocks, optional
             Keeps stretches of the data apart, for cross-validation; see `stretches`.
+        exact : int, optional
+            Samples, a multiple of 8192, of which each row is reduced by itself; 131 072 by default. Neighbouring rows
+            of those that follow are combined where they say the same.
 
         Returns
         -------
@@ -199,11 +215,11 @@ class Information:
         base, names = model.base_parameters(), tuple(model.robot.joint_names)
         matrix = None if covariance is None else as_covariance(covariance, model.dof)
         own = BatchSums(empty_factors(model)) if batch_means and matrix is None and sums is None else None
-        by_joint = JointReduction(model, own if sums is None else sums, blocks)
+        by_joint = JointReduction(model, own if sums is None else sums, blocks, exact)
         whole = None if matrix is None else WhitenedReduction(model, matrix, batch_means)
         filtered, any_rows = False, False
         # Blocks of rows are the same, and are added in the same order, wherever the chunks end.
-        for samples in regrouped(chunks, BLOCK):
+        for samples in regrouped(chunks, CHUNK):
             require_joints(model, samples)
             filtered, any_rows = filtered or samples.is_biased_for(model), True
             by_joint.add(samples)

@@ -87,7 +87,5 @@ def least_squares(info: Information, weights: str | ArrayLike | None = "joint") 
 
 
 def method_name(info: Information, weighted: bool) -> str:
-    """Return the name of the method: ordinary, weighted or generalised least squares."""
-    if info.covariance is not None:
-        return "generalised least squares"
-    return "joint-weighted least squares" if weighted else "ordinary least squares"
+    """Return the name of the method: what the rows make of it, or ordinary or weighted least squares."""
+    return info.method or ("joint-weighted least squares" if weighted else "ordinary least squares")

@@ -162,6 +162,11 @@ class ParameterCovariance:
         rows = self.root / np.where(sizes > 0.0, sizes, 1.0)[:, None]
         return np.asarray(np.clip((rows @ rows.T)[np.tril_indices(len(rows), -1)], -1.0, 1.0))
 
+    def in_deviations(self) -> Array:
+        """Return the map (r, n_b) of a change of β to standard deviations; its squared norm is the squared distance."""
+        both = np.linalg.pinv(np.hstack([self.root, self.unidentifiable]))
+        return np.asarray(both[: self.root.shape[1]])
+
     @classmethod
     def of(
         cls, info: Information, base: ArrayLike | None = None, weights: str | ArrayLike | None = "joint"

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,16 +13,20 @@ from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
 from steelyard.recording import Samples
 
-from .batch_means import BatchMeans, BatchSums
+from .batch_means import BATCH_LENGTHS, BatchMeans, BatchSums
 from .factor import Factor, extended
 from .time_blocks import TimeBlocks
 
 if TYPE_CHECKING:
     from steelyard.dynamics import Model
 
+    from .neighbors import NeighborCombinations
+
 __all__ = [
     "BLOCK",
+    "CHUNK",
     "JointReduction",
+    "MarginalWhitening",
     "WhitenedReduction",
     "as_covariance",
     "empty_factors",
@@ -41,6 +45,13 @@ Array = NDArray[np.float64]
 
 BLOCK = 2048
 """Samples that are factored at a time: their regressor stays in the processor's cache."""
+
+CHUNK = 8192
+"""Samples that are handed over at a time."""
+
+EXACT = 2**17
+"""Samples from which on neighbouring rows are combined, a multiple of `CHUNK`: two minutes at 1 kHz. Up to there every
+row goes into the factors as it is."""
 
 WHOLE_BLOCK = 1024
 """Samples that are factored at a time where the rows of all joints stand side by side."""
@@ -72,15 +83,22 @@ def empty_whole(model: Model) -> Factor:
 
 def joint_rows(model: Model, samples: Samples, block: int = BLOCK) -> Iterator[tuple[slice, list[Array]]]:
     """For some samples at a time, the rows ``[W omega]`` of each joint, (samples, c + 1), also where masked."""
-    columns = model.base_columns
-    filtered = samples.regressor if samples.regressor_model is model else None
+    for part, entries in _entries(model, samples, block):
+        yield part, rows_of_entries(model, entries, samples.torque[part])
+
+
+def _entries(model: Model, samples: Samples, block: int) -> Iterator[tuple[slice, Array]]:
+    """For some samples at a time, the entries of the base regressor, (samples, C)."""
     for start in range(0, samples.count, block):
         part = slice(start, min(start + block, samples.count))
-        if filtered is None:
-            entries = columns.entries(samples.q[part], samples.dq[part], samples.ddq[part])
-        else:
-            entries = filtered[part]
-        yield part, rows_of_entries(model, entries, samples.torque[part])
+        yield part, _entries_of(model, samples, part)
+
+
+def _entries_of(model: Model, samples: Samples, part: slice) -> Array:
+    if samples.regressor is not None and samples.regressor_model is model:
+        return samples.regressor[part]
+    logged = samples.channels_for(model, part)
+    return model.base_columns.entries(samples.q[part], samples.dq[part], samples.ddq[part], logged)
 
 
 def rows_of_entries(model: Model, entries: Array, torque: Array) -> list[Array]:
@@ -115,6 +133,8 @@ def narrowed(samples: Samples, wider: Model, model: Model) -> Samples:
 class JointReduction:
     """Reduces the rows of each joint by themselves, samples by samples.
 
+    From `EXACT` samples on neighbouring rows are combined, see `neighbors.py`.
+
     Parameters
     ----------
     model : Model
@@ -122,26 +142,76 @@ class JointReduction:
         Receives the rows, too.
     blocks : TimeBlocks, optional
         Keeps stretches of the rows apart.
+    exact : int, optional
+        In the place of `EXACT`, a multiple of `CHUNK`.
     """
 
-    def __init__(self, model: Model, sums: BatchSums | None = None, blocks: TimeBlocks | None = None) -> None:
+    def __init__(
+        self,
+        model: Model,
+        sums: BatchSums | None = None,
+        blocks: TimeBlocks | None = None,
+        exact: int | None = None,
+    ) -> None:
         self.model = model
         self.sums = sums
         self.blocks = TimeBlocks(empty_factors(model), 1) if blocks is None else blocks
+        self._widths = [len(own) for own in model.base_columns.joints]
+        self._exact = EXACT if exact is None else exact
+        self._squares, self._seen = np.zeros(sum(self._widths)), 0
+        self._neighbors: NeighborCombinations | None = None
 
     def add(self, samples: Samples, scales: Array | None = None) -> None:
         """Add samples, perhaps with factors (S, N) of their rows, the square roots of weights.
 
-        With sums each call but the last must bring a multiple of 1024 samples.
+        With sums each call but the last must bring a multiple of 1024 samples, and from `exact` samples on always.
         """
-        for part, rows_of_joints in joint_rows(self.model, samples):
-            rows = rows_of_joints
+        if self._seen >= self._exact and scales is None:
+            whole = samples.count - samples.count % BATCH_LENGTHS[-1]
+            if whole:
+                self._add_combined(samples if whole == samples.count else samples.rows(0, whole))
+            if whole == samples.count:
+                return
+            samples = samples.rows(whole, samples.count)
+        for part, entries in _entries(self.model, samples, BLOCK):
+            rows = rows_of_entries(self.model, entries, samples.torque[part])
             if scales is not None:
                 rows = [own * scales[part, k, None] for k, own in enumerate(rows)]
             mask = None if samples.mask is None else samples.mask[part]
             if self.sums is not None:
-                self.sums.add(rows if mask is None else [own * mask[:, k, None] for k, own in enumerate(rows)])
+                self.sums.add(rows, mask)
             self.blocks.add(rows, mask)
+            self._squares += np.einsum("sc,sc->c", entries, entries)
+            self._seen += len(entries)
+
+    def _add_combined(self, samples: Samples) -> None:
+        if self._neighbors is None:
+            from .neighbors import NeighborCombinations
+
+            self._neighbors = NeighborCombinations(self._widths, self._squares / self._seen)
+        with one_thread():
+            combined = self._neighbors.combined(self._entries_of_parts(samples), samples.torque, samples.mask)
+        self.blocks.add_combined([one.rows for one in combined], [one.count for one in combined], samples.count)
+        if self.sums is not None:
+            self.sums.add_combined([one.sums for one in combined])
+
+    def _entries_of_parts(self, samples: Samples) -> Callable[[slice], Array]:
+        """Return what computes the entries of the base regressor for a part; each is used up before the next."""
+        model, columns = self.model, self.model.base_columns
+        regressor = samples.regressor if samples.regressor_model is model else None
+        if regressor is not None:
+            return lambda part: regressor[part]
+        dq, ddq = columns.moving(samples.dq, samples.ddq)
+        memory = np.empty((0, len(self._squares)))
+
+        def entries(part: slice) -> Array:
+            nonlocal memory
+            if len(memory) != part.stop - part.start:  # the same again and again, so that the cache holds it
+                memory = np.empty((part.stop - part.start, len(self._squares)))
+            logged = samples.channels_for(model, part)
+            return columns.of_motion(samples.q[part], dq[part], ddq[part], logged, out=memory)
+
+        return entries
 
     def factors(self) -> tuple[Factor, ...]:
         """One for each joint."""
@@ -186,6 +256,33 @@ def as_covariance(covariance: ArrayLike, joints: int) -> Array:
     return matrix
 
 
+class MarginalWhitening:
+    """Whitens the rows of a sample across its joints; of those that are used, by their marginal covariance.
+
+    Parameters
+    ----------
+    covariance : ndarray
+        (N, N).
+    """
+
+    def __init__(self, covariance: Array) -> None:
+        self.covariance = covariance
+        self._inverses: dict[bytes, Array] = {}
+
+    def whitened(self, rows: Array, used: NDArray[np.bool_]) -> Iterator[tuple[tuple[Any, ...], Array]]:
+        """Yield for the samples that use the same joints, of rows (n, N, c), their place and what they are whitened."""
+        patterns, which = np.unique(used, axis=0, return_inverse=True)
+        for index, pattern in enumerate(patterns):
+            if not pattern.any():
+                continue
+            key = pattern.tobytes()
+            if key not in self._inverses:
+                marginal = self.covariance[np.ix_(pattern, pattern)]
+                self._inverses[key] = np.linalg.inv(np.linalg.cholesky(marginal))
+            at = np.ix_(which.ravel() == index, pattern)
+            yield at, np.matmul(self._inverses[key], rows[at])
+
+
 class WhitenedReduction:
     """Reduces the rows of all joints together, each sample's N rows times the covariance's inverse Cholesky factor.
 
@@ -201,10 +298,10 @@ class WhitenedReduction:
     """
 
     def __init__(self, model: Model, covariance: Array, with_batches: bool = False) -> None:
-        self.model, self.covariance, self.empty = model, covariance, empty_whole(model)
+        self.model, self.empty = model, empty_whole(model)
         self.triangle, self.count = self.empty.triangle, 0
         self.sums = BatchSums((self.empty,)) if with_batches else None
-        self.inverses: dict[bytes, Array] = {}
+        self._whitening = MarginalWhitening(covariance)
 
     def add(self, samples: Samples) -> None:
         """Add samples; with batches each call but the last must bring a multiple of 1024."""
@@ -217,20 +314,11 @@ class WhitenedReduction:
                     rows[:, k, columns[k]] = values[:, :-1]
                     rows[:, k, width] = values[:, -1]
                 used = np.ones((size, len(columns)), dtype=bool) if samples.mask is None else samples.mask[part]
-                patterns, which = np.unique(used, axis=0, return_inverse=True)
                 pieces, whitened = [], np.zeros_like(rows)
-                for index, pattern in enumerate(patterns):
-                    if not pattern.any():
-                        continue
-                    key = pattern.tobytes()
-                    if key not in self.inverses:
-                        marginal = self.covariance[np.ix_(pattern, pattern)]
-                        self.inverses[key] = np.linalg.inv(np.linalg.cholesky(marginal))
-                    chosen = rows[which.ravel() == index][:, pattern]
-                    white = np.matmul(self.inverses[key], chosen)
+                for at, white in self._whitening.whitened(rows, used):
                     self.count += white.shape[0] * white.shape[1]
                     pieces.append(white.reshape(-1, width + 1))
-                    whitened[np.ix_(which.ravel() == index, pattern)] = white
+                    whitened[at] = white
                 self.triangle = extended(self.triangle, *pieces)
                 if self.sums is not None:
                     self.sums.add([whitened])

@@ -17,7 +17,7 @@ from .reduction import require_joints, residuals
 if TYPE_CHECKING:
     from steelyard.dynamics import Model
 
-__all__ = ["residual_covariance"]
+__all__ = ["definite", "residual_covariance"]
 
 LEAST_EIGENVALUE = 1e-6
 """Least eigenvalue of the correlation matrix; it keeps the covariance positive definite where the residuals of two
@@ -90,10 +90,10 @@ def residual_covariance(
         )
         raise InputError(f"the covariance cannot be estimated: {what}; mask fewer rows.")
     matrix = sums / np.maximum(counts - count, 0.5 * counts)
-    return _definite(matrix)
+    return definite(matrix)
 
 
-def _definite(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+def definite(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the covariance with the same variances, and correlations whose eigenvalues are not too small."""
     sizes = np.sqrt(np.maximum(np.diagonal(matrix), 1e-18 * max(float(np.diagonal(matrix).max()), 1e-300)))
     correlation = matrix / np.outer(sizes, sizes)

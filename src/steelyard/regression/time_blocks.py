@@ -36,8 +36,8 @@ class _Block:
         self.widths = widths
         self.counts = np.zeros(len(widths), dtype=int)
 
-    def add(self, rows: Sequence[Array]) -> None:
-        self.counts += [len(own) for own in rows]
+    def add(self, rows: Sequence[Array], counts: Sequence[int] | None = None) -> None:
+        self.counts += [len(own) for own in rows] if counts is None else counts
         for held, own in zip(self.rows, rows, strict=True):
             held.append(own)
 
@@ -91,7 +91,8 @@ class TimeBlocks:
 
     def __init__(self, empty: tuple[Factor, ...], most: int = MOST) -> None:
         self.empty, self.most = empty, most
-        self._most_held = most_held(HELD, sum(len(factor.columns) + 1 for factor in empty))
+        width = sum(len(factor.columns) + 1 for factor in empty)
+        self._most_held = width * most_held(HELD, width)
         self._blocks: list[_Block] = []
         self._length, self._filled, self._held = SHORTEST, 0, 0
 
@@ -99,7 +100,7 @@ class TimeBlocks:
         """Add rows ``[W omega]`` (samples, c + 1) of every joint, of which the mask (samples, N) tells which count."""
         count, done = len(rows[0]), 0
         while done < count:
-            if not self._blocks or self._filled == self._length:
+            if not self._blocks or self._filled >= self._length:
                 self._open()
             take = count - done if self.most == 1 else min(self._length - self._filled, count - done)
             part = slice(done, done + take)
@@ -107,9 +108,19 @@ class TimeBlocks:
                 [own[part] if mask is None else own[part][mask[part, joint]] for joint, own in enumerate(rows)]
             )
             self._filled, done = (0 if self.most == 1 else self._filled + take), done + take
-            self._held += take
+            self._held += take * sum(own.shape[1] for own in rows)
             if self._held >= self._most_held:
                 self._reduce()
+
+    def add_combined(self, rows: Sequence[Array], counts: Sequence[int], samples: int) -> None:
+        """Add rows that stand for so many others of each joint, and for so many samples: they stay in one block."""
+        if not self._blocks or self._filled >= self._length:
+            self._open()
+        self._blocks[-1].add(rows, counts)
+        self._filled += 0 if self.most == 1 else samples
+        self._held += sum(own.size for own in rows)
+        if self._held >= self._most_held:
+            self._reduce()
 
     def _reduce(self) -> None:
         """Reduce what is held as it is."""

@@ -6,10 +6,12 @@ import pytest
 from lxml import etree
 from scipy import signal
 
+import steelyard as sy
 from steelyard.errors import InputError
 from steelyard.identification.wam import TRAJECTORIES, simulated_log
 from steelyard.recording import Processing, Recording, Samples, choose_cutoff, process_chunks
 from steelyard.recording.cutoff import motion_spectra, residual_analysis
+from steelyard.recording.cutoff.by_torques import TorqueFit
 
 RATE = 500.0
 
@@ -146,3 +148,14 @@ def test_what_shows_no_cutoff_is_refused(q, phrase):
     t = np.arange(len(q)) / RATE
     with pytest.raises(InputError, match=phrase):
         Recording(t=t, q=q, torque=np.sin(t)[:, None]).process(cutoff="auto", trim=0.0, velocity_threshold=None)
+
+
+def test_a_joint_without_torques_has_no_relative_residual():
+    model = sy.Model(sy.Robot.from_dh([("pi/2", 0, 0, "q"), (0, 0.4, 0, "q")]))
+    q, dq, ddq, torque = np.random.default_rng(1).normal(size=(4, 100, 2))
+    torque[:, 1] = 0.0
+    found = TorqueFit(model)
+    found.add(sy.Samples(q=q, dq=dq, ddq=ddq, torque=1e9 * torque), np.arange(100), np.ones((100, 2), dtype=bool))
+    relative = found.fitted()[1]
+    assert np.isfinite(relative[0])
+    assert np.isnan(relative[1])

@@ -100,7 +100,7 @@ class TorqueFit:
             base = _solved(total)
             vector = np.append(base, -1.0)
             weights = np.maximum(np.einsum("i,kij,j->k", vector, self.products, vector), least)
-        relative = np.sqrt(weights / np.maximum(size, 1e-300))
+        relative = np.sqrt(weights / np.where(told, size, 1.0))
         return base, np.where(told, relative, np.nan)
 
 

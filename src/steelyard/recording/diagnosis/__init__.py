@@ -24,5 +24,7 @@ if TYPE_CHECKING:
     from .detectors import stiction_duration as stiction_duration
     from .diagnosis import Diagnosis as Diagnosis
     from .diagnosis import diagnose as diagnose
+    from .transmission import Transmission as Transmission
+    from .transmission import diagnose_transmission as diagnose_transmission
 
 __all__ = import_at_first_use(__name__, __file__)

@@ -26,6 +26,7 @@ __all__ = [
     "find_stiction",
     "noise_deviation",
     "resolution",
+    "runs",
     "saturation_levels",
     "stiction_duration",
     "stuck_while_others_move",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any, NamedTuple, Self
@@ -103,6 +103,7 @@ class CsvFile(LogFile):
     def __init__(self, path: Path, header: tuple[str, ...] | None = None) -> None:
         super().__init__(path)
         self._dates: set[str] = set()
+        self._told: tuple[tuple[int, int], ...] | None = None
         self._head = self._read_head(header)
         self._comment = self._head.comment.encode()
         self.names = self._head.names
@@ -117,12 +118,8 @@ class CsvFile(LogFile):
         """How many fields a line of data has."""
         return len(self.names) + self._head.dialect.ends_with_separator
 
-    @property
-    def _is_compressed(self) -> bool:
-        return self.path.suffix.lower() in (".gz", ".zst", ".zstd")
-
     def _open(self, start: int = 0) -> IO[bytes]:
-        if self._is_compressed:
+        if _is_compressed(self.path):
             from .compressed import open_compressed
 
             file = open_compressed(self.path)
@@ -232,26 +229,55 @@ class CsvFile(LogFile):
 
     def blocks_from(self, start: int, names: Sequence[str], rows: int) -> Iterator[Columns]:
         """See `LogFile.blocks_from`."""
+        if self.begins:
+            row, byte = max(place for place in self.begins if place[0] <= start)
+            return regrouped_columns(self._parsed(names, row, byte), rows, start - row)
         if self.kept and set(names) <= set(self.kept):
             return self._decoded(self.kept).blocks(start, names, rows)
         return regrouped_columns(self._parsed(names), rows, start)
 
-    def _decoded(self, names: tuple[str, ...]) -> DecodedColumns:
+    @classmethod
+    def may_have_places(cls, path: Path) -> bool:
+        """See `LogFile.may_have_places`."""
+        return not _is_compressed(path)
+
+    def places(self) -> tuple[tuple[int, int], ...] | None:
+        """See `LogFile.places`; those of a file that was parsed. Dates are told by the first rows of a file."""
+        if _is_compressed(self.path) or not self.kept:
+            return None
+        if self._told is None:  # once: of many logs only the last are kept decoded
+            parsed = self._decoded(self.kept)
+            self._told = () if parsed.dates else tuple(parsed.places)
+        return self._told or None
+
+    def _decoded(self, names: tuple[str, ...]) -> _ParsedColumns:
         """Return columns that were parsed once."""
         options = (CsvFile, names, self._head)
-        return decoded_once(self.path, options, lambda: DecodedColumns(names, lambda: self._parsed(names)))
+        return decoded_once(self.path, options, lambda: _ParsedColumns(names, self._parsed, self._dates))
 
-    def _parsed(self, names: Sequence[str]) -> Iterator[Columns]:
-        """Parse columns from the first row to the last, some megabytes at a time."""
-        first_row, (size, most) = 0, READ
+    def _parsed(
+        self,
+        names: Sequence[str],
+        first_row: int = 0,
+        place: int | None = None,
+        begins: list[tuple[int, int]] | None = None,
+    ) -> Iterator[Columns]:
+        """Parse columns from a row, which begins at a byte, to the last, some megabytes at a time.
+
+        Rows and bytes at which these megabytes begin are added to `begins`.
+        """
+        size, most = READ
         start, whole = self._head.start, self.path.stat().st_size
-        place = start
-        with self._open(start) as file:
+        place = start if place is None else place
+        begins = [] if begins is None else begins
+        with self._open(place) as file:
             while names and (data := file.read(size)):
                 # The rows of a compressed file cannot be guessed from its length.
-                total = first_row * (whole - start) / (place - start) if first_row and not self._is_compressed else None
+                guessed = first_row and not _is_compressed(self.path)
+                total = first_row * (whole - start) / (place - start) if guessed else None
                 tell(f"decoding {self.path.name}", first_row, total, "rows")
                 data += self._rest_of_line(file)
+                begins.append((first_row, place))
                 place += len(data)
                 parsed = self._parse(data, names, first_row)
                 first_row += column_length(parsed)
@@ -414,6 +440,19 @@ class CsvFile(LogFile):
                 )
             columns[name] = values.fill_null(float("nan")).to_numpy()
         return columns
+
+
+class _ParsedColumns(DecodedColumns):
+    """The columns of a CSV, where in it rows begin, and which columns were found to hold dates."""
+
+    def __init__(self, names: tuple[str, ...], parsed: Callable[..., Iterator[Columns]], dates: set[str]) -> None:
+        self.places: list[tuple[int, int]] = []
+        self.dates = dates
+        super().__init__(names, lambda: parsed(names, begins=self.places if not self.places else None))
+
+
+def _is_compressed(path: Path) -> bool:
+    return path.suffix.lower() in (".gz", ".zst", ".zstd")
 
 
 def _unpadded(data: bytes, separator: str | None) -> bytes:

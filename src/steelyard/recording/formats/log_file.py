@@ -78,6 +78,7 @@ class LogFile(ABC):
         self.path = path
         self.names: tuple[str, ...] = ()
         self.kept: tuple[str, ...] | None = None
+        self.begins: tuple[tuple[int, int], ...] = ()
         self.stated: LogColumns | None = None
 
     @classmethod
@@ -121,6 +122,23 @@ class LogFile(ABC):
         Wherever it begins, a block but the last holds `rows` rows.
         """
         return self.blocks(names, rows) if start == 0 else regrouped_columns(self.blocks(names, rows), rows, start)
+
+    @classmethod
+    def may_have_places(cls, path: Path) -> bool:
+        """Whether `places` may tell any of a file, as is known before it is opened."""
+        return False
+
+    def places(self) -> tuple[tuple[int, int], ...] | None:
+        """Return where reading can begin in the middle: rows, and the bytes at which they begin where that helps.
+
+        None where the whole file would be read, so that no other process reads a part of it. What is returned is told
+        to the file that the other process opens, by `use_places`.
+        """
+        return None
+
+    def use_places(self, places: tuple[tuple[int, int], ...]) -> None:
+        """Take note of where reading can begin; parts of the file will be read from there."""
+        self.begins = places
 
     def texts(self, names: Sequence[str]) -> dict[str, set[str]]:
         """Texts that stand in columns, each once; none for columns of numbers."""

@@ -124,6 +124,17 @@ class LogFiles:
             with _reading(file.path):
                 file.keep(share)
 
+    def places(self) -> tuple[tuple[tuple[int, int], ...], ...] | None:
+        """Return where reading of each file can begin in the middle, see `LogFile.places`; None unless of all."""
+        found = [file.places() for file in self.files]
+        return None if None in found else tuple(one for one in found if one is not None)
+
+    def use_places(self, places: Sequence[tuple[tuple[int, int], ...]], count: int) -> None:
+        """Take note of where reading can begin, as another process told by `places`, and of the number of rows."""
+        self._count = count
+        for file, own in zip(self.files, places, strict=True):
+            file.use_places(own)
+
     def count(self) -> int:
         """Count the rows.
 

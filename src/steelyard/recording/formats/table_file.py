@@ -119,6 +119,15 @@ class TableFile(LogFile):
             for begin in range(0, min(together, count - first), rows):
                 yield {name: values[begin : begin + rows] for name, values in read.items()}
 
+    @classmethod
+    def may_have_places(cls, path: Path) -> bool:
+        """See `LogFile.may_have_places`."""
+        return True
+
+    def places(self) -> tuple[tuple[int, int], ...]:
+        """See `LogFile.places`; rows are found by their numbers."""
+        return ()
+
     def _with_times(self, columns: Columns, start: int) -> Columns:
         if self._times is not None and TIMESTAMP in columns:
             columns[TIMESTAMP] = self._times[start : start + len(columns[TIMESTAMP])]
