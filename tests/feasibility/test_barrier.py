@@ -6,7 +6,6 @@ from simulated_arm import simulated_arm
 
 from steelyard.feasibility import CenterOfMassBox, FeasibleSet, TotalMass
 from steelyard.feasibility.barrier import Barrier, log_determinants, minimise
-from steelyard.feasibility.bounds.profile_intervals import _ahead
 
 ARM = simulated_arm(2)
 SETS = [
@@ -87,16 +86,3 @@ def test_what_is_not_finite_is_outside() -> None:
     found = log_determinants(matrices)
     assert found[0] == pytest.approx(np.log(6.0))
     assert np.all(found[1:] == -np.inf)
-
-
-def test_steps_that_never_end_inside_are_left_out() -> None:
-    class Ball:
-        def value(self, points: np.ndarray, problems: np.ndarray) -> np.ndarray:
-            return np.where(np.linalg.norm(points, axis=1) < 1.0, 0.0, np.inf)
-
-    points = np.zeros((3, 2))
-    steps = np.array([[0.5, 0.0], [2.0, 0.0], [1e100, 0.0]])
-    found = _ahead(Ball(), points, np.arange(3), steps.copy())  # type: ignore[arg-type]
-    assert found[0].tolist() == [0.5, 0.0]
-    assert 0.0 < found[1, 0] < 1.0
-    assert found[2].tolist() == [0.0, 0.0]

@@ -20,13 +20,11 @@ __all__ = [
     "Barrier",
     "Function",
     "add_log_determinants",
-    "damped",
     "linear_conditions",
     "log_determinants",
     "matrix_conditions",
     "minimise",
     "newton_solutions",
-    "newton_step",
 ]
 
 Vector = npt.NDArray[np.float64]
@@ -73,20 +71,14 @@ class Barrier:
     further : sequence of AffineBlock
         Blocks that count beside those of the set.
 
-    Attributes
-    ----------
-    degree : int
-        Number of rows of all blocks: at the minimum of c·δ + (barrier) / t, c·δ is within degree / t of its least value
-        (Nesterov and Nemirovskii, Interior-point polynomial algorithms in convex programming, 1994).
-
     Examples
     --------
     >>> import steelyard as sy
     >>> robot = sy.Robot.from_dh([("0", 0.0, 0.0, "q")])
     >>> barrier = Barrier(sy.FeasibleSet(sy.Model(robot)))
     >>> body = np.array([0.2, 0.0, 0.0, 0.2, 0.0, 0.2, 0.0, 0.0, 0.0, 5.0])
-    >>> barrier.degree, round(float(barrier.value(np.array([body, 2 * body]))[1] - barrier.value(body[None])[0]), 6)
-    (4, -2.772589)
+    >>> round(float(barrier.value(np.array([body, 2 * body]))[1] - barrier.value(body[None])[0]), 6)
+    -2.772589
     """
 
     def __init__(self, feasible_set: FeasibleSet, further: Sequence[AffineBlock] = ()) -> None:
@@ -96,7 +88,6 @@ class Barrier:
         self._single = np.count_nonzero(self._rows, axis=1) == 1
         self._clusters = _clusters(self._rows, np.flatnonzero(~self._single))
         self._groups = matrix_conditions(blocks)
-        self.degree = sum(block.size for block in blocks)
 
     def value(self, points: Matrix) -> Vector:
         """At points (p, n); infinite where a block is not positive definite."""
@@ -247,37 +238,30 @@ def minimise(
     which = active if problems is None else problems
     values = function.value(points, which)
     for _ in range(MOST_STEPS):
-        step, decrease, _ = newton_step(function, points[active], which[active], basis)
-        points[active], values[active] = damped(function, points[active], which[active], values[active], step, decrease)
+        step, decrease = _newton_step(function, points[active], which[active], basis)
+        points[active], values[active] = _damped(
+            function, points[active], which[active], values[active], step, decrease
+        )
         active = active[0.5 * decrease > accuracy]
         if not len(active):
             break
     return points
 
 
-def newton_step(
-    function: Function,
-    points: Matrix,
-    problems: Indices,
-    basis: Matrix | None = None,
-    rows: Tensor | None = None,
-) -> tuple[Matrix, Vector, Tensor]:
-    """The Newton step at every point (p, n), the square of its length in the local metric (p,), and H⁻¹ rows.
-
-    The rows are (p, k, n); where there are none, (p, 0, n).
-    """
-    further = np.zeros((len(points), 0, points.shape[1])) if rows is None else rows
-    step, along, decrease = np.empty_like(points), np.empty_like(further), np.empty(len(points))
+def _newton_step(
+    function: Function, points: Matrix, problems: Indices, basis: Matrix | None = None
+) -> tuple[Matrix, Vector]:
+    """The Newton step at every point (p, n), and the square of its length in the local metric (p,)."""
+    step, decrease = np.empty_like(points), np.empty(len(points))
 
     def solve(start: int) -> None:
         own = slice(start, start + TOGETHER)
         gradients, hessians = function.derivatives(points[own], problems[own])
-        solved = newton_solutions(hessians, np.concatenate([-gradients[:, None], further[own]], axis=1), basis)
-        step[own], along[own] = solved[:, 0], solved[:, 1:]
+        step[own] = newton_solutions(hessians, -gradients[:, None], basis)[:, 0]
         decrease[own] = np.maximum(-np.einsum("pi,pi->p", gradients, step[own]), 0.0)
 
     in_threads(solve, range(0, len(points), TOGETHER))
-    return step, decrease, along
+    return step, decrease
 
 
 def newton_solutions(hessians: Tensor, rows: Tensor, basis: Matrix | None) -> Tensor:
@@ -305,7 +289,7 @@ def newton_solutions(hessians: Tensor, rows: Tensor, basis: Matrix | None) -> Te
     return found if basis is None else np.asarray(found @ basis.T)
 
 
-def damped(
+def _damped(
     function: Function, points: Matrix, problems: Indices, values: Vector, step: Matrix, decrease: Vector
 ) -> tuple[Matrix, Vector]:
     """Points after a step that is halved until the function falls enough, and its values there."""

@@ -421,7 +421,7 @@ def explain_infeasibility(
         nearest = nearest_in_region(feasible_set, beta, axes, unknown, solver)
         corrected = feasible_set.K @ nearest.parameters
         change = corrected - beta
-        measure = np.eye(count) if region is None else region.in_deviations()
+        measure = np.eye(count) if region is None else region.covariance.in_deviations()
         pulled = measure.T @ (measure @ change)
         squared = float(change @ pulled)
         shares = change * pulled / squared if squared > 0 else np.zeros(count)

@@ -50,11 +50,6 @@ class ConfidenceRegion:
         """(n_b, n_b - r), the combinations that the data does not determine."""
         return self.covariance.unidentifiable
 
-    def in_deviations(self) -> Matrix:
-        """The map from a change of β to u, (r, n_b): its squared norm is the squared distance."""
-        both = np.linalg.pinv(np.hstack([self.axes, self.unknown]))
-        return np.asarray(both[: self.axes.shape[1]])
-
     @property
     def radius(self) -> float:
         """Square root of the quantile of the χ² distribution, with one degree of freedom for each axis."""

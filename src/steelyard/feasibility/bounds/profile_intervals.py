@@ -7,14 +7,14 @@ import numpy as np
 import numpy.typing as npt
 
 from steelyard.errors import InputError
-from steelyard.files import tell
+from steelyard.files import read_number, tell
 from steelyard.lmi import AffineBlock
 from steelyard.regression import ParameterCovariance
 
-from ..barrier import Barrier, damped, minimise, newton_step
+from ..barrier import Barrier, linear_conditions, matrix_conditions, minimise
 from ..feasible_set import FeasibleSet
-from .confidence_region import ConfidenceRegion
-from .quantities import Quantity
+from .furthest import ENOUGH, LIGHTEST, Region, furthest
+from .quantities import Quantity, standard_errors
 
 __all__ = ["ProfileIntervals", "profile_intervals"]
 
@@ -22,34 +22,30 @@ Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
 
-OUTWARD = 0.02
-"""Part of the half-width by which ends are moved outward: what following the path no further leaves uncertain."""
-
-ENOUGH = 0.04
-"""Part of the half-width that is left of the way along the central path, from where the rest is extrapolated."""
-
-ACCURACY = 0.02
-"""Relative accuracy of the way to the end of a ratio."""
-
 FAR = 1e3
-"""Bound of the traces of all blocks, and of what has none, relative to the estimate: the region needs an end. An end
-that comes within `OPEN` of it is told as infinite."""
+"""Bound of the traces of links, and of terms that the data does not tell, relative to the estimate: the region needs an
+end. An end that comes within `OPEN` of it is told as infinite."""
+
+OUTWARD = 0.01
+"""Part of the way from the center by which ends are moved outward, which is about how far some fall short."""
 
 OPEN = 0.02
+"""Of a ratio half of `FAR` counts from the radius of gyration of the whole robot: a centre of mass 10 times as far is
+told as infinite. With 20 times one was finite that nothing bounds, of a link with most of the mass."""
 
-GROWTH = 50.0
-"""Factor of t from one point of the central path to the next: 5 and 50 take more steps."""
+ACCURACY = 0.01
+"""Relative accuracy of the way to the end of a ratio."""
 
-FIRST = 3.0
-"""t at the beginning, in units of the inverse width of the Dikin ellipsoid."""
+ROUNDS = 24
+"""At most, for a ratio. Three are usual; where a mass may be zero, the ratio doubles until it is told as infinite."""
 
-STEPS = 150
+BESIDE_OPEN = 1e-5
+"""In the place of `ENOUGH`, where the other end of a quantity is infinite: the center is in the middle of a region with
+a bound of `FAR`, and the way from there hundreds of times the quantity. With 1 % of it a total mass of at least 8.7 kg
+is told to be at least zero."""
 
-ROUNDS = 12
-"""At most, for a ratio. Three are usual; where a mass has no bound, up to nine."""
-
-CENTERED = 0.05
-"""Half the Newton decrement, squared, below which a point counts as one of the central path."""
+CENTERED = 1e-2
+"""How near the search for ends begins to the analytic center: the decrease that a Newton step promises."""
 
 MOST_DISTANCE = 1e-2
 """Factor of the barrier while the most likely feasible parameters are looked for: it lifts their χ² by as much as this
@@ -108,8 +104,7 @@ def profile_intervals(
     Returns
     -------
     ProfileIntervals
-        Ends lie outside those of the interval by at most 5 % of its half-width; those of ratios (centres of mass) to
-        about as much on either side.
+        Ends are those of the interval to about 1 % of its width, and rather outside than inside.
 
     Raises
     ------
@@ -124,40 +119,47 @@ def profile_intervals(
             "than noise explains and no interval holds; process the log with the model, which filters both, or leave "
             "out `torque_cutoff` and `decimate`."
         )
-    region = ConfidenceRegion(np.asarray(base, dtype=float), covariance, confidence)
+    read_number(confidence, "confidence", "a probability between 0 and 1, such as 0.95", above=0, below=1)
+    beta = np.asarray(base, dtype=float)
     start = feasible_set.as_parameters(inside)
-    barrier = Barrier(feasible_set, _far_blocks(feasible_set, start))
+    reach = _reach(feasible_set, start)
+    far = _far_blocks(feasible_set, covariance, reach)
+    barrier = Barrier(feasible_set, far)
     if not np.isfinite(barrier.value(start[None])[0]):
         raise InputError("profile_intervals needs parameters inside the feasible set to start from.")
     basis = feasible_set.equation_directions
-    distance = _Distance(feasible_set, region)
+    distance = _Distance(feasible_set, beta, covariance)
     likely = minimise(_MostLikely(distance, barrier), start[None], basis, 1e-4)[0]
     chi_squared = float(distance.squares(likely[None])[0])
-    inner = _Region(distance, barrier, chi_squared + 2.0 * float(gammaincinv(0.5, confidence)))
-    center = minimise(inner, likely[None], basis, 1e-3)[0]
-    lower, upper = _ends(inner, center, quantities, basis)
-    reach = OPEN * _reach(feasible_set, start)
+    limit = chi_squared + 2.0 * float(gammaincinv(0.5, confidence))
+    center = minimise(_Inside(distance, barrier, limit), likely[None], basis, CENTERED)[0]
+    # What has no condition beside these is left to the data alone.
+    conditioned = np.unique(np.concatenate([block.indices for block in feasible_set.blocks]))
+    blocks = (*feasible_set.blocks, *(block for block in far if np.isin(block.indices, conditioned).all()))
+    own = _Coordinates(feasible_set, beta, covariance, distance, blocks, center, limit)
+    masses, moments = reach[feasible_set.link_columns[:, 9]].sum(), reach[feasible_set.link_columns[:, 0]].sum()
+    length = 0.5 * FAR * float(np.sqrt(moments / masses)) if masses > 0.0 else np.inf
+    far_away = [OPEN * (float(np.abs(q.row) @ reach) if q.mass is None else length) for q in quantities]
+    lower, upper = _ends(own, quantities, np.array(far_away))
     for index, quantity in enumerate(quantities):
-        if quantity.mass is None:
-            far_away = float(np.abs(quantity.row) @ reach)
-            upper[index] = np.inf if upper[index] > far_away else upper[index]
-            lower[index] = -np.inf if lower[index] < -far_away else lower[index]
         if quantity.never_negative:
             lower[index] = max(lower[index], 0.0)
     return ProfileIntervals(lower, upper, chi_squared, likely)
 
 
-def _far_blocks(feasible_set: FeasibleSet, parameters: Vector) -> tuple[AffineBlock, ...]:
-    """Blocks that bound every parameter far from an estimate, so that the region has an end everywhere."""
-    places = {int(index): place for own in feasible_set.link_columns for place, index in enumerate(own)}
-    found = []
-    for index, far in enumerate(_reach(feasible_set, parameters)):
-        place = places.get(index)
-        # The conditions of a link bound its other elements by its moments and its mass.
-        signs = (1.0, -1.0) if place is None else (-1.0,) if place in (0, 3, 5, 9) else ()
-        for sign in signs:
-            found.append(AffineBlock("far away", np.array([[far]]), np.array([index]), np.array([[[sign]]])))
-    return tuple(found)
+def _far_blocks(feasible_set: FeasibleSet, covariance: ParameterCovariance, reach: Vector) -> tuple[AffineBlock, ...]:
+    """Blocks that bound what the data does not tell far from an estimate, so that the region has an end everywhere."""
+    # The conditions of a link bound its other elements by its moments and its mass.
+    ways = [(int(index), -1.0) for own in feasible_set.link_columns for index in own[[0, 3, 5, 9]]]
+    terms = np.setdiff1d(np.arange(len(reach)), feasible_set.link_columns)
+    told = np.isfinite(standard_errors(feasible_set, covariance, np.eye(len(reach))[terms]))
+    single = [block for block in feasible_set.blocks if block.size == 1 and len(block.indices) == 1]
+    bounded = {(int(block.indices[0]), float(np.sign(block.coefficients[0, 0, 0]))) for block in single}
+    ways += [(int(index), sign) for index in terms[~told] for sign in (1.0, -1.0) if (index, sign) not in bounded]
+    return tuple(
+        AffineBlock("far away", np.array([[reach[index]]]), np.array([index]), np.array([[[sign]]]))
+        for index, sign in ways
+    )
 
 
 def _reach(feasible_set: FeasibleSet, parameters: Vector) -> Vector:
@@ -167,17 +169,21 @@ def _reach(feasible_set: FeasibleSet, parameters: Vector) -> Vector:
     found = np.full(len(parameters), FAR * max(1.0, float(np.abs(parameters[terms]).max(initial=0.0))))
     # All links together: an estimate may have hardly any mass in the one that the motion does not show.
     mass, moments = parameters[links[:, 9]].sum(), parameters[links[:, [0, 3, 5]]].sum()
-    found[links[:, :6]], found[links[:, 9]] = FAR * moments, FAR * mass
-    found[links[:, 6:9]] = FAR * np.sqrt(mass * moments)
+    # Where gravity shows no mass, it may have none but what a radius of gyration of 1 m needs.
+    mass = max(mass, moments)
+    found[links[:, [0, 3, 5]]], found[links[:, 9]] = FAR * moments, FAR * mass
+    # Of a product only one factor may be open.
+    found[links[:, [1, 2, 4]]] = np.sqrt(FAR / OPEN) * moments
+    found[links[:, 6:9]] = np.sqrt(FAR / OPEN * mass * moments)
     return found
 
 
 class _Distance:
     """The squared distance ‖S δ - s‖² from least squares, in standard deviations."""
 
-    def __init__(self, feasible_set: FeasibleSet, region: ConfidenceRegion) -> None:
-        root = region.in_deviations()
-        self.rows, self.target = root @ feasible_set.K, root @ region.base
+    def __init__(self, feasible_set: FeasibleSet, base: Vector, covariance: ParameterCovariance) -> None:
+        root = covariance.in_deviations()
+        self.rows, self.target = root @ feasible_set.K, root @ base
         self.curvature, self.slope = self.rows.T @ self.rows, self.rows.T @ self.target
         self.constant = float(self.target @ self.target)
 
@@ -202,147 +208,141 @@ class _MostLikely:
         return gradients, hessians
 
 
-class _Region:
-    """The barrier of the feasible parameters within a squared distance, less t times a row of each problem."""
+class _Inside:
+    """The barrier of the feasible parameters within a squared distance."""
 
     def __init__(self, distance: _Distance, barrier: Barrier, limit: float) -> None:
         self.distance, self.barrier, self.limit = distance, barrier, limit
-        size = barrier.size
-        self.rows, self.pull = np.zeros((1, size)), np.zeros(1)
-
-    @property
-    def degree(self) -> int:
-        return self.barrier.degree + 1
 
     def value(self, points: Matrix, problems: Indices) -> Vector:
         rest = self.limit - self.distance.squares(points)
         own = np.where(rest > 0, -np.log(np.where(rest > 0, rest, 1.0)), np.inf)
-        along = np.einsum("pi,pi->p", self.rows[problems], points)
-        return np.asarray(own + self.barrier.value(points) - self.pull[problems] * along)
+        return np.asarray(own + self.barrier.value(points))
 
     def derivatives(self, points: Matrix, problems: Indices) -> tuple[Matrix, npt.NDArray[np.float64]]:
-        rest = self.limit - self.distance.squares(points)
-        slopes = 2.0 * (points @ self.distance.curvature - self.distance.slope) / rest[:, None]
-        hessians = slopes[:, :, None] * slopes[:, None, :]
-        for hessian, factor in zip(hessians, 2.0 / rest, strict=True):
-            hessian += factor * self.distance.curvature  # one at a time stays in the cache
-        gradients = slopes - self.pull[problems, None] * self.rows[problems]
+        rest = (self.limit - self.distance.squares(points))[:, None]
+        gradients = 2.0 * (points @ self.distance.curvature - self.distance.slope) / rest
+        hessians = gradients[:, :, None] * gradients[:, None, :] + 2.0 * self.distance.curvature / rest[:, :, None]
         self.barrier.add_derivatives(points, np.ones(len(points)), gradients, hessians)
         return gradients, hessians
 
 
-def _ends(
-    region: _Region, center: Vector, quantities: Sequence[Quantity], basis: Matrix | None
-) -> tuple[Vector, Vector]:
-    """Lower and upper ends; those of a ratio by a sequence of linear combinations.
+class _Coordinates:
+    """The region around its center, in as few coordinates as its ends need.
+
+    Conditions that hold wherever the distance is small enough are left out. Parameters without conditions are left out,
+    too: of what they add to the distance only that along the row of a quantity matters, which is one coordinate, the
+    last one, whatever the row.
+    """
+
+    def __init__(
+        self,
+        feasible_set: FeasibleSet,
+        base: Vector,
+        covariance: ParameterCovariance,
+        distance: _Distance,
+        blocks: Sequence[AffineBlock],
+        center: Vector,
+        limit: float,
+    ) -> None:
+        self.center = center
+        rows, constants = linear_conditions(blocks, feasible_set.parameter_count)
+        groups = matrix_conditions(blocks)
+        room = np.sqrt(limit) * standard_errors(feasible_set, covariance, rows)
+        kept = ~(rows @ feasible_set.lift @ base + constants > room)
+        rows, constants = rows[kept], constants[kept] + rows[kept] @ center
+        self.basis = feasible_set.equation_directions
+        used = np.any(rows != 0.0, axis=0)
+        for indices, _, _ in groups:
+            used[indices] = True
+        if self.basis is not None:
+            used[:] = True
+        self.own, self.free = np.flatnonzero(used), np.flatnonzero(~used)
+        # S δ = U [Σ V (δ_free) + ...]: the free parameters can make the first of these parts what they want.
+        left, sizes, right = np.linalg.svd(distance.rows[:, self.free])
+        rank = int(np.sum(sizes > 1e-9 * sizes[:1].max(initial=0.0)))
+        turned = left.T @ distance.rows[:, self.own]
+        self._inverse, self._coupled = right[:rank].T / sizes[:rank], turned[:rank]
+        self._open = right[rank:]
+        missing = left.T @ (distance.rows @ center - distance.target)
+        ball = np.zeros((len(turned) - rank + 1, len(self.own) + 1))
+        ball[:-1, :-1] = turned[rank:]
+        ball[-1, -1] = 1.0
+        self._last = missing[:rank]
+        place = np.cumsum(used) - 1
+        moved = [
+            (place[indices], coefficients, constants + np.einsum("bi,biac->bac", center[indices], coefficients))
+            for indices, coefficients, constants in groups
+        ]
+        rows = np.column_stack([rows[:, self.own], np.zeros(len(rows))])
+        if self.basis is not None:
+            self._directions = np.zeros((len(self.own) + 1, self.basis.shape[1] + 1))
+            self._directions[:-1, :-1], self._directions[-1, -1] = self.basis, 1.0
+            everything = np.arange(self.basis.shape[1])
+            moved = [
+                (
+                    np.tile(everything, (len(indices), 1)),
+                    np.einsum("bcij,bcu->buij", coefficients, self.basis[indices]),
+                    values,
+                )
+                for indices, coefficients, values in moved
+            ]
+            rows, ball = rows @ self._directions, ball @ self._directions
+        middle = np.append(missing[rank:], 0.0)
+        self.region = Region(rows, constants, moved, ball, middle, float(np.sqrt(limit)))
+
+    def rows(self, given: Matrix) -> tuple[Matrix, Vector, npt.NDArray[np.bool_]]:
+        """Rows (k, n) over δ as rows and constants over these coordinates, and which of them nothing bounds."""
+        free = given[:, self.free]
+        bounded = free @ self._inverse
+        found = np.column_stack([given[:, self.own] - bounded @ self._coupled, np.linalg.norm(bounded, axis=1)])
+        endless = np.any(np.abs(free @ self._open.T) > 1e-9 * np.abs(free).max(axis=1, initial=0.0)[:, None], axis=1)
+        # The center is that of the region; the free part of the distance starts from zero there.
+        values = given @ self.center - bounded @ self._last
+        return (found if self.basis is None else found @ self._directions), values, endless
+
+
+def _ends(own: _Coordinates, quantities: Sequence[Quantity], far_away: Vector) -> tuple[Vector, Vector]:
+    """Lower and upper ends, infinite from `far_away` on; those of a ratio by a sequence of linear combinations.
 
     The largest r / w is the ρ at which the largest r - ρ w is zero; each next ρ is the ratio where that is largest
     (W. Dinkelbach, On nonlinear fractional programming, Management Science 13, 1967).
     """
-    rows = np.array([quantity.row for quantity in quantities])
-    masses = np.array([np.zeros(len(center)) if q.mass is None else q.mass for q in quantities])
-    is_ratio = np.array([quantity.mass is not None for quantity in quantities])
-    signs = np.repeat([-1.0, 1.0], len(rows))
-    both, weights = np.concatenate([-rows, rows]), np.concatenate([masses, masses])
-    turned = np.concatenate([is_ratio, is_ratio])
-    denominators = np.where(turned[:, None], weights, 0.0)
-    at_center = np.where(turned, (both @ center) / np.where(turned, weights @ center, 1.0), 0.0)
-    points, found = _furthest(region, center, both - at_center[:, None] * denominators, basis, denominators)
-    active, ratios = np.flatnonzero(turned), at_center.copy()
-    points = points[active]
-    for _ in range(ROUNDS if len(active) else 0):
-        reached = _ratios(both[active], weights[active], points)
-        better = np.maximum(reached, ratios[active])
-        way, further = better - at_center[active], better - ratios[active]
-        ratios[active] = better
-        # What is left of the way is less than the last step, which the accuracy covers.
-        found[active] = better + ACCURACY * way
-        active = active[further > ACCURACY * way]
-        if not len(active):
-            break
-        towards = both[active] - ratios[active, None] * weights[active]
-        points, _ = _furthest(region, center, towards, basis, weights[active])
-    count = len(rows)
-    return signs[:count] * found[:count], found[count:]
-
-
-def _ratios(rows: Matrix, weights: Matrix, points: Matrix) -> Vector:
-    return np.asarray(np.einsum("pi,pi->p", rows, points) / np.einsum("pi,pi->p", weights, points))
-
-
-def _furthest(
-    region: _Region, center: Vector, rows: Matrix, basis: Matrix | None, masses: Matrix
-) -> tuple[Matrix, Vector]:
-    """For each row (p, n), a point of the region far along it, and what no point of the region exceeds.
-
-    Rows of ratios have masses that are not zero. How far their points are to go is told by the mass there: measured by
-    that of the center, which may be many times as much, a row would seem to have arrived long before its ratio has.
-    """
-    count = len(rows)
-    everything = np.arange(count)
-    region.rows, region.pull = np.zeros((count, len(center))), np.zeros(count)
-    _, hessians = region.derivatives(center[None], np.zeros(1, dtype=np.intp))
-    inverse = _inverse(hessians[0], basis)
-    steps = rows @ inverse
-    widths = np.sqrt(np.maximum(np.einsum("pi,pi->p", steps, rows), 0.0))
-    fixed = widths <= 1e-12 * np.abs(rows) @ np.abs(center)  # the equations alone tell these
-    widths[fixed] = 1.0
-    # Nine tenths of the way to the end of the ellipsoid that lies within the region around its center.
-    # Rounding may put them outside where nothing else bounds the region: they are brought nearer.
-    region.rows, region.pull = rows, FIRST / widths
-    way = np.where(fixed[:, None], 0.0, 0.9 * steps / widths[:, None])
-    points = _ahead(region, np.tile(center, (count, 1)), everything, way)
-    first, central = rows @ center, masses @ center
-    active = everything[~fixed]
-    found = first.copy()
-    values = region.value(points, everything)
-    for _ in range(STEPS):
-        if not len(active):
-            break
-        tell("ends of intervals", count - len(active), count, "ends")
-        step, decrease, solved = newton_step(region, points[active], active, basis, rows[active, None])
-        along = solved[:, 0]
-        points[active], values[active] = damped(region, points[active], active, values[active], step, decrease)
-        near = np.flatnonzero(0.5 * decrease <= CENTERED)
-        if not len(near):
-            continue
-        # On the central path rows·x = end - a / t, with a the number of conditions that stop it: t² rows·H⁻¹rows.
-        which, pull = active[near], region.pull[active[near]]
-        slope = np.einsum("pi,pi->p", rows[which], along[near])
-        reached = np.einsum("pi,pi->p", rows[which], points[which])
-        lighter = np.ones(len(which))
-        turned = central[which] != 0.0
-        lighter[turned] = (np.einsum("pi,pi->p", masses[which], points[which])[turned]) / central[which[turned]]
-        half = np.maximum(reached + pull * slope - lighter * first[which], lighter * widths[which])
-        rest = pull * slope / half
-        found[which] = reached + pull * slope + OUTWARD * half
-        onward = np.flatnonzero(rest > ENOUGH)
-        which, pull = which[onward], pull[onward]
-        region.pull[which] = further = pull * np.minimum(GROWTH, 1.5 * rest[onward] / ENOUGH)
-        # The next point of the path is this far ahead along its tangent.
-        ahead = (pull * (1.0 - pull / further))[:, None] * along[near][onward]
-        points[which] = _ahead(region, points[which], which, ahead)
-        values[which] = region.value(points[which], which)
-        active = np.setdiff1d(active, np.setdiff1d(active[near], which), assume_unique=True)
-    return points, found
-
-
-def _ahead(region: _Region, points: Matrix, problems: Indices, steps: Matrix) -> Matrix:
-    """Points a step ahead, which is shortened until it ends in the region, and left out where it never does."""
-    found = points + steps
-    for _ in range(30):
-        outside = ~np.isfinite(region.value(found, problems))
-        if not outside.any():
-            return np.asarray(found)
-        steps[outside] *= 0.7
-        found[outside] = points[outside] + 0.9 * steps[outside]
-    outside = ~np.isfinite(region.value(found, problems))
-    found[outside] = points[outside]
-    return np.asarray(found)
-
-
-def _inverse(hessian: Matrix, basis: Matrix | None) -> Matrix:
-    if basis is not None:
-        return np.asarray(basis @ _inverse(basis.T @ hessian @ basis, None) @ basis.T)
-    sizes = np.sqrt(np.diagonal(hessian))
-    return np.asarray(np.linalg.inv(hessian / np.outer(sizes, sizes)) / np.outer(sizes, sizes))
+    tell("ends of intervals", 0, 2 * len(quantities), "ends")
+    rows, values, endless = own.rows(np.array([quantity.row for quantity in quantities]))
+    both, constants = np.concatenate([-rows, rows]), np.concatenate([-values, values])
+    ratios = [index for index, quantity in enumerate(quantities) if quantity.mass is not None]
+    found = np.full(len(both), np.inf)
+    linear = np.setdiff1d(np.flatnonzero(~np.tile(endless, 2)), [*ratios, *(index + len(rows) for index in ratios)])
+    found[linear] = np.einsum("pi,pi->p", both[linear], furthest(own.region, both[linear])) + constants[linear]
+    active = np.array([*ratios, *(index + len(rows) for index in ratios)], dtype=np.intp)
+    if len(active):
+        weights, masses, _ = own.rows(np.array([quantities[index].mass for index in ratios] * 2))
+        weights = weights / masses[:, None]
+        tops, first = both[active] / masses[:, None], constants[active] / masses
+        best = first.copy()
+        going = np.arange(len(active))
+        for _ in range(ROUNDS):
+            rest = tops[going] - best[going, None] * weights[going]
+            ends = furthest(own.region, rest, weights[going])
+            mass = 1.0 + np.einsum("pi,pi->p", weights[going], ends)
+            more = np.einsum("pi,pi->p", rest, ends) + first[going] - best[going]
+            step = more / np.maximum(mass, LIGHTEST)
+            best[going] += step
+            going = going[
+                (np.abs(step) > ACCURACY * np.abs(best[going] - first[going]))
+                & (best[going] <= np.tile(far_away, 2)[active[going]])
+            ]
+            if not len(going):
+                break
+        found[active] = best
+        constants[active] = first
+    found += OUTWARD * (found - constants)
+    far_away = np.tile(far_away, 2)
+    found[found > far_away] = np.inf
+    beside = linear[np.isfinite(found[linear]) & np.isinf(np.roll(found, len(rows))[linear])]
+    if len(beside):
+        way = np.einsum("pi,pi->p", both[beside], furthest(own.region, both[beside], enough=BESIDE_OPEN))
+        found[beside] = constants[beside] + (1.0 + OUTWARD * BESIDE_OPEN / ENOUGH) * way
+    tell("ends of intervals", len(both), len(both), "ends")
+    return -found[: len(rows)], found[len(rows) :]
