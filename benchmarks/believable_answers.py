@@ -45,6 +45,7 @@ MOTIONS = {"rich": (0.8, 0.1, 5, 20.0), "ordinary": (0.5, 0.1, 3, 10.0), "weak":
 """Amplitude relative to the range of the joint, Hz, harmonics, seconds."""
 NOISE, BLUR, RATE = 0.02, 0.3, 100.0
 WHITE, MEMORY = 0.7, 0.95
+STRIBECK = 0.3  # of the size of the noise: what friction near standstill has and the model has not
 """Of the noise: its white part relative to what lasts, and the correlation of what lasts with the sample before."""
 
 
@@ -119,19 +120,25 @@ def noise_sizes(torque):
     return NOISE * (np.sqrt((torque**2).mean(axis=0)) + 0.05 * np.sqrt((torque**2).mean()))
 
 
-def recorded(model, truth, moved, random, memory=MEMORY, processing=None):
-    """An Information of a motion, and its stretches; with options of processing, that of a log of its positions."""
+def recorded(model, truth, moved, random, memory=MEMORY, processing=None, rows=None, standstill=0.0, stribeck=STRIBECK):
+    """An Information of a motion, and its stretches; with options of processing, that of a log of its positions.
+
+    Rows slower than `standstill` are left out; `rows` makes both from samples, as an estimator with rows of its own.
+    """
     t, q, dq, ddq = moved
     torque = model.inverse_dynamics(q, dq, ddq, truth)
     size = noise_sizes(torque)
     lasting = lfilter([np.sqrt(1 - memory**2)], [1, -memory], random.normal(size=torque.shape), axis=0)
     torque = torque + size * (WHITE * random.normal(size=torque.shape) + lasting)
-    torque += 0.3 * size * np.sign(dq) * np.exp(-((dq / 0.1) ** 2))
+    torque += stribeck * size * np.sign(dq) * np.exp(-((dq / 0.1) ** 2))
     blocks = TimeBlocks(empty_factors(model))
-    samples = sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque, t=t)
+    mask = np.abs(dq) > standstill if standstill else None
+    samples = sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque, t=t, mask=mask)
     if processing is not None:
         options = {"cutoff": 0.2 * RATE, "velocity_threshold": "none", **processing}
         samples = sy.Recording(t=t, q=q, torque=torque).process(Processing.from_dict(options, "processing"), model)
+    if rows is not None:
+        return rows(model, samples)
     info = sy.Information.from_chunks(model, [samples], blocks=blocks)
     return info, info.stretches(blocks)
 
@@ -139,7 +146,9 @@ def recorded(model, truth, moved, random, memory=MEMORY, processing=None):
 class Experiment:
     """An arm, what is told of it, what is true, and a log of a motion."""
 
-    def __init__(self, name, kind, knowledge, seed, memory=MEMORY, processing=None):
+    def __init__(
+        self, name, kind, knowledge, seed, memory=MEMORY, processing=None, rows=None, standstill=0.0, stribeck=STRIBECK
+    ):
         key = {"rich": 0, "ordinary": 1, "weak": 2}[kind]
         self.random = random = np.random.default_rng([seed, zlib.crc32(name.encode()), key])
         robot = described(name)
@@ -154,7 +163,9 @@ class Experiment:
         bodies = np.nan_to_num(np.asarray(true_model.robot.parameters))
         sizes = np.sqrt((true_model.inverse_dynamics(*self.moved[1:], bodies) ** 2).mean(axis=0)) + 1e-3
         self.truth = truth_of(robot, self.model, sizes, random)
-        self.info, self.stretches = recorded(self.model, self.truth, self.moved, random, memory, processing)
+        self.info, self.stretches = recorded(
+            self.model, self.truth, self.moved, random, memory, processing, rows, standstill, stribeck
+        )
 
 
 def case(name, kind, knowledge, seed):

@@ -1,6 +1,6 @@
 """Many logs on processes of this machine and on a Dask cluster of real workers: time, memory, and the same bytes.
 
-    python benchmarks/cluster.py [LOGS] [ROWS]      20 logs of 1 000 000 rows take some 2.5 GB of disk
+    python benchmarks/cluster.py [LOGS] [ROWS]      20 logs of 1 000 000 rows, or 1 of 20 000 000, take 2.5 GB of disk
 
 Prints the time of one process, of one and of two workers of Dask and of two processes, the largest memory of a worker,
 and whether the results are the same bytes, also where one of two workers is killed in mid-run and the other is stopped
@@ -110,13 +110,14 @@ def main() -> None:
             memory = f"{peak / 2**20:.0f} MiB" if peak else ""
             print(f"{where:44} {found[0]:7.1f} s {found[1]:7.1f} s  {memory:>19}  {found[2]}", flush=True)
 
-        identify(folder, place / "robot=7/part=0", "warm", None)
+        warm = write_logs(folder / "warm", 1, 20_000)
+        identify(folder, warm, "warmed", None)
         show("one process", identify(folder, place, "one", None))
         times = {}
         for count in (1, 2):
             with cluster(count) as (address, workers):
                 executor = sy.fleet.Cluster(address)
-                identify(folder, place / "robot=7/part=0", "warm", executor)
+                identify(folder, warm, "warmed", executor)
                 peak = Peak(workers)
                 found = identify(folder, place, f"dask-{count}", executor)
                 times[count] = found[0]

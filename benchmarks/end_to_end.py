@@ -42,12 +42,12 @@ for _ in range(4):
     for name in ("check", "tried_prior", "plausible_fit", "parameter_table", "mistakes_in_logs", "_predict"):
         kept[name] = getattr(module, name)
         setattr(module, name, note(name, kept[name]))
-    for name in ("decide", "reduce"):
+    for name in ("decide", "reduced"):
         kept[name] = getattr(module.LogReader, name)
         setattr(module.LogReader, name, note(name, kept[name]))
     estimate = note("all", identify)(sys.argv[1], [sys.argv[2]]).estimate
     note("save", estimate.save)(sys.argv[3])
-    for name in ("decide", "reduce"):
+    for name in ("decide", "reduced"):
         setattr(module.LogReader, name, kept.pop(name))
     for name, function in kept.items():
         setattr(module, name, function)
@@ -57,7 +57,7 @@ print(json.dumps(min(rounds, key=lambda one: one["all"][0])))
 """
 STEPS = {
     "decide": "filter and columns decided by the middle of the log",
-    "reduce": "decoding, filters, regressor, reduction",
+    "reduced": "decoding, filters, regressor, reduction",
     "check": "is least squares possible",
     "tried_prior": "weight of the prior by cross-validation",
     "plausible_fit": "feasible fit and the price of the prior",
@@ -87,9 +87,11 @@ def split(*arguments: str) -> None:
     if run.returncode:
         sys.exit(run.stderr)
     taken = json.loads(run.stdout)
+    if missing := STEPS.keys() - taken.keys():
+        sys.exit(f"identify does not pass through {', '.join(sorted(missing))} any more")
     print("beyond start-up: elapsed and processor time")
     for name, what in STEPS.items():
-        elapsed, processor = taken.get(name, (0.0, 0.0))
+        elapsed, processor = taken[name]
         print(f"  {what:51s}{elapsed:6.3f} s {processor:6.3f} s")
 
 

@@ -11,6 +11,8 @@ is no step.
 
     python benchmarks/interval_coverage.py                                # four arms, 18 experiments each
     python benchmarks/interval_coverage.py --arms ur5,z1 --experiments 200
+    python benchmarks/interval_coverage.py --estimator maximum_likelihood --standstill 0.2
+    python benchmarks/interval_coverage.py --memory 0 --stribeck 0        # white noise, and a model that is right
     python benchmarks/interval_coverage.py --processing 'torque_cutoff = 10.0'    # or 'decimate = [5]'
 """
 
@@ -26,9 +28,10 @@ import numpy as np
 from scipy.linalg import cholesky, solve_triangular, toeplitz
 
 sys.path.insert(0, str(Path(__file__).resolve().parent))
-from believable_answers import ARMS, MEMORY, MOTIONS, WHITE, Experiment, noise_sizes
+from believable_answers import ARMS, MEMORY, MOTIONS, STRIBECK, WHITE, Experiment, noise_sizes
 
 import steelyard as sy
+from steelyard.estimators.estimator import find_estimator
 from steelyard.feasibility.bounds.quantities import quantities
 from steelyard.identification.parameter_table import parameter_table
 from steelyard.identification.physical_prior import physical_prior
@@ -44,21 +47,29 @@ def correlation(count, memory):
     return found, cholesky(found, lower=True)
 
 
-def least_deviations(experiment, slopes, memory):
-    """Standard deviations of combinations (k, n_b): the bound of Cramér and Rao, and those of least squares, (k,)."""
+def least_deviations(experiment, slopes, memory, standstill=0.0):
+    """Standard deviations of combinations (k, n_b): the bound of Cramér and Rao, and those of least squares, (k,).
+
+    Where rows near standstill are left out, the second are the bound of the rows that are kept.
+    """
     model, (t, *motion) = experiment.model, experiment.moved
     regressor = model.regressor(*motion) @ model.base_parameters().Pb
     sizes = noise_sizes(model.inverse_dynamics(*motion, experiment.truth))
     matrix, root = correlation(len(t), memory)
-    told, plain, middle = np.zeros((3, regressor.shape[2], regressor.shape[2]))
+    told, plain, middle, of_kept = np.zeros((4, regressor.shape[2], regressor.shape[2]))
     for joint, size in enumerate(sizes):
         own = regressor[:, joint] / size
         rows = solve_triangular(root, own, lower=True)
         told += rows.T @ rows
         plain += own.T @ own
         middle += own.T @ matrix @ own
+        if standstill:
+            kept = np.abs(motion[1][:, joint]) > standstill
+            rows = solve_triangular(cholesky(matrix[np.ix_(kept, kept)], lower=True), own[kept], lower=True)
+            of_kept += rows.T @ rows
     inverse = inverted(plain)
-    return [np.sqrt(np.einsum("ki,ij,kj->k", slopes, m, slopes)) for m in (inverted(told), inverse @ middle @ inverse)]
+    second = inverted(of_kept) if standstill else inverse @ middle @ inverse
+    return [np.sqrt(np.einsum("ki,ij,kj->k", slopes, m, slopes)) for m in (inverted(told), second)]
 
 
 def inverted(matrix):
@@ -67,9 +78,9 @@ def inverted(matrix):
     return np.linalg.pinv(matrix / np.outer(scale, scale), rcond=1e-13, hermitian=True) / np.outer(scale, scale)
 
 
-def experiment_of(name, kind, knowledge, seed, memory, processing):
+def experiment_of(name, kind, knowledge, seed, memory, processing, rows, standstill, stribeck):
     """For each number with a known truth: its name, basis, whether the interval holds it, its half-width over both."""
-    experiment = Experiment(name, kind, knowledge, seed, memory, processing)
+    experiment = Experiment(name, kind, knowledge, seed, memory, processing, rows, standstill, stribeck)
     model, info, truth = experiment.model, experiment.info, experiment.truth
     feasible_set = sy.FeasibleSet(model)
     unconstrained = sy.least_squares(info)
@@ -79,7 +90,7 @@ def experiment_of(name, kind, knowledge, seed, memory, processing):
     asked = quantities(feasible_set)
     slopes = np.array([quantity.slope(truth) for quantity in asked]) @ np.linalg.pinv(feasible_set.K)
     counted = []
-    for quantity, *deviations in zip(asked, *least_deviations(experiment, slopes, memory), strict=True):
+    for quantity, *deviations in zip(asked, *least_deviations(experiment, slopes, memory, standstill), strict=True):
         row, ratios = table[quantity.name], (np.nan, np.nan)
         if row.basis == "measured":
             ratios = 0.5 * (row.upper - row.lower) / (NORMAL * np.array(deviations))
@@ -94,6 +105,9 @@ def main():
     parser.add_argument("--motions", default=",".join(MOTIONS))
     parser.add_argument("--memory", type=float, default=MEMORY, help="correlation of the noise with the sample before")
     parser.add_argument("--processing", help="options of a log that is processed, such as 'torque_cutoff = 10.0'")
+    parser.add_argument("--estimator", default="fit", help="fit, or one with rows of its own")
+    parser.add_argument("--standstill", type=float, default=0.0, help="rows that are left out, rad/s")
+    parser.add_argument("--stribeck", type=float, default=STRIBECK, help="friction near standstill, of the noise")
     parser.add_argument("--experiments", type=int, default=18)
     parser.add_argument("--first", type=int, default=0, help="number of the first experiment")
     parser.add_argument("--verbose", action="store_true", help="print the numbers that are held least often")
@@ -103,16 +117,19 @@ def main():
         parser.error(f"unknown arms: {', '.join(sorted(unknown))}")
     motions = options.motions.split(",")
     processing = None if options.processing is None else tomllib.loads(options.processing)
+    rows = getattr(find_estimator(options.estimator), "rows", None)
+    against = "the bound of the rows that are kept" if options.standstill else "least squares"
     print("inside: share of true values in their 95 % intervals, of all numbers and of those that rest on each basis")
     print(
         "width: of intervals of measured numbers over that of the bound of Cramér and Rao, and over that of the exact"
     )
-    print("standard deviation of least squares, of which the noise is known here")
+    print(f"standard deviation of least squares, of which the noise is known here; here the last is {against}")
     for name in options.arms.split(","):
         begun, counted = time.process_time(), []
         for number in range(options.first, options.first + options.experiments):
             kind = motions[number % len(motions)]
-            found = experiment_of(name, kind, options.knowledge, number, options.memory, processing)
+            settings = (options.memory, processing, rows, options.standstill, options.stribeck)
+            found = experiment_of(name, kind, options.knowledge, number, *settings)
             counted += [(kind, *row) for row in found]
         inside = np.array([row[3] for row in counted])
         widths = np.array([row[4:] for row in counted])
@@ -133,7 +150,7 @@ def main():
                 low, middle, high = np.quantile(known[:, 0], (0.05, 0.5, 0.95))
                 print(
                     f"  {len(known)} {what}: width over the bound {low:.2f} (5 %), {middle:.2f} (median), {high:.2f} "
-                    f"(95 %), {100 * np.mean(known[:, 0] <= 2.0):.1f} % at most 2; over least squares "
+                    f"(95 %), {100 * np.mean(known[:, 0] <= 2.0):.1f} % at most 2; over {against} "
                     f"{np.median(known[:, 1]):.2f}, {100 * np.mean(known[:, 1] <= 2.0):.1f} % at most 2"
                 )
         print(f"  {(time.process_time() - begun) / options.experiments:.2f} s each", flush=True)

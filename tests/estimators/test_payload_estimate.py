@@ -7,6 +7,7 @@ import pytest
 from payload_logs import Payload, SimulatedArm
 
 import steelyard as sy
+from steelyard.dynamics import ChannelFriction
 from steelyard.errors import InputError
 from steelyard.estimators import CarriedBody, KnownRobot, estimate_payload
 from steelyard.estimators.carried_body import CarryingModel, changing_parameters, mounting
@@ -318,3 +319,9 @@ def test_what_other_robots_show_of_a_payload(kind, link, noise):
         assert np.isnan(one.value) or one.standing != "open"
         if noise == 0.0 and one.standing == "measured":
             assert one.value == pytest.approx(value, abs=1e-7)
+
+
+def test_friction_by_a_signal_may_change_like_any_other():
+    robot = sy.Robot.from_dh([(0, 1.0, 0, "q")])
+    warm = sy.Model(robot.with_terms(ChannelFriction("temperature", range=[15, 60], reference=25), sy.Offset()))
+    assert [warm.parameter_names[k] for k in changing_parameters(warm)] == ["Fcj1", "Fvj1"]

@@ -121,7 +121,7 @@ def term_deviations(info: Information, feasible_set: FeasibleSet) -> Vector:
     """
     names = [str(name) for name in feasible_set.model.parameter_names]
     found = np.full(len(names), np.inf)
-    torque = [np.sqrt(f.norm2 / f.count) if f.count else 0.0 for f in info.factors]
+    torque = [np.sqrt(f.norm2 / f.count) if f.count else 0.0 for f in info.measured]
     largest = max(torque, default=0.0) or 1.0
     links = set(feasible_set.link_columns.ravel().tolist())
     terms = [index for index in range(len(names)) if index not in links]
@@ -131,7 +131,7 @@ def term_deviations(info: Information, feasible_set: FeasibleSet) -> Vector:
             float(column_lengths(f.triangle[:, :-1] @ feasible_set.K[f.columns, index, None])[0] / np.sqrt(f.count))
             if f.count
             else 0.0
-            for f in info.factors
+            for f in info.measured
         ]
         sizes[index] = max(seen, default=0.0)
         shown = [t for t, s in zip(torque, seen, strict=True) if s > 1e-9 * sizes[index] > 0.0 and t > 0.0]
@@ -209,7 +209,7 @@ def cross_validation(
     plain_losses = np.array([_loss(s, b, used) for s, b in zip(stretches, plain, strict=True)])
     squares = np.array([[_squares(s, b) for b in bases[1 + k]] for k, s in enumerate(stretches)])
     plain_squares = np.array([_squares(s, b) for s, b in zip(stretches, plain, strict=True)])
-    counts = np.maximum(np.sum([[f.count for f in s.factors] for s in stretches], axis=0), 1)
+    counts = np.maximum(np.sum([[f.count for f in s.measured] for s in stretches], axis=0), 1)
     best, largest = _choose(losses)
     return CrossValidation(
         prior_weights=grid,
@@ -241,7 +241,7 @@ def _loss(data: Information, base: Vector, weights: Vector | None) -> float:
 
 
 def _squares(data: Information, base: Vector) -> list[float]:
-    return [f.residual2(base) for f in data.factors]
+    return [f.residual2(base) for f in data.measured]
 
 
 def _choose(losses: Matrix) -> tuple[int, int]:

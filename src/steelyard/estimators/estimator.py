@@ -22,7 +22,18 @@ __all__ = ["ESTIMATORS", "Estimator", "estimate_with", "find_estimator", "proved
 Vector = npt.NDArray[np.float64]
 
 Estimator = Callable[..., Estimate]
-"""Called as ``estimator(info, feasible_set, **options)``; `proved_estimate` makes its answer from parameters."""
+"""Called as ``estimator(info, feasible_set, **options)``; `proved_estimate` makes its answer from parameters.
+
+One that makes rows of its own has an attribute ``rows(model, samples, count=5)``, which `steelyard.identify` calls with
+a callable that reads all the samples: it returns their Information, which then takes the place of that of the rows as
+they were measured, and the Informations of so many contiguous parts.
+
+One that needs the motion of the robot without noise has an attribute ``rows_of_motion(samples, feasible_set, motion,
+weights=, count=)`` in its place: it gets the samples of each log, and for each samples or a function of base
+parameters, as the table [controller] of the robot file tells them. With an attribute ``needs_controller`` that is true,
+this table has to tell the reference and the gains.
+
+One that brings a prior of its own has an attribute ``has_prior`` that is true, and takes no other."""
 
 _CONSISTENT = 1e-6
 """Relative difference up to which what an estimate says is what its parameters make: rounding is far below that, and a
@@ -36,7 +47,18 @@ def _checked_estimator(name: str, offered: object) -> Estimator:
 
 
 ESTIMATORS: Extensions[Estimator] = Extensions(
-    "estimators", "estimator", {"fit": f"{__package__}.fit:fit"}, _checked_estimator
+    "estimators",
+    "estimator",
+    {
+        "bayesian": f"{__package__}.posterior:bayesian",
+        "energy": f"{__package__}.energy_and_momentum:energy",
+        "fit": f"{__package__}.fit:fit",
+        "maximum_likelihood": f"{__package__}.maximum_likelihood:maximum_likelihood",
+        "momentum": f"{__package__}.energy_and_momentum:momentum",
+        "instrumental_variables": f"{__package__}.instrumental_variables:of_instruments",
+        "output_error": f"{__package__}.output_error:of_outputs",
+    },
+    _checked_estimator,
 )
 
 
@@ -92,7 +114,7 @@ def proved_estimate(
     joint_names = info.joint_names
     drives: dict[str, Any] = {}
     if isinstance(model, Model):
-        drives = vars(model.drives(parameters))
+        drives = model.drives(parameters).always_told()
         joint_names = joint_names or tuple(model.robot.joint_names)  # reduced data does not name them
     # The certificate is about the standard parameters, which users take; the base parameters follow from them.
     certificate = FeasibilityCertificate.of_parameters(feasible_set, parameters)

@@ -546,8 +546,7 @@ def _ends(problem: _Problem, asked: list[Quantity], found: Array, distance: floa
             pass
     if told.all():
         return ends
-    # Its ends are told to a part of the interval's width, which means nothing where one of them is infinite, and those
-    # of ratios whose mass has no bound are narrower than they should be.
+    # Its ends beside an infinite one have no proof, and what is a payload at all hangs on the least mass.
     region = _ProfileRegion(problem.base, covariance, 0.95, reach=float(np.hypot(distance, reach)))
     try:
         finder = given_region(feasible_set, region, solver).finder

@@ -18,7 +18,7 @@ from steelyard.feasibility.feasible_set import FeasibleSet
 from steelyard.feasibility.units import Units, lengths_of_links
 from steelyard.robot.inertia import PSEUDO_INERTIA, pseudo_inertia
 
-__all__ = ["ConstantPullbackPrior", "EntropicPrior", "EuclideanPrior", "PreparedPrior", "Prior"]
+__all__ = ["ConstantPullbackPrior", "EntropicPrior", "EuclideanPrior", "PreparedPrior", "Prior", "distance_from"]
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -226,6 +226,17 @@ class ConstantPullbackPrior(Prior):
         return np.asarray(np.einsum("bkij,blji->bkl", products, products))
 
 
+def distance_from(
+    parameters: npt.ArrayLike | None, feasible_set: FeasibleSet, deviations: Vector
+) -> EntropicPrior | ConstantPullbackPrior:
+    """The distance from parameters (n,), those of the description where absent; quadratic without full consistency.
+
+    The deviations (n,) are those of terms.
+    """
+    kind = EntropicPrior if feasible_set.consistency == "full" else ConstantPullbackPrior
+    return kind(parameters, term_deviations=deviations)
+
+
 @dataclass(frozen=True, eq=False)
 class PreparedPrior:
     """A prior of one model, with its metric.
@@ -281,6 +292,18 @@ class PreparedPrior:
         found += points[:, columns].reshape(len(points), -1) @ self._traces.ravel()
         rest = np.linalg.slogdet(pseudo_inertia(self.bodies))[1] - log_determinants(pseudo_inertia(points[:, columns]))
         return np.asarray(found + (rest - 4.0).sum(axis=1))
+
+    def gradients(self, points: Matrix) -> Matrix:
+        """Gradients of the distances of many δ, (p, n); much cheaper than with the Hessians."""
+        errors = points - self.reference
+        found = errors * self.diagonal
+        columns = self.feasible_set.link_columns
+        if self.metric is not None:
+            found[:, columns] += np.einsum("bij,pbj->pbi", self.metric, errors[:, columns])
+        else:
+            inverses = np.linalg.inv(pseudo_inertia(points[:, columns]))
+            found[:, columns] += self._traces - np.einsum("pbij,kji->pbk", inverses, PSEUDO_INERTIA)
+        return np.asarray(found)
 
     def add_derivatives(self, points: Matrix, factors: Vector, gradients: Matrix, hessians: Matrix) -> None:
         """Add the gradients and Hessians of the distances of δ (p, n), each times a factor (p,)."""

@@ -177,17 +177,7 @@ def robust_information(
     assert record is not None
     filtered = any(chunk.is_biased_for(model) for chunk in chunks)
     remarks = (*((FILTERED,) if filtered else ()), str(record))
-    return RobustInformation(
-        plain.base_names,
-        plain.base_expressions,
-        plain.joint_names,
-        information.factors,
-        measured,
-        None,
-        remarks,
-        record,
-        filtered_torque=filtered,
-    )
+    return RobustInformation.of(replace(information, remarks=remarks, filtered_torque=filtered), huber=record)
 
 
 def _fitted(

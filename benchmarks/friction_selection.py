@@ -1,0 +1,264 @@
+"""Whether the friction that is chosen is the one that a robot has: planted laws, none at all, and real recordings.
+
+Arms of the package example-robot-data move along random Fourier series. Pinocchio computes the torques of their links,
+NumPy those of friction, with the formulas below and a state of presliding that is integrated in steps of a twentieth of
+a sample: nothing is shared with what is measured. Encoders and torques are noisy, and the noise of the torques lasts
+for twenty samples; speeds and accelerations come from the encoders, through the filter that the log chooses. Each robot
+has one law at all joints beside Coulomb and viscous friction, with sizes and shapes of its own. Counted is how often
+that law alone is chosen (joints that move too little for it may go without), and how far its numbers are off.
+
+    python benchmarks/friction_selection.py                                   # every law and none, 100 robots each
+    python benchmarks/friction_selection.py --laws stribeck,none --seeds 20
+    python benchmarks/friction_selection.py --recordings ../shared/data       # the Staubli TX40, the UR10 and the Gen3
+"""
+
+import argparse
+import sys
+import time
+from collections import Counter
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pinocchio
+from scipy.signal import lfilter
+
+sys.path.insert(0, str(Path(__file__).resolve().parent))
+from believable_answers import ARMS as ARMS_OF
+from believable_answers import description
+
+import steelyard as sy
+from steelyard.estimators.friction_candidates import CANDIDATES
+from steelyard.estimators.friction_selection import FrictionData, select_friction
+from steelyard.identification.chosen_friction import is_term, memory_of, samples_of, terms_with
+from steelyard.identification.given import given_robot
+from steelyard.identification.log_reader import LogReader
+
+ARMS = ("ur5", "z1")
+RATE, DURATION, MEMORY = 100.0, 40.0, 0.95
+ENCODER = 3e-5  # rad, white
+NOISE = 0.005  # of the root mean square of the torque of a joint: that which lasts; as much is white
+FINER = 20
+
+
+@cache
+def arm(name):
+    """Pinocchio's model of an arm, and ours with the terms that a robot has in any case."""
+    robot = sy.Robot.from_urdf(description(name), tip=ARMS_OF[name][1])
+    whole = pinocchio.buildModelFromUrdf(str(description(name)))
+    locked = [whole.getJointId(joint) for joint in whole.names[1:] if joint not in robot.joint_names]
+    described = pinocchio.buildReducedModel(whole, locked, pinocchio.neutral(whole))
+    assert list(robot.joint_names) == list(described.names[1:]), (robot.joint_names, list(described.names))
+    return described, sy.Model(robot.with_terms(sy.Viscous(), sy.Coulomb(), sy.Offset()))
+
+
+def motion(model, random, t):
+    """A random Fourier series of each joint: (S, N) positions, velocities and accelerations."""
+    base = 2.0 * np.pi * 0.1
+    q, dq, ddq = np.zeros((3, len(t), model.nv))
+    for joint in range(model.nv):
+        lower, upper = model.lowerPositionLimit[joint], model.upperPositionLimit[joint]
+        if not (np.isfinite(lower) and np.isfinite(upper) and upper - lower < 7.0):
+            lower, upper = -np.pi, np.pi
+        harmonics = np.arange(1, 7)
+        a, b = random.normal(size=(2, 6)) / np.sqrt(harmonics)
+        phase = base * harmonics * t[:, None]
+        series = np.sin(phase) @ a + np.cos(phase) @ b
+        size = min(0.4 * (upper - lower), 1.6) / np.abs(series).max()
+        rates = base * harmonics
+        q[:, joint] = 0.5 * (lower + upper) + size * series
+        dq[:, joint] = size * (np.cos(phase) @ (a * rates) - np.sin(phase) @ (b * rates))
+        ddq[:, joint] = -size * (np.sin(phase) @ (a * rates**2) + np.cos(phase) @ (b * rates**2))
+    return q, dq, ddq
+
+
+def presliding(q, t, displacement, ratio, speed):
+    """The deflection of a bristle over that of Coulomb friction, and its rate, by Heun's rule in small steps."""
+    fine = np.linspace(t[0], t[-1], (len(t) - 1) * FINER + 1)
+    from scipy.interpolate import CubicSpline
+
+    v = CubicSpline(t, q).derivative()(fine)
+    step = fine[1] - fine[0]
+    states = np.zeros(len(fine))
+
+    def slope(u, rate):
+        return (rate - abs(rate) * u / (1.0 + ratio * np.exp(-((rate / speed) ** 2)))) / displacement
+
+    u = 0.0
+    for k, (now, after) in enumerate(zip(v[:-1].tolist(), v[1:].tolist(), strict=True), start=1):
+        first = slope(u, now)
+        u += 0.5 * step * (first + slope(u + step * first, after))
+        states[k] = u
+    u, v = states[::FINER], v[::FINER]
+    return u, v - np.abs(v) * u / (1.0 + ratio * np.exp(-((v / speed) ** 2)))
+
+
+def friction(law, random, q, dq, load, t):
+    """Torques of friction of one joint, and the numbers of the planted law: those of its shape, and the others."""
+    size, fastest = float(np.sqrt(np.mean(load**2))), float(np.abs(dq).max())
+    coulomb, viscous = (random.uniform(0.15, 0.3) * size * x for x in (1.0, 1.5 / fastest))
+    torque = viscous * dq + coulomb * np.sign(dq)
+    pick = random.uniform
+    if law == "viscous_by_direction":
+        more = pick(0.2, 0.4) * viscous * random.choice([-1.0, 1.0])
+        return torque + more * np.abs(dq), {}, [more]
+    if law == "stribeck":
+        speed, more = pick(0.04, 0.12) * fastest, pick(0.5, 1.0) * coulomb
+        return torque + more * np.sign(dq) * np.exp(-((dq / speed) ** 2)), {"velocity": speed}, [more]
+    if law == "coulomb_smooth":
+        speed = pick(0.04, 0.12) * fastest
+        return torque + coulomb * (np.tanh(dq / speed) - np.sign(dq)), {"velocity": speed}, [coulomb]
+    if law == "friction_polynomial":
+        square, cube = -pick(0.7, 0.9) * viscous / fastest, pick(0.5, 0.7) * viscous / fastest**2
+        return torque + square * dq * np.abs(dq) + cube * dq**3, {}, [square, cube]
+    if law == "friction_piecewise":
+        speed, more = pick(0.25, 0.45) * fastest, -pick(0.7, 0.95) * viscous
+        return torque + more * np.sign(dq) * np.maximum(np.abs(dq) - speed, 0.0), {"speed": speed}, [more]
+    if law == "load":
+        share = pick(0.04, 0.08)
+        return torque + share * np.abs(load) * np.sign(dq), {}, [share]
+    if law == "spring":
+        stiffness = pick(0.1, 0.3) * size / np.ptp(q)
+        return torque + stiffness * q, {}, [stiffness]
+    if law == "cogging":
+        harmonic, amplitude, phase = int(pick(6, 30)), pick(0.03, 0.08) * size, pick(0.0, 2.0 * np.pi)
+        numbers = [amplitude * np.cos(phase), amplitude * np.sin(phase)]
+        return torque + amplitude * np.cos(harmonic * q - phase), {"harmonic": float(harmonic)}, numbers
+    if law == "dahl":
+        displacement = pick(0.01, 0.04) * np.ptp(q)
+        state, _ = presliding(q, t, displacement, 0.0, 1.0)
+        return torque + coulomb * (state - np.sign(dq)), {"displacement": displacement}, [coulomb]
+    if law == "lugre":
+        displacement, ratio, speed = pick(0.01, 0.04) * np.ptp(q), pick(0.6, 1.0), pick(0.05, 0.1) * fastest
+        state, rate = presliding(q, t, displacement, ratio, speed)
+        damping = 0.4 * viscous / ratio  # of which the condition of passivity holds
+        torque = torque + coulomb * (state - np.sign(dq)) + damping * rate
+        return torque, {"displacement": displacement, "ratio": ratio, "velocity": speed}, [coulomb, damping]
+    assert law == "none"
+    return torque, {}, []
+
+
+LAWS = (
+    "viscous_by_direction",
+    "stribeck",
+    "coulomb_smooth",
+    "friction_polynomial",
+    "friction_piecewise",
+    "load",
+    "spring",
+    "cogging",
+    "dahl",
+    "lugre",
+    "none",
+)
+
+
+class Experiment:
+    """A robot with a law of friction, and the log of a motion."""
+
+    def __init__(self, law, seed, filtered=False):
+        random = np.random.default_rng([seed, LAWS.index(law)])
+        described, self.model = arm(ARMS[seed % len(ARMS)])
+        data, t = described.createData(), np.arange(0.0, DURATION, 1.0 / RATE)
+        q, dq, ddq = motion(described, random, t)
+        loads = np.array([pinocchio.rnea(described, data, *row) for row in zip(q, dq, ddq, strict=True)])
+        self.truth, torque = [], loads.copy()
+        for joint in range(described.nv):
+            own, shape, numbers = friction(law, random, q[:, joint], dq[:, joint], loads[:, joint], t)
+            torque[:, joint] += own
+            self.truth.append((shape, numbers))
+        sizes = NOISE * np.sqrt(np.mean(torque**2, axis=0))
+        lasting = lfilter([np.sqrt(1.0 - MEMORY**2)], [1.0, -MEMORY], random.normal(size=torque.shape), axis=0)
+        torque += sizes * (lasting + random.normal(size=torque.shape))
+        self.recording = sy.Recording(
+            t=t, q=q + ENCODER * random.normal(size=q.shape), torque=torque, joint_names=self.model.robot.joint_names
+        )
+        self.samples = self.recording.process(model=self.model)
+
+
+def planted(laws, seeds, first):
+    heads = f"{'law':22s} right  missed  other  joints  within 5 %  median error  held-out error  time"
+    print(heads)
+    for law in laws:
+        right, missed, other, joints, errors, changes, spent = 0, 0, Counter(), [], [], [], 0.0
+        for seed in range(first, first + seeds):
+            experiment = Experiment(law, seed)
+            began = time.process_time()
+            found = select_friction(experiment.model, experiment.samples)
+            spent += time.process_time() - began
+            wanted = () if law == "none" else (law,)
+            right += found.kinds == wanted
+            missed += law not in found.kinds and law != "none"
+            other.update(kind for kind in found.kinds if kind != law)
+            changes.append(np.exp(np.mean(np.log(found.errors / found.plain_errors))) - 1.0)
+            own = [one for one in found.chosen if one.kind == law]
+            joints.append(len(own) / experiment.model.dof)
+            for one in own:
+                shape, numbers = experiment.truth[one.joint]
+                errors.extend(abs(one.shape[name] / value - 1.0) for name, value in shape.items())
+                scale = np.linalg.norm(numbers) if law == "cogging" else 0.0
+                errors.extend(abs(a - b) / (scale or abs(b)) for a, b in zip(one.coefficients, numbers, strict=True))
+        told = np.array(errors or [np.nan])
+        print(
+            f"{law:22s} {right:4d}  {missed:6d}  {dict(other)!s}  {np.mean(joints):.0%}   {np.mean(told < 0.05):.0%}  "
+            f"{np.median(told):.1%}  {np.median(changes):+.0%} ({max(changes):+.1%} at most)  {spent / seeds:.2f} s",
+            flush=True,
+        )
+
+
+def recordings(folder):
+    """Errors on stretches of real logs of which neither the choice nor the fit knows anything, least squares."""
+    examples = Path(__file__).resolve().parent.parent / "examples"
+    tx40 = "+".join(str(folder / "staubli_tx40" / f"raw_{what}_motor_5khz.csv") for what in ("q", "tau"))
+    logs = {
+        "staubli_tx40.toml": tx40,
+        "ur10.toml": folder / "ur10_unisa" / "exciting.csv",
+        "kinova_gen3.toml": folder / "kinova_gen3" / "opti_traj_testing1.csv",
+    }
+    for name, log in logs.items():
+        file, model = given_robot(examples / name)
+        reader = LogReader(file, model, 200_000)
+        reader.decide([str(log)], lambda _: None)
+        whole = samples_of(reader, str(log), model)
+        ends = np.linspace(0, whole.count, 6).astype(int)
+        squares, told = np.zeros((2, model.dof)), Counter()
+        for start, stop in pairwise(ends):
+            training = [whole.rows(a, b) for a, b in ((0, start), (stop, whole.count)) if b > a]
+            data = FrictionData.of(model, training, memory_of(reader, whole))
+            found = select_friction(model, data, candidates=[one for one in CANDIDATES if is_term(one.kind)])
+            told.update(found.kinds or ["nothing"])
+            models = [model]
+            if found.chosen:
+                models.append(sy.Model(model.robot.with_terms(*terms_with(model.robot.terms, found.chosen, data))))
+            errors = []
+            for one in models:
+                rows = samples_of(reader, str(log), one)
+                parts = [rows.rows(a, b) for a, b in ((0, start), (stop, rows.count)) if b > a]
+                base = sy.least_squares(sy.Information.from_chunks(one, parts), "joint").base
+                test = sy.Information.from_samples(one, rows.rows(start, stop), batch_means=False)
+                errors.append([factor.residual2(base) for factor in test.factors])
+            squares += [errors[0], errors[-1]]
+        ratio = np.sqrt(squares[1] / squares[0])
+        print(
+            f"{name}: held-out error {np.sqrt(squares[1].sum() / squares[0].sum()) - 1.0:+.1%}, of the joints "
+            f"{', '.join(f'{one - 1.0:+.1%}' for one in ratio)}; laws {dict(told)}",
+            flush=True,
+        )
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--laws", default=",".join(LAWS))
+    parser.add_argument("--seeds", type=int, default=100)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--recordings", type=Path)
+    given = parser.parse_args()
+    if given.recordings is not None:
+        recordings(given.recordings)
+    else:
+        planted(given.laws.split(","), given.seeds, given.first)
+
+
+if __name__ == "__main__":
+    main()

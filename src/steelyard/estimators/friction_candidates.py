@@ -1,0 +1,331 @@
+"""Friction laws that a selection tries: their regressor columns for given shapes, and the shapes that are tried."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["CANDIDATES", "FrictionCandidate", "JointMotion", "bristle_states", "lugre_is_passive"]
+
+Array = NDArray[np.float64]
+Shape = tuple[float, ...]
+
+FRACTIONS = np.geomspace(0.01, 0.6, 14)
+"""Of the fastest speed of a joint: Stribeck velocities, knees and widths that are tried, each 1.37 times the one
+before; a search between neighbours follows."""
+TRAVELS = np.geomspace(1e-4, 0.3, 14)
+"""Of the range of a joint: presliding displacements that are tried."""
+MOST_HARMONICS = 64
+"""Periods in a turn (or in a metre over 2 π) of a ripple that are tried; a ripple must be seen at two samples a
+period, and over one period at least."""
+
+
+class JointMotion(NamedTuple):
+    """Motion of one joint, row by row.
+
+    Attributes
+    ----------
+    q, dq : ndarray
+        (S,) rad or m, and per s.
+    load : ndarray
+        (S,) N·m or N: what the links alone ask of the joint, by a preliminary fit.
+    starts : tuple of int
+        Rows at which a log begins, so that nothing is remembered from the row before.
+    """
+
+    q: Array
+    dq: Array
+    load: Array
+    starts: tuple[int, ...] = (0,)
+
+    @property
+    def speed(self) -> float:
+        """The fastest speed, leaving out one row in a hundred."""
+        return float(np.quantile(np.abs(self.dq), 0.99))
+
+
+@dataclass(frozen=True, eq=False)
+class FrictionCandidate:
+    """A law of friction (or of a drive) that may be added to that of a model.
+
+    Attributes
+    ----------
+    kind : str
+    words : str
+        What it is.
+    shape_names : tuple of str
+        Of the parameters on which it depends nonlinearly.
+    columns : callable
+        Motion and shapes -> one array (S, c) for each shape: what its c linear parameters multiply.
+    shapes : callable
+        Motion -> the shapes that are tried first.
+    nonnegative : tuple of bool
+        Which of its linear parameters cannot be negative, since friction would then drive the joint.
+    replaces : str
+        Kind of the term that it stands in place of; empty where it is added.
+    changes : str
+        Kind of the term of which it is another form; one law at a joint changes each at most.
+    has_state : bool
+        Whether its columns remember the motion, so that no term of a model can be evaluated sample by sample.
+    is_friction : bool
+        Whether it must dissipate, with the viscous and the Coulomb friction of the joint.
+    steps : tuple of (str, tuple of float)
+        Shapes that take these values alone.
+    contains : tuple of str
+        Kinds of which it is another for some shape.
+    """
+
+    kind: str
+    words: str
+    columns: Callable[[JointMotion, Sequence[Shape]], list[Array]]
+    shapes: Callable[[JointMotion], list[Shape]]
+    nonnegative: tuple[bool, ...]
+    shape_names: tuple[str, ...] = ()
+    replaces: str = ""
+    changes: str = ""
+    has_state: bool = False
+    is_friction: bool = True
+    steps: tuple[tuple[str, tuple[float, ...]], ...] = ()
+    contains: tuple[str, ...] = ()
+
+    @property
+    def parameter_count(self) -> int:
+        """Linear parameters and shapes together."""
+        return len(self.nonnegative) + len(self.shape_names)
+
+
+def _plain(function: Callable[[JointMotion], list[Array]]) -> Callable[[JointMotion, Sequence[Shape]], list[Array]]:
+    return lambda motion, shapes: [np.column_stack(function(motion))] * len(shapes)
+
+
+def _shaped(
+    function: Callable[[JointMotion, Shape], list[Array]],
+) -> Callable[[JointMotion, Sequence[Shape]], list[Array]]:
+    return lambda motion, shapes: [np.column_stack(function(motion, shape)) for shape in shapes]
+
+
+def _no_shape(_: JointMotion) -> list[Shape]:
+    return [()]
+
+
+def _speeds(motion: JointMotion) -> list[Shape]:
+    return [(float(f * motion.speed),) for f in FRACTIONS] if motion.speed > 0.0 else []
+
+
+def _stribeck_shapes(motion: JointMotion) -> list[Shape]:
+    return [(v, exponent) for (v,) in _speeds(motion) for exponent in (1.0, 2.0)]
+
+
+def _travels(motion: JointMotion) -> list[Shape]:
+    extent = float(np.ptp(motion.q)) if len(motion.q) else 0.0
+    return [(float(f * extent),) for f in TRAVELS] if extent > 0.0 else []
+
+
+def _lugre_shapes(motion: JointMotion) -> list[Shape]:
+    speeds = [v for (v,) in _speeds(motion)][3::3]
+    return [(d, ratio, v) for (d,) in _travels(motion)[3::2] for ratio in (0.3, 0.9) for v in speeds]
+
+
+def _harmonics(motion: JointMotion) -> list[Shape]:
+    extent = float(np.ptp(motion.q)) if len(motion.q) else 0.0
+    step = float(np.quantile(np.abs(np.diff(motion.q)), 0.95)) if len(motion.q) > 1 else 0.0
+    if not (extent > 0.0 and step > 0.0):
+        return []
+    # The first harmonics of a joint that turns are those of gravity.
+    return [(float(h),) for h in range(2, MOST_HARMONICS + 1) if h * extent > 2.0 * np.pi and h * step < 0.5 * np.pi]
+
+
+def bristle_states(motion: JointMotion, shapes: Sequence[tuple[float, float, float]]) -> tuple[Array, Array]:
+    """Integrate the state of a bristle along a measured motion, for many shapes at a time.
+
+    The state u of LuGre friction, its deflection over that of steady sliding with Coulomb friction, follows
+    ``du/dt = (dq - |dq| u / g(dq)) / d`` with ``g(dq) = 1 + r exp(-(dq / v)²)``. Over a step in which the joint moves
+    one way at one speed this has a closed form, which is taken; Dahl's is the case r = 0.
+
+    Parameters
+    ----------
+    motion : JointMotion
+    shapes : sequence of (d, r, v)
+        Presliding displacement (rad or m), what breaks away above Coulomb friction, relative to that, and Stribeck
+        velocity.
+
+    Returns
+    -------
+    states, rates : ndarray
+        (K, S) each: u, and d du/dt.
+
+    References
+    ----------
+    P. R. Dahl, A solid friction model, Aerospace Corporation, 1968. C. Canudas de Wit et al., A new model for control
+    of systems with friction, IEEE Transactions on Automatic Control 40, 1995.
+
+    Examples
+    --------
+    A joint that starts to slide gets to Coulomb friction over its presliding displacement:
+
+    >>> q = np.linspace(0.0, 0.05, 6)
+    >>> motion = JointMotion(q, np.full(6, 0.1), np.zeros(6))
+    >>> bristle_states(motion, [(0.01, 0.0, 1.0)])[0].round(3)
+    array([[0.   , 0.632, 0.865, 0.95 , 0.982, 0.993]])
+    """
+    d, ratio, speed = (np.array(one)[None, :] for one in zip(*shapes, strict=True))
+    dq = motion.dq[:, None]
+    bound = 1.0 + ratio * np.exp(-np.minimum((dq / speed) ** 2, 700.0))  # (S, K)
+    moved = np.diff(motion.q, prepend=motion.q[:1])
+    middle = 0.5 * (bound + np.vstack([bound[:1], bound[:-1]]))
+    kept = np.exp(-np.abs(moved)[:, None] / (d * middle))
+    pulled = np.sign(moved)[:, None] * middle * (1.0 - kept)
+    starts = list(motion.starts)
+    kept[starts], pulled[starts] = 0.0, 0.0
+    states = _recursion(kept, pulled)
+    rates = dq - np.abs(dq) * states / bound
+    return states.T, rates.T
+
+
+def _recursion(factors: Array, terms: Array) -> Array:
+    """Return u with ``u[k] = factors[k] u[k - 1] + terms[k]`` along the first axis, by doubling the steps."""
+    found, reach, factors = terms.copy(), 1, factors.copy()
+    while reach < len(found):
+        found[reach:] += factors[reach:] * found[:-reach].copy()
+        factors[reach:] *= factors[:-reach].copy()
+        reach *= 2
+    return found
+
+
+def _dahl(motion: JointMotion, shapes: Sequence[Shape]) -> list[Array]:
+    states, _ = bristle_states(motion, [(d, 0.0, 1.0) for (d,) in shapes])
+    return [state[:, None] for state in states]
+
+
+def _lugre(motion: JointMotion, shapes: Sequence[Shape]) -> list[Array]:
+    pairs = zip(*bristle_states(motion, [(d, r, v) for d, r, v in shapes]), strict=True)
+    return [np.column_stack(pair) for pair in pairs]
+
+
+def lugre_is_passive(damping: float, viscous: float, ratio: float) -> bool:
+    """Whether LuGre friction dissipates in every motion: ``viscous >= ratio * damping``.
+
+    Parameters
+    ----------
+    damping, viscous : float
+        Of the bristles, and viscous friction, N·m·s/rad or N·s/m.
+    ratio : float
+        What breaks away above Coulomb friction, relative to that.
+
+    References
+    ----------
+    N. Barahanov and R. Ortega, Necessary and sufficient conditions for passivity of the LuGre friction model, IEEE
+    Transactions on Automatic Control 45, 2000.
+
+    Examples
+    --------
+    >>> lugre_is_passive(1.0, 0.6, 0.5), lugre_is_passive(1.0, 0.4, 0.5)
+    (True, False)
+    """
+    return viscous >= ratio * damping
+
+
+def _stribeck(motion: JointMotion, shape: Shape) -> list[Array]:
+    speed, exponent = shape
+    return [np.sign(motion.dq) * np.exp(-np.minimum((np.abs(motion.dq) / speed) ** exponent, 700.0))]
+
+
+CANDIDATES: tuple[FrictionCandidate, ...] = (
+    FrictionCandidate(
+        "viscous_by_direction",
+        "viscous friction that is another in each direction",
+        _plain(lambda motion: [np.abs(motion.dq)]),
+        _no_shape,
+        (False,),
+        changes="viscous",
+    ),
+    FrictionCandidate(
+        "spring",
+        "a spring",
+        _plain(lambda motion: [motion.q]),
+        _no_shape,
+        (True,),
+        is_friction=False,
+    ),
+    FrictionCandidate(
+        "load",
+        "Coulomb friction that grows with the load",
+        _plain(lambda motion: [np.abs(motion.load) * np.sign(motion.dq)]),
+        _no_shape,
+        (True,),
+    ),
+    FrictionCandidate(
+        "coulomb_smooth",
+        "Coulomb friction that turns its sign smoothly",
+        _shaped(lambda motion, shape: [np.tanh(motion.dq / shape[0])]),
+        _speeds,
+        (True,),
+        ("velocity",),
+        replaces="coulomb",
+        changes="coulomb",
+    ),
+    FrictionCandidate(
+        "friction_polynomial",
+        "viscous friction with a square and a cube",
+        _plain(lambda motion: [motion.dq * np.abs(motion.dq), motion.dq**3]),
+        _no_shape,
+        (False, False),
+        changes="viscous",
+    ),
+    FrictionCandidate(
+        "friction_piecewise",
+        "viscous friction with a knee",
+        _shaped(lambda motion, shape: [np.sign(motion.dq) * np.maximum(np.abs(motion.dq) - shape[0], 0.0)]),
+        _speeds,
+        (False,),
+        ("speed",),
+        changes="viscous",
+    ),
+    FrictionCandidate(
+        "stribeck",
+        "Coulomb friction that is another near rest (Stribeck)",
+        _shaped(_stribeck),
+        _stribeck_shapes,
+        (False,),
+        ("velocity", "exponent"),
+        steps=(("exponent", (1.0, 2.0)),),
+        changes="coulomb",
+    ),
+    FrictionCandidate(
+        "cogging",
+        "a ripple with position",
+        _shaped(lambda motion, shape: [np.cos(shape[0] * motion.q), np.sin(shape[0] * motion.q)]),
+        _harmonics,
+        (False, False),
+        ("harmonic",),
+        is_friction=False,
+    ),
+    FrictionCandidate(
+        "dahl",
+        "friction with presliding (Dahl)",
+        _dahl,
+        _travels,
+        (True,),
+        ("displacement",),
+        replaces="coulomb",
+        has_state=True,
+        changes="coulomb",
+    ),
+    FrictionCandidate(
+        "lugre",
+        "friction with presliding that is another near rest (LuGre)",
+        _lugre,
+        _lugre_shapes,
+        (True, True),
+        ("displacement", "ratio", "velocity"),
+        replaces="coulomb",
+        has_state=True,
+        contains=("dahl",),
+        changes="coulomb",
+    ),
+)
+"""In the order in which, of equally good ones, the first is taken: fewest parameters first."""

@@ -1,0 +1,161 @@
+"""Compliance of elastic joints where only the motors' positions are logged.
+
+The links' motion is that of the motors less the deflections, and the deflections are the compliances times the
+torques of the links: ``q = theta - c tau(q)``. The torques are not linear in c. They are linearised, all the base
+parameters and all the compliances are regressed together, and that is repeated from the compliances found
+(Gauss-Newton).
+
+What shows a compliance is the acceleration of the deflection. A motion of frequency f changes torques by the square of
+f over the resonance of the joint: by 1 % at a tenth of it. Slow motions show nothing, and the answer is a bound.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.recording import Samples
+from steelyard.regression import Information, ParameterCovariance
+from steelyard.regression.batch_means import BatchSums
+from steelyard.regression.factor import Factor, solve, triangular
+from steelyard.regression.reduction import BLOCK, joint_rows
+
+from .joint_stiffness import Motion, motion_behind
+
+if TYPE_CHECKING:
+    from steelyard.dynamics import Model
+
+__all__ = ["Compliances", "deflected", "estimate_compliances"]
+
+Array = NDArray[np.float64]
+Torques = Callable[[Array, Array, Array], Array]
+_ROUNDS, _SETTLED = 8, 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Compliances:
+    """Compliances of some joints.
+
+    Attributes
+    ----------
+    values, standard_error : ndarray
+        (J,) rad/(N·m) or m/N; the errors hold the correlation of the residuals in time.
+    """
+
+    values: Array
+    standard_error: Array
+
+
+def deflected(samples: Samples, links: Torques, places: Sequence[int], compliances: Array) -> Motion:
+    """Return the motion of the links (S, N) behind springs, from that of the motors.
+
+    Parameters
+    ----------
+    samples : Samples
+        The motion of the motors, with times.
+    links : callable
+        From a motion (S, N) to the torques of the links.
+    places : sequence of int
+        The J elastic joints.
+    compliances : ndarray
+        (J,).
+    """
+    assert samples.t is not None
+    motor = samples.q, samples.dq, samples.ddq
+    found = motor
+    for _ in range(2):  # the second time with the accelerations of the links
+        torque = links(*found)[:, list(places)]
+        found = motion_behind(motor, samples.t, places, compliances * torque)
+    return found
+
+
+def estimate_compliances(
+    model: Model, logs: Sequence[Samples], links: Torques, drives: Torques, places: Sequence[int]
+) -> Compliances:
+    """Estimate the compliances of joints from the motion and the torques of their motors.
+
+    Parameters
+    ----------
+    model : Model
+    logs : sequence of Samples
+        Of the motors, with times.
+    links, drives : callable
+        From a motion (S, N) to the torques of the links, and to those of what the motors carry themselves.
+    places : sequence of int
+        The J elastic joints.
+    """
+    compliances = np.zeros(len(places))
+    errors = np.full(len(places), np.inf)
+    for _ in range(_ROUNDS):
+        step, errors = _step(model, logs, links, drives, places, compliances)
+        before, compliances = compliances, np.maximum(compliances + step, 0.0)
+        if np.all(np.abs(compliances - before) <= _SETTLED * errors):
+            break
+    return Compliances(compliances, errors)
+
+
+def _step(
+    model: Model, logs: Sequence[Samples], links: Torques, drives: Torques, places: Sequence[int], now: Array
+) -> tuple[Array, Array]:
+    """One step of Gauss-Newton for the compliances, and their standard errors."""
+    base, columns = model.base_parameters(), model.base_columns
+    width = base.count + len(places)
+    own = [np.concatenate([c, np.arange(base.count, width)]) for c in columns.joints]
+    empty = tuple(Factor(k, c, np.zeros((len(c) + 1, len(c) + 1)), 0) for k, c in enumerate(own))
+    sums, gathered = BatchSums(empty), [list[Array]() for _ in own]
+    scales: Array | None = None
+    for log in logs:
+        motor = log.q, log.dq, log.ddq
+        motion = deflected(log, links, places, now)
+        beside = drives(*motor) - drives(*motion)
+        slopes = _slopes(log, links, places, motion)
+        if scales is None:
+            size = np.sqrt(np.mean(slopes**2, axis=(0, 1)))
+            scales = np.where(size > 0.0, size, 1.0)
+        samples = Samples(*motion, torque=log.torque - beside)
+        mask = np.ones(log.q.shape, dtype=bool) if log.mask is None else log.mask
+        for part, rows in joint_rows(model, samples, BLOCK):
+            joined = [
+                np.column_stack([one[:, :-1], slopes[part, k] / scales, one[:, -1]]) * mask[part, k, None]
+                for k, one in enumerate(rows)
+            ]
+            sums.add(joined)
+            for held, one, k in zip(gathered, joined, range(len(own)), strict=True):
+                held.append(one[mask[part, k]])
+        sums.end()
+    assert scales is not None
+    factors = tuple(
+        Factor(k, c, triangular(np.concatenate(held)), sum(map(len, held)))
+        for k, (c, held) in enumerate(zip(own, gathered, strict=True))
+    )
+    names = tuple(f"compliance {k + 1}" for k in places)
+    information = Information(
+        (*base.names, *names),
+        (*base.expressions, *names),
+        tuple(model.robot.joint_names),
+        factors,
+        batch_means=sums.factors(),
+    )
+    weights = information.joint_weights("joint")
+    found = solve(information.reduced(weights))
+    covariance = ParameterCovariance.of(information, found, weights)
+    errors = np.where(covariance.unknown, np.inf, covariance.standard_error)[base.count :]
+    return found[base.count :] / scales, errors / scales
+
+
+def _slopes(log: Samples, links: Torques, places: Sequence[int], motion: Motion) -> Array:
+    """(S, N, J) how the torques of the links change with each compliance."""
+    assert log.t is not None
+    torque, carried = links(*motion), links(log.q, log.dq, log.ddq)
+    found = np.zeros((*torque.shape, len(places)))
+    for j, place in enumerate(places):
+        # A deflection of a microradian more: far below what changes gravity, far above rounding. It is that of the
+        # motors' motion: what a deflection changes of deflections holds six derivatives of a position, and their noise.
+        step = 1e-6 / max(float(np.sqrt(np.mean(carried[:, place] ** 2))), 1e-12)
+        further = motion_behind(motion, log.t, [place], step * carried[:, [place]])
+        found[:, :, j] = (links(*further) - torque) / step
+    return found

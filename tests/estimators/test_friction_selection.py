@@ -1,0 +1,94 @@
+"""Laws of friction that are chosen on pendulums with torques in closed form; presliding against SciPy's integrator."""
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.signal import lfilter
+
+import steelyard as sy
+from steelyard.estimators.friction_candidates import CANDIDATES, JointMotion, bristle_states, lugre_is_passive
+from steelyard.estimators.friction_selection import select_friction
+
+FEW = tuple(one for one in CANDIDATES if one.kind in ("viscous_by_direction", "stribeck", "friction_polynomial"))
+
+
+def pendulum(friction, seed, noise=0.02, rows=3000):
+    """The model of a pendulum, and samples of a random motion with noise that lasts, and with speeds that are noisy."""
+    robot = sy.Robot.from_dh([(0, 0.5, 0, "q")], gravity=(0, -9.81, 0))
+    model = sy.Model(robot.with_terms(sy.Viscous(), sy.Coulomb(), sy.Offset()))
+    random, t = np.random.default_rng(seed), np.arange(rows) / 100.0
+    phase = np.outer(t, [0.9, 2.1, 3.4])
+    size, shift = random.uniform(0.4, 0.8, 3), random.uniform(0.0, 6.0, 3)
+    q = np.sin(phase + shift) @ size
+    dq = np.cos(phase + shift) @ (size * [0.9, 2.1, 3.4])
+    ddq = -np.sin(phase + shift) @ (size * [0.9, 2.1, 3.4] ** np.array(2))
+    torque = 0.8 * ddq + 5.0 * np.cos(q) + 0.6 * dq + 1.2 * np.sign(dq) + friction(dq)
+    torque += noise * (lfilter([0.3], [1.0, -0.95], random.normal(size=rows)) + random.normal(size=rows))
+    measured = dq + 1e-3 * random.normal(size=rows)
+    mask = np.abs(measured) > 0.01
+    columns = [one[:, None] for one in (q, measured, ddq, torque)]
+    return model, sy.Samples(*columns, mask=mask[:, None], t=t)
+
+
+def test_a_planted_law_is_found_with_its_numbers():
+    model, samples = pendulum(lambda dq: 0.9 * np.sign(dq) * np.exp(-((dq / 0.3) ** 2)), seed=1)
+    found = select_friction(model, samples, candidates=FEW)
+    assert found.kinds == ("stribeck",)
+    (law,) = found.chosen
+    assert law.shape["velocity"] == pytest.approx(0.3, rel=0.05)
+    assert law.shape["exponent"] == 2.0
+    assert law.coefficients[0] == pytest.approx(0.9, rel=0.05)
+    assert found.errors[0] < 0.5 * found.plain_errors[0]
+    first = found.trials[0]
+    assert (first.kind, first.verdict, first.joints) == ("stribeck", "chosen", ("joint1",))
+    assert found.to_dict()["chosen"][0]["shape"]["velocity"] == law.shape["velocity"]
+    assert "chosen" in str(found)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_nothing_is_added_where_there_is_nothing(seed):
+    model, samples = pendulum(lambda dq: 0.0 * dq, seed)
+    found = select_friction(model, samples, candidates=FEW)
+    assert found.chosen == ()
+    assert {one.verdict for one in found.trials} == {"refused"}
+
+
+def test_a_short_log_tells_nothing_and_says_so():
+    model, samples = pendulum(lambda dq: 0.9 * np.sign(dq) * np.exp(-((dq / 0.3) ** 2)), seed=1, rows=60)
+    found = select_friction(model, samples, candidates=FEW)
+    assert found.chosen == ()
+    assert "too short" in found.remarks[0]
+
+
+def test_friction_that_would_drive_the_joint_is_refused():
+    # Near rest it pushes: no friction does, so that nothing that explains it so is added.
+    model, samples = pendulum(lambda dq: -1.8 * np.sign(dq) * np.exp(-((dq / 0.4) ** 2)), seed=2)
+    found = select_friction(model, samples, candidates=[one for one in FEW if one.kind == "stribeck"])
+    assert found.chosen == ()
+
+
+def test_bristles_follow_their_equation():
+    t = np.linspace(0.0, 4.0, 4001)
+    q, dq = 0.1 * np.sin(3.0 * t), 0.3 * np.cos(3.0 * t)
+    motion = JointMotion(q, dq, np.zeros_like(q))
+    for d, ratio, speed in ((0.02, 0.0, 1.0), (0.005, 0.8, 0.1)):
+        states, rates = bristle_states(motion, [(d, ratio, speed)])
+
+        def slope(time, u, d=d, ratio=ratio, speed=speed):
+            v = 0.3 * np.cos(3.0 * time)
+            return (v - abs(v) * u / (1.0 + ratio * np.exp(-((v / speed) ** 2)))) / d
+
+        exact = solve_ivp(slope, (0.0, 4.0), [0.0], t_eval=t, rtol=1e-8, atol=1e-10, max_step=0.01).y[0]
+        assert np.abs(states[0] - exact).max() < 2e-3
+        assert np.abs(rates[0] - d * slope(t, exact)).max() < 2e-3
+
+
+def test_the_condition_of_passivity_is_where_energy_begins_to_be_made():
+    """At the worst deflection and speed the power beyond the stored energy is that of the condition, in closed form."""
+    damping, ratio, coulomb, speed = 1.0, 0.5, 1e-3, 1e-2
+    v = np.linspace(0.05, 0.5, 50)  # where friction is Coulomb's, and bristles may still be bent by all of Fc (1 + r)
+    worst = v * coulomb * (1 + ratio) ** 2 + damping * v * (v - v * (1 + ratio))
+    for viscous in (0.45, 0.55):
+        dissipated = worst + viscous * v**2
+        assert bool(np.all(dissipated >= 0.0)) == lugre_is_passive(damping, viscous, ratio)
+    assert speed < v.min()

@@ -1,0 +1,108 @@
+"""Stiffness of a joint from its deflection, against the truth of a spring and a damper that SciPy integrates."""
+
+import json
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from steelyard.errors import InputError
+from steelyard.estimators import DeflectionRows, JointStiffness, estimate_joint_stiffness
+
+STIFFNESS, DAMPING, INERTIA, WEIGHT, DELAY, ZERO = 900.0, 1.5, 0.6, 5.0, 0.0006, 0.004
+
+
+@pytest.fixture(scope="module")
+def pendulum():
+    """Motor and link of a pendulum that hangs on a spring: t, theta, dtheta, ddtheta, q and what it carries."""
+    t = np.arange(0.0, 30.0, 0.01)
+    theta = 0.8 * np.sin(3 * t) + np.sin(1.1 * t) + 0.3 * np.sin(5.3 * t)
+    speed = 2.4 * np.cos(3 * t) + 1.1 * np.cos(1.1 * t) + 1.59 * np.cos(5.3 * t)
+    acceleration = -7.2 * np.sin(3 * t) - 1.21 * np.sin(1.1 * t) - 8.427 * np.sin(5.3 * t)
+
+    def spring(time, q, dq):
+        place = 0.8 * np.sin(3 * time) + np.sin(1.1 * time) + 0.3 * np.sin(5.3 * time)
+        velocity = 2.4 * np.cos(3 * time) + 1.1 * np.cos(1.1 * time) + 1.59 * np.cos(5.3 * time)
+        return STIFFNESS * (place - q) + DAMPING * (velocity - dq)
+
+    def rate(time, state):
+        return [state[1], (spring(time, *state) - WEIGHT * np.cos(state[0])) / INERTIA]
+
+    start = [-WEIGHT / STIFFNESS, speed[0]]
+    found = solve_ivp(rate, (0.0, 30.0), start, rtol=1e-8, atol=1e-10, dense_output=True)
+    q, dq = found.sol(t)
+    late = found.sol(np.maximum(t - DELAY, 0.0))[0]
+    return t, theta, speed, acceleration, q, late, spring(t, q, dq)
+
+
+def rows_of(pendulum, noise):
+    t, theta, speed, acceleration, q, late, torque = pendulum
+    random = np.random.default_rng(3)
+    deflection = theta - late + ZERO + noise * random.normal(size=t.size)
+    return DeflectionRows(deflection, speed, acceleration, q, torque, np.gradient(torque, t))
+
+
+def test_stiffness_damping_zero_and_delay_are_found_together(pendulum):
+    found = estimate_joint_stiffness("elbow", rows_of(pendulum, 3e-4))
+    low, high = found.stiffness_interval
+    assert found.verdict == "measured"
+    assert abs(found.stiffness / STIFFNESS - 1.0) < 0.01
+    assert low < STIFFNESS < high < 1.05 * low
+    assert abs(found.delay - DELAY) < 3e-5
+    assert abs(found.zeros[0] - ZERO) < 1e-4
+    assert 0.0 <= DAMPING <= found.damping_bound
+    # Where the delay is not looked for, it stands in the residual.
+    slow = estimate_joint_stiffness("elbow", rows_of(pendulum, 3e-4), delay_is_given=True)
+    assert slow.unexplained > 2 * found.unexplained
+
+
+def test_the_inertia_of_the_motor_is_found_where_it_is_not_known(pendulum):
+    """The torque is computed with a wrong split between link and motor, which the deflection corrects."""
+    rows = rows_of(pendulum, 1e-5)
+    wrong = DeflectionRows(
+        rows.deflection, rows.velocity, rows.acceleration, rows.position, rows.torque + 0.2 * rows.acceleration,
+        rows.torque_rate,
+    )  # fmt: skip
+    found = estimate_joint_stiffness("elbow", wrong, motor_inertia=0.1, inertia_is_given=False)
+    # 0.2 of the motor's 0.3 kg m² were counted to the link, of which 0.1 is known.
+    assert abs(found.stiffness / STIFFNESS - 1.0) < 0.01
+    assert abs(found.motor_inertia - 0.3) < 4 * found.motor_inertia_standard_error + 0.005
+
+
+def test_a_deflection_below_the_resolution_gives_a_lower_bound(pendulum):
+    found = estimate_joint_stiffness("elbow", rows_of(pendulum, 0.2))
+    low, high = found.stiffness_interval
+    assert (found.verdict, high) == ("bounded", np.inf)
+    assert 0.0 < low < STIFFNESS
+    assert "is at least" in found.sentence
+
+
+def test_a_spring_that_pulls_the_wrong_way_is_no_spring(pendulum):
+    rows = rows_of(pendulum, 1e-5)
+    swapped = DeflectionRows(
+        -rows.deflection, rows.velocity, rows.acceleration, rows.position, rows.torque, rows.torque_rate
+    )
+    found = estimate_joint_stiffness("elbow", swapped, encoder_errors="none")
+    assert (found.verdict, found.compliance, found.stiffness) == ("bounded", 0.0, np.inf)
+
+
+def test_it_is_kept_in_files(pendulum):
+    found = estimate_joint_stiffness("elbow", rows_of(pendulum, 0.2))
+    read = JointStiffness.from_dict(json.loads(json.dumps(found.to_dict())))
+    assert read.sentence == found.sentence
+    assert read.stiffness_interval == found.stiffness_interval
+    with pytest.raises(InputError, match="'delay' of an elastic joint is 'soon'; identify it anew"):
+        JointStiffness.from_dict({**found.to_dict(), "delay": "soon"}, "estimate.json")
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"deflection": np.full(3000, 0.1)}, "both are one encoder"),
+        ({"torque": np.ones(3000)}, "carries a constant torque"),
+    ],
+)
+def test_what_shows_no_stiffness_is_refused(pendulum, change, message):
+    rows = rows_of(pendulum, 1e-5)
+    with pytest.raises(InputError, match=f"^elbow: .*{message}"):
+        estimate_joint_stiffness("elbow", DeflectionRows(**{**vars(rows), **change}))
