@@ -74,10 +74,11 @@ OLD = {"information", "feasible", "posture", "others", "complement", "safety", "
 NOT_OPTIONS = {
     "weights": {"estimators.proved_estimate"},
     "prior": {".identify"},
-    "prior_weight": {".identify", ".OnlineEstimator.__init__"},
+    "prior_weight": {".identify", ".OnlineEstimator.__init__", "estimators.bayesian"},
 }
 """Functions in which the argument is no option but a result that is handed on, and those that choose it themselves: the
-main job gathers its prior from the robot, and finds its weight from the data, as the estimator that runs with it does.
+main job gathers its prior from the robot, and finds its weight from the data, as the estimator that runs with it does;
+that of the mean of the posterior takes descriptions to be right to three tenths.
 """
 
 

@@ -106,6 +106,7 @@ ELSEWHERE = {
     "steelyard view": "tests/report/test_view.py serves it to a browser; it runs until it is stopped",
     "steelyard example": "tests/identification/test_examples.py makes and runs every example",
     "steelyard identify ur5/": "tests/identification/test_examples.py makes and runs every example",
+    "steelyard deflections": "tests/identification/test_elastic_joints.py runs it",
     "pip install": "the tests run in an environment that was made so",
 }
 
@@ -155,6 +156,39 @@ def recording(model: sy.Model, parameters: np.ndarray, seed: int, duration: floa
     return sy.Recording(t=t, q=q, torque=torque, source="simulation", joint_names=model.robot.joint_names)
 
 
+LEG = """\
+<robot name="leg"><link name="hip"/>
+  <link name="thigh"><inertial><origin xyz="0 0 -0.1"/><mass value="1.1"/>
+    <inertia ixx="6e-3" iyy="6e-3" izz="9e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <link name="calf"><inertial><origin xyz="0 0 -0.1"/><mass value="0.3"/>
+    <inertia ixx="2e-3" iyy="2e-3" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>
+  <joint name="lift" type="continuous"><parent link="hip"/><child link="thigh"/><axis xyz="0 1 0"/></joint>
+  <joint name="knee" type="continuous"><parent link="thigh"/><child link="calf"/>
+    <origin xyz="0 0 -0.2"/><axis xyz="0 1 0"/></joint>
+</robot>
+"""
+
+
+def drives_in(folder: Path) -> None:
+    """Write a leg with position-controlled joints, and logs of what they were told and where they stood."""
+    (folder / "leg.urdf").write_text(LEG, encoding="utf-8")
+    text = '[description]\nurdf = "leg.urdf"\n\n[drive]\ncommand = "q_des{}"\nkp = 20.0\nkd = 1.5\n'
+    (folder / "leg.toml").write_text(text, encoding="utf-8")
+    model = sy.Model(sy.Robot.from_urdf(folder / "leg.urdf"))
+    t = np.arange(500) / 200.0
+    for seed, name in ((1, "sweeps"), (2, "more")):
+        phase = np.random.default_rng(seed).uniform(0.0, 1.0, 2) + t[:, None] * 2.0
+        angle = phase + np.sin(2.0 * phase)
+        rate, rise = 2.0 + 4.0 * np.cos(2.0 * phase), -16.0 * np.sin(2.0 * phase)
+        q, dq = 0.5 * np.sin(angle), 0.5 * np.cos(angle) * rate
+        ddq = 0.5 * (np.cos(angle) * rise - np.sin(angle) * rate**2)
+        torque = model.inverse_dynamics(q, dq, ddq, model.robot.parameters) + 0.02 * ddq + 1.7 * dq + 0.1 * np.sign(dq)
+        command = q + torque / 20.0
+        columns = {"t": t, "q1": q[:, 0], "q2": q[:, 1], "q_des1": command[:, 0], "q_des2": command[:, 1]}
+        rows = [",".join(f"{x:.8g}" for x in row) for row in zip(*columns.values(), strict=True)]
+        (folder / f"{name}.csv").write_text("\n".join([",".join(columns), *rows]), encoding="utf-8")
+
+
 @pytest.fixture(scope="session")
 def workshop(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the files that the pages speak of; copied for each page."""
@@ -182,6 +216,7 @@ def workshop(tmp_path_factory: pytest.TempPathFactory) -> Path:
         recording(model, parameters, day).save(folder / "logs" / f"day{day}" / "run.parquet")
     currents = '[log]\ntorque_unit = "A"\ngain = "find"\n'
     (folder / "currents.toml").write_text(f"{ROBOT_FILE}{currents}", encoding="utf-8")
+    drives_in(folder)
     (folder / "result").mkdir()
     samples = sy.Recording.read(folder / "run1.csv", joints=6).process(cutoff=10.0)
     estimate = sy.fit(sy.Information.from_samples(model, samples), sy.FeasibleSet(model))

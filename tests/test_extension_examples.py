@@ -122,7 +122,7 @@ def _springs(estimate):
 def test_the_term_passes_through_an_identification(example, sprung, run):
     example("A term")
     path = sprung / "robot.toml"
-    path.write_text(SPRINGS.format("spring", 0.5))
+    path.write_text(SPRINGS.format("spring_with_rest", 0.5))
     assert run("identify", path, sprung / "log.csv", "--output", sprung / "result")[0] == 0
     estimate = sy.Estimate.load(sprung / "result" / "estimate.json")
     # Stiffness, stiffness times rest, and damping of MuJoCo's model, from filtered positions.
@@ -146,7 +146,7 @@ def test_the_condition_of_the_term_binds(example, sprung):
     """Springs that are at rest farther out than the file says are not possible: the fit keeps them at the bound."""
     example("A term")
     path = sprung / "robot.toml"
-    path.write_text(SPRINGS.format("spring", 0.25))
+    path.write_text(SPRINGS.format("spring_with_rest", 0.25))
     found = sy.identify(path, [sprung / "log.csv"])
     (near_stiffness, near, _), (stiffness, far, _) = _springs(found.estimate)
     assert -far / stiffness == pytest.approx(0.25, abs=1e-4)  # MuJoCo's is at -0.3

@@ -33,6 +33,8 @@ from .errors import MissingExtraError as MissingExtraError
 from .errors import SolverError as SolverError
 from .errors import SteelyardError as SteelyardError
 from .estimators.fit import fit as fit
+from .estimators.instrumental_variables import instrumental_variables as instrumental_variables
+from .estimators.output_error import output_error as output_error
 from .excitation.design import design_excitation as design_excitation
 from .excitation.motion_limits import MotionLimits as MotionLimits
 from .excitation.trajectory_files import load_trajectory as load_trajectory

@@ -12,6 +12,7 @@ from pinocchio_oracle import pinocchio
 from scipy.stats import false_discovery_control
 
 import steelyard as sy
+from steelyard.dynamics import ChannelFriction
 from steelyard.errors import InputError
 from steelyard.identification import compare_estimates, validate_estimate
 from steelyard.identification.comparison import holm
@@ -345,3 +346,16 @@ def test_folders_of_results_tell_their_robot_and_their_processing(elbow, simulat
     changed = compare_estimates([folder / "monday", folder / "friday"])
     assert changed.prediction is None
     assert any("was changed" in remark for remark in changed.remarks)
+
+
+def test_friction_by_a_signal_is_compared_at_its_reference():
+    """On a joint without inertia, of which friction is all there is."""
+    robot = sy.Robot.from_dh([("pi/2", 0, 0, "q")], gravity=(0, 0, 0))
+    model = sy.Model(robot.with_terms(ChannelFriction("temperature", range=[15, 60], reference=25)))
+    place = [model.base_parameters().expressions.index(name) for name in ("Fcj1", "Fcsj1")]
+    one, slope, twice = np.zeros((3, model.base_parameters().count))
+    one[place] = 1.0, 0.0
+    slope[place] = 1.0, 0.2
+    twice[place] = 2.0, 0.0
+    found = difference_on_random_motion(model, ["one", "slope", "twice"], [one, slope, twice])
+    np.testing.assert_allclose(found.relative_difference, [0.0, 1.0], atol=1e-12)

@@ -1,10 +1,10 @@
 """What is said of real recordings is true by the README beside them, and sound simulated ones have no finding."""
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from kr300 import description, log_section
 
 import steelyard as sy
 from steelyard.identification import examine
@@ -96,14 +96,8 @@ def test_the_runs_of_the_gen3_are_short_and_one_sensor_is_dead(shared_data):
 def test_a_single_motion_of_the_kr300_shows_too_little(shared_data, tmp_path, log):
     """One motion alone overfits badly: 49.5 % on the other (README there)."""
     folder = shared_data / "kuka_kr300"
-    about = json.loads((folder / "robot.json").read_text())
-    rows = [[alpha, a, d, f"q{str(theta)[2:]}"] for alpha, a, d, theta in about["rows"]]
     robot = tmp_path / "robot.toml"
-    robot.write_text(
-        f'[description]\nconvention = "standard"\nrows = {json.dumps(rows)}\ngravity = [0, 0, 9.81]\n{TERMS}'
-        f'[log]\nposition = "q{{}}"\nvelocity = "dq{{}}"\ntorque = "tau_m{{}}"\n'
-        f"gain = {json.dumps(about['gear_ratio'])}\n"
-    )
+    robot.write_text(description(folder) + TERMS + log_section(folder))
     found = examine(folder / f"{log}.csv", robot)
     assert kinds(found) == ["excitation"]
     assert found.information.condition_number > 1300

@@ -6,8 +6,16 @@ import numpy as np
 import pytest
 
 import steelyard as sy
+from steelyard.errors import InputError
 from steelyard.identification import check_estimate
 from steelyard.recording import process_chunks
+
+
+@pytest.mark.parametrize("option", [{"prior": None}, {"prefer": "lightest"}, {"estimator": lambda *_, **__: None}])
+def test_a_weight_without_its_prior_is_refused(option):
+    robot = sy.Robot.from_dh([(0, 1.0, 0, "q")])
+    with pytest.raises(InputError, match=r"prior_weight .--prior-weight. is that of the prior"):
+        sy.identify(robot, "absent.csv", prior_weight=3.0, **option)
 
 
 @pytest.mark.slow

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import steelyard as sy
+from steelyard.dynamics import ByJoint, PiecewiseFriction
 from steelyard.identification.correction import Correction, correction_settings, toml_inline, toml_text
 from steelyard.identification.marginal_likelihood import body_priors, likeliest_factors, moments
 from steelyard.identification.mistakes import find_mistakes
@@ -152,6 +153,18 @@ def test_a_sound_log_is_not_accused(planted, arms, motion, cad):
         log = planted.plant(arm, "none", seed, motion)
         robot = planted.described(arm.robot, seed) if cad else planted.undescribed(arm.robot)
         assert find_mistakes(sy.Model(robot.with_terms(*log.terms)), log.samples) == ()
+
+
+@pytest.mark.slow
+def test_a_term_that_is_a_law_of_single_joints_is_not_told_as_lacking(planted, arms):
+    """The pan has friction of one size instead of a viscous one, which no further `[[terms]]` could stand beside."""
+    log = planted.plant(arms[False], "none", 0, "rich")
+    others = [term for term in log.terms if term.kind not in ("viscous", "coulomb")]
+    laws = ByJoint([PiecewiseFriction([1e-3], joints=[1]), sy.Coulomb(), sy.Viscous()])
+    robot = planted.described(arms[False].robot, 0).with_terms(*others, laws)
+    with pytest.raises(sy.InputError, match="two terms"):
+        robot.with_terms(*robot.terms, sy.Viscous())
+    assert find_mistakes(sy.Model(robot), log.samples) == ()
 
 
 def test_two_mistakes_that_a_log_cannot_tell_apart_are_both_told(arms):

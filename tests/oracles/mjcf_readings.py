@@ -27,7 +27,8 @@ def _major_version() -> int:
 
 EXACT = pytest.mark.skipif(
     _major_version() < 4,
-    reason="MuJoCo 4 (the oracle) is not installed; 3.2 has axes of inertias to 1e-6, and takes no backslash in a path",
+    reason="MuJoCo 4 (the oracle) is not installed; 3.2 has axes of inertias to 1e-6, and takes no backslash in a path "
+    "and no powers of the speed in damping",
 )
 ON_LIMITS = {"range": "limited", "actfrcrange": "actfrclimited"}
 OF_SITES = 6

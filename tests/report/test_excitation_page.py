@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import steelyard as sy
+from steelyard.dynamics import ChannelFriction
 from steelyard.excitation import ExcitationDesign, SearchOptions
 from steelyard.identification.predicted_intervals import TIME_CONSTANT, PredictedIntervals, predicted_intervals
 from steelyard.report.excitation_page import PAGE, excitation_html, save_excitation
@@ -194,3 +195,24 @@ def test_the_page_is_drawn(
         picture = pixels(browser.picture(build / f"excite-{width}.png"))
         blue = (np.abs(picture - (0, 95, 158)).max(axis=2) < 40).sum()
         assert blue > 300  # the path, the curves of positions, links
+
+
+@pytest.mark.slow
+def test_an_estimate_with_friction_by_a_signal_is_expected_again(tmp_path: Path) -> None:
+    robot = arm().with_terms(ChannelFriction("temperature", range=[15, 60], reference=25), sy.Offset())
+    model = sy.Model(robot)
+    random = np.random.default_rng(4)
+    q, dq, ddq, noise = random.normal(size=(4, 400, 2))
+    signal = {"temperature": np.linspace(20.0, 40.0, 400)}
+    terms = {"Fcj": 1.0, "Fcsj": 0.02, "Fvj": 0.5}
+    known = np.array(robot.parameters, dtype=float)
+    stated = [terms.get(name[:-1], 0.0) for name in model.parameter_names]
+    torque = model.inverse_dynamics(q, dq, ddq, np.where(np.isnan(known), 0.0, known) + stated, channels=signal)
+    info = sy.Information.from_samples(
+        model, sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque + 0.01 * noise, channels=signal)
+    )
+    sy.fit(info, sy.FeasibleSet(model)).save(tmp_path / "estimate.json")
+    quick = SearchOptions(starts=1, workers=1)
+    design = sy.design_excitation(model, LIMITS, period=3.0, harmonics=1, search=quick, rate=100.0)
+    written = save_excitation(design, sy.RobotFile.of(robot), tmp_path, estimate=tmp_path / "estimate.json")
+    assert "those of the estimate before" in written[-1].read_text(encoding="utf-8")

@@ -9,12 +9,24 @@ import pytest
 from steelyard.errors import InputError
 from steelyard.identification import Identification
 from steelyard.report import save_results
+from steelyard.report.sections import _again
 
 
 def without_urdf(identification: Identification) -> Identification:
     robot = replace(identification.model.robot, source=None)
     model = type(identification.model)(robot)
     return replace(identification, model=model)
+
+
+def test_the_command_that_makes_the_result_again_names_estimator_and_weights(identification: Identification) -> None:
+    options = {**identification.options, "weights": "joint"}
+    command = _again(replace(identification, robot_file=Path("robot.toml"), options=options))
+    assert "--estimator" not in command
+    assert "--weights" not in command
+    options = {**options, "estimator": "momentum", "weights": None}
+    command = _again(replace(identification, robot_file=Path("robot.toml"), options=options))
+    assert "--estimator momentum" in command
+    assert "--weights none" in command
 
 
 def test_a_second_run_leaves_no_file_of_the_first(identification: Identification, tmp_path: Path) -> None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -25,6 +26,9 @@ from .choices import (
 from .many_logs import many_logs
 from .robot_argument import SetLines, load_robot
 from .terminal import echo, print_json, progress, show_identification
+
+if TYPE_CHECKING:
+    from steelyard.robot import RobotFile
 
 __all__ = ["identify"]
 
@@ -56,8 +60,20 @@ def identify(
         float, typer.Option(help="Fraction of the squared residual that this choice may cost.", min=0.0, max=1.0)
     ] = 5e-4,
     estimator: Annotated[
-        str, typer.Option(help="What estimates the parameters: fit, or one that a package adds.")
+        str,
+        typer.Option(
+            help="What estimates the parameters: fit, maximum_likelihood, bayesian, momentum, energy, "
+            "instrumental_variables, output_error, or one that a package adds."
+        ),
     ] = "fit",
+    measured: Annotated[
+        Literal["torques", "positions"],
+        typer.Option("--from", help="What the logs hold beside motion: torques, or commands of positions alone."),
+    ] = "torques",
+    friction: Annotated[
+        Literal["stated", "auto"],
+        typer.Option(help="Friction: that of the terms, or with the laws that the logs call for."),
+    ] = "stated",
     chunk_rows: ChunkRows = 200_000,
     workers: Workers = 1,
     cluster: ClusterAddress = None,
@@ -78,6 +94,7 @@ def identify(
       steelyard identify robot.toml run1.csv run2.csv --set processing.cutoff=8 --output result
       steelyard identify robot.toml run1.csv --output result --json --quiet
       steelyard identify robot.toml 'logs/**/*.parquet' --workers 4 --output result
+      steelyard identify leg.toml sweeps.csv --from positions --output result
     """
     from contextlib import nullcontext
 
@@ -87,6 +104,20 @@ def identify(
     require_folder(output)
     file = load_robot(robot, lines, topic=topic, allow_extensions=allow_extensions)
     require_apart(output, (file.path, file.robot.source))
+    if measured == "positions":
+        unused = {
+            "--prior": prior != "auto",
+            "--prior-weight": prior_weight is not None,
+            "--consistency": consistency != "full",
+            "--prefer": prefer != "auto",
+            "--residual-slack": residual_slack != 5e-4,
+            "--estimator": estimator != "fit",
+            "--friction": friction != "stated",
+            "--workers": workers != 1,
+            "--cluster": cluster is not None,
+        }
+        _from_positions(file, logs, validate or [], output, weights, unused, json=json, quiet=quiet)
+        return
     run_of_many = many_logs(output, [*logs, *(validate or [])], workers, cluster, tls)
     with progress(quiet=quiet) as say, run_of_many or nullcontext() as kept:
         result = run(
@@ -100,6 +131,7 @@ def identify(
             prefer=prefer,
             residual_slack=residual_slack,
             estimator=estimator,
+            friction="auto" if friction == "auto" else None,
             chunk_rows=chunk_rows,
             reduction=None if kept is None else kept.reduction,
             progress=say,
@@ -117,3 +149,39 @@ def identify(
         if not force and not json:
             echo("No robot description was written, since the model does not predict the robot; --force writes it.")
         raise typer.Exit(3)
+
+
+def _from_positions(
+    file: RobotFile,
+    logs: Sequence[str],
+    validate: Sequence[str],
+    output: Path,
+    weights: str,
+    unused: Mapping[str, bool],
+    *,
+    json: bool,
+    quiet: bool,
+) -> None:
+    """Identify drives from commands and positions, and write what was found."""
+    from steelyard.errors import InputError
+    from steelyard.identification import identify_from_positions
+    from steelyard.report import require_apart
+
+    given = next((name for name, stated in unused.items() if stated), None)
+    if given is not None:
+        raise InputError(f"{given} belongs to identification from torques; leave it out with --from positions.")
+    if file.robot.source is not None:  # whose copy with the results has the same name
+        require_apart(output, (file.robot.source,), (file.robot.source.name,))
+    with progress(quiet=quiet) as say:
+        result = identify_from_positions(
+            file, logs, validate=validate, weights="joint" if weights == "joint" else "equal", progress=say
+        )
+        say("writing the results")
+        written = result.save(output)
+    if json:
+        print_json({**result.to_dict(), "files": [str(path) for path in written]})
+    elif quiet:
+        echo(result.headline)
+    else:
+        echo(str(result))
+        echo(f"Look at {output / 'drives.json'}")

@@ -19,6 +19,7 @@ from steelyard.extensions import Extensions
 from .check import check
 from .compare import compare
 from .correct import correct
+from .deflections import deflections
 from .demo import demo
 from .doctor import doctor
 from .example import example
@@ -130,6 +131,7 @@ app.command()(excite)
 app.command()(identify)
 app.command()(payload)
 app.command()(validate)
+app.command()(deflections)
 app.command()(compare)
 app.command()(fleet)
 app.command()(check)

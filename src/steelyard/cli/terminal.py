@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from steelyard.identification import Identification
     from steelyard.identification.preflight import Preflight
 
-SECTIONS = ("log", "processing", "constraints", "payload")
+SECTIONS = ("log", "processing", "constraints", "payload", "elastic", "controller")
 """Sections of robot.toml for which the command line may speak; the others are part of the robot."""
 
 __all__ = [
@@ -334,8 +334,12 @@ def show_identification(result: Identification, *, whole_table: bool = False, ve
         _say(console, f"The {len(order)} of {len(rows)} joints whose error is largest (report.html has all):")
         rows = [rows[index] for index in sorted(order)]
     _bounded(console, heads, [*rows, whole], "report.html has all")
+    if result.elastic_joints:
+        _bounded(console, *result.elastic_table(), "report.html has all")
     for sentence in found(result):
         _say(console, sentence)
+    if result.friction is not None:
+        _show_friction(result, console, verbose)
     steps = next_steps(result)
     for number, step in enumerate(steps, 1):
         _say(console, f"{number}. {step}")
@@ -363,6 +367,18 @@ def show_identification(result: Identification, *, whole_table: bool = False, ve
         _say(console, f"--verbose prints the links, the logs, the columns and {count}; report.html shows all.")
     if whole_table and result.parameters is not None:
         print(printable(str(result.parameters)), file=console.file)  # thousands of rows: the console takes seconds
+
+
+def _show_friction(result: Identification, console: Console, verbose: bool) -> None:
+    """Print which laws of friction were chosen, and with `verbose` what became of the others."""
+    choice = result.friction
+    assert choice is not None
+    for sentence in choice.sentences:
+        _say(console, sentence)
+    if choice.selection.chosen:
+        _bounded(console, *choice.selection.chosen_table(), "report.html has all")
+    if verbose:
+        _bounded(console, *choice.selection.table(), "report.html has all")
 
 
 def _all_logs(result: Identification) -> tuple[str, ...]:

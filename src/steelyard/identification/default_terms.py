@@ -10,7 +10,7 @@ from typing import Literal
 
 import numpy as np
 
-from steelyard.dynamics import Model, RotorInertia
+from steelyard.dynamics import Model, RotorInertia, term_from_dict
 from steelyard.errors import SolverError
 from steelyard.estimators.cross_validation import FEWEST_FOLDS
 from steelyard.feasibility import FeasibleSet
@@ -108,9 +108,17 @@ def model_with(names: Iterable[str], file: RobotFile, model: Model | None = None
 
 def model_of_estimate(estimate: Estimate | str | Path | None, file: RobotFile, model: Model | None = None) -> Model:
     """Return the model of an estimate, perhaps a saved one; that of the robot file where there is none."""
-    if estimate is None or not file.terms_are_default:
+    if model is None and not file.terms_are_default:
+        model = Model.from_file(file)  # whose faults are told before those of the estimate
+    if estimate is None:
         return Model.from_file(file) if model is None else model
     loaded = estimate if isinstance(estimate, Estimate) else Estimate.load(estimate, certified=False)
+    chosen = loaded.description.get("terms")
+    if isinstance(chosen, list):  # with friction that the logs chose
+        terms = [term_from_dict(one, "the terms of the estimate") for one in chosen]
+        return Model(file.robot.with_terms(*terms))
+    if model is not None and not file.terms_are_default:
+        return model
     return model_with((*loaded.parameter_names, *loaded.base_expressions), file, model)
 
 

@@ -30,7 +30,7 @@ from steelyard.recording.columns import TIME_UNITS
 from steelyard.recording.cutoff.by_spectra import noise_share
 from steelyard.recording.diagnosis import DETECTORS, Diagnosis
 from steelyard.recording.diagnosis.rest import HeldJoints
-from steelyard.recording.even import EvenClock, evened
+from steelyard.recording.even import EvenClock, longest_part
 from steelyard.recording.formats import LogFiles
 from steelyard.recording.recognition import Layout
 from steelyard.recording.survey import LogSurvey
@@ -411,6 +411,7 @@ class _Patient:
         heads, rows = self._measures(recording, diagnosis)
         if not any(one.harm == "wrong" for one in self.findings):
             self._delay(recording)
+        self._transmissions(recording)
         self._tell(recording, clock, layout)
         return self._result(name, layout, heads, rows, recording, information)
 
@@ -839,6 +840,22 @@ class _Patient:
         )
         self.add(Finding("delay", statement, "worse", fallen, remedy))
 
+    def _transmissions(self, recording: Recording) -> None:
+        """Look at ratios and gaps of transmissions whose other side is logged too, and at commands."""
+        if self.file is None or self.joints is None or not (self.file.section("elastic") or self.file.section("drive")):
+            return
+        from .drive_kinematics import transmission_findings  # loaded where robot.toml names such columns
+
+        self.say("gear ratios and backlash")
+        try:
+            found, facts = transmission_findings(self.log, self.file, self.columns, recording, self.joints)
+        except InputError as error:
+            self.facts["transmissions"] = f"not looked at: {error}"
+            return
+        self.facts.update(facts)
+        for one in found:
+            self.add(Finding(**one), used=False)
+
     def _estimated_delay(self, recording: Recording, stated: Any, longest: float) -> DelayEstimate | None:
         """Estimate the delay by the longest stretch without gaps; None where it does not tell."""
         kept = {key: value for key, value in self.settings.get("processing", {}).items() if key in DETECTORS}
@@ -910,11 +927,6 @@ class _Patient:
         settings = merged(self.settings, further or {})
         sections = {**self.file.sections, **{name: settings.get(name, {}) for name in ("log", "processing")}}
         return replace(self.file, sections=sections)
-
-
-def longest_part(recording: Recording) -> Recording:
-    """Return the longest stretch of a recording without gaps, on an even clock."""
-    return max(evened(recording, True, None, True)[0], key=lambda part: part.count)
 
 
 def _rate_behind(t: Array) -> float | None:

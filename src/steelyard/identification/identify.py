@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,9 @@ from .plausible_fit import PlausibleFit, plausible_fit, tried_prior
 from .prediction_verdict import prediction_verdict
 from .result import Identification, Prediction, Trace
 
+if TYPE_CHECKING:
+    from .chosen_friction import FrictionChoice
+
 __all__ = ["identify"]
 
 Array = NDArray[np.float64]
@@ -61,6 +64,7 @@ def identify(
     prefer: Literal["auto", "lightest", "cad"] | None = "auto",
     residual_slack: float = 5e-4,
     estimator: str | Estimator = "fit",
+    friction: Literal["auto"] | None = None,
     chunk_rows: int = 200_000,
     reduction: LogReduction | None = None,
     progress: Progress | None = None,
@@ -75,7 +79,8 @@ def identify(
     Parameters
     ----------
     robot : str, Path, RobotFile, Robot or Model
-        A URDF, or a robot.toml with terms, log columns, processing and constraints; or a robot in memory. A Robot
+        A URDF, or a robot.toml with terms, log columns, processing and constraints, or elastic joints, see
+        :class:`steelyard.identification.SecondEncoders`; or a robot in memory. A Robot
         without terms gets those of a URDF, viscous friction, Coulomb friction and an offset at each joint, and rotor
         inertia where the logs show it; a Model is taken as it is.
     data : path, Recording, Samples, data frame, mapping of arrays, structured array, or sequence of these
@@ -105,8 +110,17 @@ def identify(
     residual_slack : float
         See :func:`steelyard.fit`.
     estimator : str or callable
-        What estimates the parameters: :func:`steelyard.fit`, an estimator that another package adds, by its name, or a
-        function ``estimator(info, feasible_set, **options)``. The options are `weights`, `prefer` and `residual_slack`.
+        What estimates the parameters: :func:`steelyard.fit`; ``"maximum_likelihood"``, which whitens the rows by the
+        noise that it finds and reads the logs several times, see :func:`steelyard.estimators.likelihood_information`;
+        ``"momentum"`` or ``"energy"``, whose balances over short windows need no accelerations, see
+        :func:`steelyard.estimators.momentum_information`;
+        ``"instrumental_variables"`` or ``"output_error"``, which read the logs whole and go by the table [controller],
+        see :func:`steelyard.instrumental_variables` and :func:`steelyard.output_error`;
+        an estimator that another package adds, by its name; or a function ``estimator(info, feasible_set,
+        **options)``. The options are `weights`, `prefer` and `residual_slack`.
+    friction : {"auto", None}
+        ``"auto"``: laws of friction that the logs call for are added to the terms, joint by joint, see
+        :func:`steelyard.estimators.select_friction`; the answer says which, and how they were chosen.
     chunk_rows : int
         Rows of a log that stand in memory together.
     reduction : callable, optional
@@ -145,11 +159,56 @@ def identify(
         raise InputError(
             "At least one log is needed to identify a robot; give the path of one, such as a CSV or a bag."
         )
-    find_estimator(estimator)  # which is refused before logs are read
+    # An unknown estimator is refused before logs are read; some make rows of their own.
+    found = find_estimator(estimator)
+    own_rows, motion_rows = (getattr(found, name, None) for name in ("rows", "rows_of_motion"))
     file, model = given_robot(robot)
     file = given_settings(file, columns, processing)
+    if motion_rows is not None:
+        from .known_controller import ControllerSettings, motions_of_logs  # other estimators need no motion
+
+        controller = ControllerSettings.of_file(file, getattr(found, "needs_controller", False))
     if prior not in ("auto", None):
         raise InputError(f'prior must be "auto" or None, got {shown(prior)}.')
+    if friction not in ("auto", None):
+        raise InputError(f'friction must be "auto" or None, got {shown(friction)}.')
+    if friction is not None and file.section("elastic"):
+        raise InputError(
+            f"{file.path}: friction is not chosen together with the stiffness of [elastic]; let it be chosen without "
+            "that section, and state the [[terms]] that the report tells."
+        )
+    own_prior = getattr(found, "has_prior", False)
+    if own_prior and not (prior == prefer == prior_weight == "auto"):
+        raise InputError(
+            f"The estimator {estimator} has a prior of its own; leave out prior, prior_weight and prefer (--prior, "
+            "--prior-weight and --prefer)."
+        )
+    takes_prior = prior == "auto" and prefer == "auto" and bool(estimator == "fit" or own_rows or motion_rows)
+    if prior_weight != "auto" and not takes_prior:
+        raise InputError(
+            "prior_weight (--prior-weight) is that of the prior, which prior=None, prefer and estimators of other "
+            "packages leave out; leave out one of them."
+        )
+    if file.section("elastic"):
+        from .elastic_joints import with_elastic_joints  # loaded where a robot file names such joints
+
+        return with_elastic_joints(
+            identify,
+            file,
+            data,
+            validate,
+            constraints=constraints,
+            weights=weights,
+            consistency=consistency,
+            prior=prior,
+            prior_weight=prior_weight,
+            prefer=prefer,
+            residual_slack=residual_slack,
+            estimator=estimator,
+            chunk_rows=chunk_rows,
+            reduction=reduction,
+            progress=progress,
+        )
     reader = LogReader(file, model, chunk_rows)
     if reader.columns.finds_gains:
         raise InputError(
@@ -158,10 +217,18 @@ def identify(
             "a payload of known mass."
         )
     limits = given_constraints(file, constraints)
-    feasible_set = FeasibleSet(model, consistency, limits)
 
     say(f"{model.robot.name}: {model.dof} joints, {model.base_parameters().count} base parameters")
     reader.decide(logs, say)
+    friction_choice: FrictionChoice | None = None
+    if friction == "auto":
+        from .chosen_friction import choose_friction  # what is not asked for is not loaded
+
+        friction_choice = choose_friction(reader, logs, model, wider_model(file, model) or model, say)
+        if friction_choice.selection.chosen:
+            model = reader.model = Model(model.robot.with_terms(*friction_choice.terms))
+        reader.remarks.extend(friction_choice.remarks)
+    feasible_set = FeasibleSet(model, consistency, limits)
     parts: list[tuple[str, str, Information, Samples]] = []
     drawn: list[DrawnLog] = []
     wider = wider_model(file, model)
@@ -200,16 +267,33 @@ def identify(
             ]
             drawn = [one.narrowed(wider, model) for one in drawn]
     _require_excitation(information, model)
+    measured = information
+    if own_rows is not None:
+        say("rows of the estimator")
+        information, stretches = own_rows(model, lambda: reader.samples(logs), count=folds)
+    if motion_rows is not None:
+        say("the motion without noise, and what the estimator makes of it")
+        moved = motions_of_logs(reader, logs, model, controller)
+        reader.remarks.extend(moved.remarks)
+        information, stretches = motion_rows(moved.samples, feasible_set, moved.motions, weights=weights, count=folds)
+    if information is not measured:
+        rotors = None  # whose fits are of other rows
+        _require_excitation(information, model, "rows of the estimator")
 
     say("least squares")
     unconstrained = rotors.unconstrained if rotors is not None else None
     unconstrained = unconstrained or least_squares(information, weights)
+    if information is not measured:
+        reader.remarks.append(
+            "What is called plain least squares beside this answer are those of the rows that the estimator made: "
+            f"{unconstrained.method} without conditions."
+        )
     say("is it physically possible?")
     verdict = check(feasible_set, base=unconstrained.base)
     say("feasible fit")
     plausible: PlausibleFit | None = None
     known: PhysicalPrior | None = None
-    if prior == "auto" and prefer == "auto" and estimator == "fit":
+    if takes_prior:
         tried = rotors.tried if rotors is not None and prior_weight == "auto" else None
         if tried is None:
             tried = tried_prior(information, stretches, feasible_set, unconstrained, prior_weight=prior_weight)
@@ -217,16 +301,19 @@ def identify(
         estimate = plausible.estimate
         held_out = plausible.held_out_error
     else:
-        if prefer == "auto":
+        if prefer == "auto" and not own_prior:
             prefer = "cad" if _has_cad(model) else "lightest"
         options = {"weights": weights, "prefer": prefer, "residual_slack": residual_slack}
         estimate = estimate_with(estimator, information, feasible_set, **options)
         say("how well it predicts stretches that are left out")
         held_out = _held_out(stretches, lambda data: estimate_with(estimator, data, feasible_set, **options))
-    estimate = replace(estimate, description=dict(file.description), unconstrained_base=unconstrained.base)
+    description = _description(file.description, model, estimate)
+    if friction_choice is not None and friction_choice.selection.chosen:
+        description["terms"] = [term.to_dict() for term in model.robot.terms]
+    estimate = replace(estimate, description=description, unconstrained_base=unconstrained.base)
     say("what the numbers rest on")
     prediction = prediction_verdict(
-        information,
+        measured,
         estimate.base,
         validation=[p[2] for p in parts if p[1] == "validation"],
         held_out_error=held_out,
@@ -290,13 +377,14 @@ def identify(
         options={
             "weights": weights,
             "consistency": consistency,
-            "prior": None if plausible is None else "auto",
+            "prior": "auto" if own_prior or plausible is not None else None,
             "prior_weight": None if plausible is None else plausible.prior_weight,
             "prefer": prefer,
             "residual_slack": residual_slack,
             "estimator": estimator if isinstance(estimator, str) else getattr(estimator, "__name__", repr(estimator)),
             "margin": feasible_set.margin,
             "terms": [term.kind for term in model.robot.terms],
+            **({"friction": friction} if friction else {}),
             "chunk_rows": chunk_rows,
             "log": reader.columns.to_dict(),
             "processing": reader.stated.to_dict(),
@@ -306,6 +394,7 @@ def identify(
         },
         cutoff_choices=tuple(reader.cutoff_choices),
         layouts=reader.layouts,
+        friction=friction_choice,
     )
 
 
@@ -316,11 +405,11 @@ def _task(log: GivenLog, number: int, count: int, fitted: bool) -> LogTask:
     return LogTask(log, points, rows, count, fitted)
 
 
-def _require_excitation(information: Information, model: Model) -> None:
+def _require_excitation(information: Information, model: Model, what: str = "rows") -> None:
     rows = information.count
     if rows <= information.base_count:
         raise InputError(
-            f"The logs leave {rows} rows for {information.base_count} base parameters of {model.robot.name}; "
+            f"The logs leave {rows} {what} for {information.base_count} base parameters of {model.robot.name}; "
             "record a longer motion, trim less or lower velocity_threshold."
         )
 
@@ -409,3 +498,10 @@ def _predict(
         trace=trace,
         samples=thinned,
     )
+
+
+def _description(read: Mapping[str, Any], model: Model, estimate: Estimate) -> dict[str, Any]:
+    """Return what of the description was read, with springs and powers of friction that few formats hold."""
+    drives = {} if estimate.parameters is None else model.drives(estimate.parameters).told_where_present()
+    told = {"drives": {name: values.tolist() for name, values in drives.items()}} if drives else {}
+    return {**read, **told}

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
@@ -32,7 +33,8 @@ from steelyard.recording.samples import regrouped
 from steelyard.recording.survey import LogSurvey
 from steelyard.regression import Information
 from steelyard.regression.batch_means import BatchMeans, BatchMeansTree, BatchSums
-from steelyard.regression.reduction import empty_factors, joint_rows, narrowed, residuals
+from steelyard.regression.factor import solve
+from steelyard.regression.reduction import CHUNK, empty_factors, narrowed, reduce_by_joint, residuals
 from steelyard.regression.time_blocks import MOST, TimeBlocks
 from steelyard.robot import Robot, RobotFile
 
@@ -41,12 +43,15 @@ from .given import GivenLog, GivenSamples
 __all__ = [
     "DrawnLog",
     "DrawnRows",
+    "JoinedSections",
     "LogReader",
     "LogReduction",
     "LogTask",
     "Progress",
     "ReducedGroup",
     "ReducedLog",
+    "ReducedSection",
+    "SectionedLog",
     "ThinnedSamples",
     "against_limits",
     "one_by_one",
@@ -99,6 +104,25 @@ class DrawnLog:
     seen: int
     piece: int
 
+    @classmethod
+    def joined(cls, parts: Sequence[DrawnLog]) -> DrawnLog:
+        """Return those of a log whose sections these are, in order."""
+        if len(parts) == 1:
+            return parts[0]
+        windows = [window for part in parts for window in part.windows]
+        return cls(
+            Samples.joined([part.samples for part in parts]),
+            tuple(windows[:: -(-len(windows) // DrawnRows.WINDOWS)]) if windows else (),
+            sum(part.seen for part in parts),
+            max(part.piece for part in parts),
+        )
+
+    def for_model(self, model: Model) -> DrawnLog:
+        """Return the same with a model in its samples, where they have a regressor."""
+
+        windows = tuple(_with_model(window, model) for window in self.windows)
+        return replace(self, samples=_with_model(self.samples, model), windows=windows)
+
     def narrowed(self, wider: Model, model: Model) -> DrawnLog:
         """Return the same for a model that lacks some terms of the wider one."""
         windows = tuple(narrowed(window, wider, model) for window in self.windows)
@@ -136,11 +160,7 @@ class ReducedLog:
     def for_model(self, model: Model) -> ReducedLog:
         """Return the same with a model in its samples, where they have a regressor."""
 
-        def of(samples: Samples) -> Samples:
-            return samples if samples.regressor is None else replace(samples, regressor_model=model)
-
-        drawn = replace(self.drawn, samples=of(self.drawn.samples), windows=tuple(map(of, self.drawn.windows)))
-        return replace(self, samples=of(self.samples), drawn=drawn)
+        return replace(self, samples=_with_model(self.samples, model), drawn=self.drawn.for_model(model))
 
 
 class ReducedGroup(NamedTuple):
@@ -229,9 +249,7 @@ class LogReader:
         points: int,
         sums: BatchSums | None = None,
         blocks: TimeBlocks | None = None,
-        logs: int = 1,
         model: Model | None = None,
-        drawn: DrawnRows | None = None,
     ) -> tuple[Information, ThinnedSamples]:
         """Reduce one log, and keep a copy of its samples, thinned to so many or twice as many points.
 
@@ -244,25 +262,16 @@ class LogReader:
             Information.
         blocks : TimeBlocks, optional
             Receives the stretches of the log.
-        logs : int
-            How many logs there are: each of many logs is one stretch.
         model : Model, optional
             In whose base parameters the log is reduced, in place of that of the reader. Where torques are filtered its
             regressor is, too.
-        drawn : DrawnRows, optional
-            Receives all the rows, and keeps those that are to be drawn.
         """
         model = self.model if model is None else model
         thinned = ThinnedSamples(points)
-        keep: list[ThinnedSamples | DrawnRows] = [thinned] if drawn is None else [thinned, drawn]
-        own = None if blocks is None else TimeBlocks(empty_factors(model), -(-MOST // logs))
-        information = Information.from_chunks(
-            model, chunks.ahead(self._watched(log, keep, model)), batch_means=False, sums=sums, blocks=own
-        )
+        own = None if blocks is None else TimeBlocks(empty_factors(model))
+        information = _information_of(self._watched(log, model), model, [thinned], sums, own)
         if blocks is not None and own is not None:
             blocks.append(own)
-        if drawn is not None:
-            drawn.finish()
         return information, thinned
 
     def reduced(self, task: LogTask, model: Model) -> ReducedLog:
@@ -274,22 +283,56 @@ class LogReader:
         model : Model
             In whose base parameters the log is reduced.
         """
+        log = self.opened(task, model)
+        if log is None:
+            return self._reduced_whole(task, model)
+        joined = JoinedSections(log, model)
+        for section in range(log.sections):
+            joined.add(self.reduced_section(log, section, model))
+        return joined.reduced()
+
+    def opened(self, task: LogTask, model: Model) -> SectionedLog | None:
+        """Open a log that is read in sections; None of one that is not."""
+        if isinstance(task.log, GivenSamples) or self.processing.needs_whole_log:
+            return None
+        own = self._unwritten()
+        joints = list(self.model.robot.joint_names)
+        look = partial(own._look, task.log)
+        opened = chunks.OpenedLog(task.log, self.columns, self.processing, joints, model, look)
+        return SectionedLog(task, opened, tuple(own.remarks), next(iter(own.layouts.values()), None))
+
+    def reduced_section(self, log: SectionedLog, section: int, model: Model) -> ReducedSection:
+        """Reduce one section of a log, in this process or in another one."""
+        opened, task = log.opened, log.task
+        opened.use_model(model)
+        seen, thinned = chunks.SeenRows(), ThinnedSamples(task.points, opened.count(), opened.count(section))
+        exact = None if section == 0 else CHUNK
+        kept = _kept_of(opened.samples(section, seen), task, model, thinned, opened.sections, exact)
+        return ReducedSection(
+            information=kept.information,
+            blocks=kept.blocks,
+            samples=thinned.samples if thinned.count else None,
+            drawn=kept.drawn,
+            survey=seen.survey.state,
+            masked=seen.masked,
+        )
+
+    def _unwritten(self) -> LogReader:
+        """Return a reader of the same kind, which has noted nothing yet."""
         own = copy(self)
         own.remarks, own.layouts, own.units_are_suspect = [], {}, False
-        empty = empty_factors(model)
-        drawn, blocks = DrawnRows(model, task.rows), TimeBlocks(empty)
-        if task.fitted:
-            sums = BatchSums(empty)
-            information, thinned = own.reduce(task.log, task.points, sums, blocks, task.logs, model, drawn)
-            information = replace(information, batch_means=sums.factors())
-        else:
-            information, thinned = own.reduce(task.log, task.points, model=model, drawn=drawn)
+        return own
+
+    def _reduced_whole(self, task: LogTask, model: Model) -> ReducedLog:
+        own = self._unwritten()
+        thinned = ThinnedSamples(task.points)
+        kept = _kept_of(own._watched(task.log, model), task, model, thinned)
         return ReducedLog(
             name=str(task.log),
-            information=information,
-            blocks=blocks.held,
+            information=kept.information,
+            blocks=kept.blocks,
             samples=thinned.samples,
-            drawn=drawn.kept,
+            drawn=kept.drawn,
             remarks=tuple(own.remarks),
             layout=next(iter(own.layouts.values()), None),
             units_are_suspect=own.units_are_suspect,
@@ -310,24 +353,26 @@ class LogReader:
     def thinned(self, log: GivenLog, points: int) -> ThinnedSamples:
         """Return the samples of one log, thinned to so many or twice as many points, without reducing it."""
         kept = ThinnedSamples(points)
-        for _ in self._watched(log, [kept], self.model):
-            pass
+        for samples in self._watched(log, self.model):
+            kept.add(samples)
         return kept
 
-    def _watched(self, log: GivenLog, keep: Sequence[ThinnedSamples | DrawnRows], model: Model) -> Iterator[Samples]:
+    def samples(self, logs: Sequence[GivenLog]) -> Iterator[Samples]:
+        """Read logs once more, for rows that are made in another way; nothing is noted of them."""
+        own = self._unwritten()
+        for log in logs:
+            yield from chunks.ahead(own._watched(log, self.model))
+
+    def _watched(self, log: GivenLog, model: Model) -> Iterator[Samples]:
+        """Read a log; note what is seen of it."""
         if isinstance(log, GivenSamples):
             self._require_joints(log)
             self.remarks.extend(f"{log}: {remark}" for remark in log.samples.remarks)
-            for samples in regrouped([log.samples], self.chunk_rows):
-                for one in keep:
-                    one.add(samples)
-                yield samples
+            yield from regrouped([_with_channels(log.samples, model, str(log))], self.chunk_rows)
             return
         survey = LogSurvey()
         for samples in self._samples(log, survey, model):
             self.remarks.extend(f"{log}: {remark}" for remark in samples.remarks)
-            for one in keep:
-                one.add(samples)
             yield samples
         self.remarks.extend(f"{log}: {remark}" for remark in against_limits(survey, self.model.robot))
         self.units_are_suspect |= bool(survey.unit_remarks())
@@ -340,14 +385,20 @@ class LogReader:
                 f"({', '.join(robot.joint_names)}); give one column for each of them, in this order."
             )
 
-    def dense(self, log: GivenLog, rows: int) -> Samples | None:
-        """Return samples of the middle of a log at its own rate; None where it is hardly longer than half of that."""
+    def middle(self, log: GivenLog, rows: int) -> Recording | Samples:
+        """Return so many rows in the middle of a log; of one that was given as samples these."""
         if isinstance(log, GivenSamples):
             start = max(0, (log.samples.count - rows) // 2)
-            return log.samples.rows(start, start + rows) if log.samples.t is not None else None
-        recording = read_middle(log, self.columns, self.processing, rows, list(self.model.robot.joint_names))
+            return log.samples.rows(start, start + rows)
+        return read_middle(log, self.columns, self.processing, rows, list(self.model.robot.joint_names))
+
+    def dense(self, log: GivenLog, rows: int) -> Samples | None:
+        """Return samples of the middle of a log at its own rate; None where it is hardly longer than half of that."""
+        middle = self.middle(log, rows)
+        if isinstance(middle, Samples):
+            return middle if middle.t is not None else None
         # Filters and masks need the ends of the log; what is read is its middle.
-        return recording.process(self.processing, self.model) if recording.count > rows // 2 else None
+        return middle.process(self.processing, self.model) if middle.count > rows // 2 else None
 
     def _note_columns(self, log: str, layout: Layout | None) -> None:
         """Keep what the columns of a log were understood to be."""
@@ -367,16 +418,18 @@ class LogReader:
                     )
             self.layouts[log] = layout
 
+    def _look(self, log: str | Path | LogFile, recording: Recording) -> None:
+        """Look at the first rows of a log, as they were read."""
+        self._note_columns(str(log), recording.layout)
+        handled = [option for option in DETECTORS if getattr(self.processing, option) is not False]
+        part = f" (Seen in the first {recording.count} rows.)" if recording.count == chunks.CHOICE_ROWS else ""
+        self.remarks.extend(f"{log}: {sentence}{part}" for sentence in faulty_rows(recording, handled))
+        against_limits(LogSurvey.of(recording), self.model.robot)  # what is sure to be wrong is refused at once
+
     def _samples(self, log: str | Path | LogFile, survey: LogSurvey, model: Model) -> Iterator[Samples]:
         joints = list(self.model.robot.joint_names)
 
-        def look(recording: Recording) -> None:
-            self._note_columns(str(log), recording.layout)
-            handled = [option for option in DETECTORS if getattr(self.processing, option) is not False]
-            part = f" (Seen in the first {recording.count} rows.)" if recording.count == chunks.CHOICE_ROWS else ""
-            self.remarks.extend(f"{log}: {sentence}{part}" for sentence in faulty_rows(recording, handled))
-            against_limits(LogSurvey.of(recording), self.model.robot)  # what is sure to be wrong is refused at once
-
+        look = partial(self._look, log)
         if self.processing.needs_whole_log:
             recording = Recording.read(log, self.columns, joints)
             look(recording)
@@ -386,6 +439,156 @@ class LogReader:
             # Of the pieces that are processed together none is joined with the next, which costs time and memory only.
             rows = min(self.chunk_rows, chunks.PIECE_ROWS)
             yield from process_chunks(log, self.columns, self.processing, rows, joints, model, look, survey)
+
+
+class _Kept(NamedTuple):
+    """What is kept of the rows of a log, or of a section of it, beside thinned samples; see `ReducedLog`."""
+
+    information: Information
+    blocks: tuple[tuple[NDArray[np.intp], tuple[Array, ...]], ...]
+    drawn: DrawnLog
+
+
+def _kept_of(
+    stream: Iterable[Samples],
+    task: LogTask,
+    model: Model,
+    thinned: ThinnedSamples,
+    sections: int = 1,
+    exact: int | None = None,
+) -> _Kept:
+    """Reduce the samples of one of so many sections of a log, and thin them on the way."""
+    empty = empty_factors(model)
+    drawn = DrawnRows(model, max(task.rows // sections, 1))
+    sums = BatchSums(empty) if task.fitted else None
+    blocks = TimeBlocks(empty, -(-MOST // (task.logs * sections))) if task.fitted else None
+    information = _information_of(stream, model, [drawn, thinned], sums, blocks, exact)
+    if sums is not None:
+        information = replace(information, batch_means=sums.factors())
+    drawn.finish()
+    return _Kept(information, () if blocks is None else blocks.held, drawn.kept)
+
+
+def _information_of(
+    stream: Iterable[Samples],
+    model: Model,
+    keep: Sequence[ThinnedSamples | DrawnRows],
+    sums: BatchSums | None,
+    blocks: TimeBlocks | None,
+    exact: int | None = None,
+) -> Information:
+    """Reduce samples while those that follow are read and kept; see `Information.from_chunks`."""
+
+    def watched() -> Iterator[Samples]:
+        for samples in stream:
+            for one in keep:
+                one.add(samples)
+            yield samples
+
+    return Information.from_chunks(
+        model, chunks.ahead(watched()), batch_means=False, sums=sums, blocks=blocks, exact=exact
+    )
+
+
+@dataclass(frozen=True)
+class SectionedLog:
+    """A log that was opened, of which any section can be reduced, in this process or in another one.
+
+    Attributes
+    ----------
+    task : LogTask
+    opened : OpenedLog
+    remarks : tuple of str
+        What was seen of its first rows.
+    layout : Layout or None
+    """
+
+    task: LogTask
+    opened: chunks.OpenedLog
+    remarks: tuple[str, ...]
+    layout: Layout | None
+
+    @property
+    def sections(self) -> int:
+        """How many sections there are."""
+        return self.opened.sections
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedSection:
+    """What is kept of a section of a log when its rows are gone; see `ReducedLog`.
+
+    Attributes
+    ----------
+    information : Information
+    blocks : tuple
+    samples : Samples
+    drawn : DrawnLog
+    survey : dict of ndarray
+        As `LogSurvey.state` tells it.
+    masked : dict of ndarray
+        How many rows of each joint were masked, by the reason.
+    """
+
+    information: Information
+    blocks: tuple[tuple[NDArray[np.intp], tuple[Array, ...]], ...]
+    samples: Samples | None
+    drawn: DrawnLog
+    survey: dict[str, Array]
+    masked: dict[str, NDArray[np.intp]]
+
+    def for_model(self, model: Model) -> ReducedSection:
+        """Return the same with a model in its samples, where they have a regressor."""
+        samples = None if self.samples is None else _with_model(self.samples, model)
+        return replace(self, samples=samples, drawn=self.drawn.for_model(model))
+
+
+class JoinedSections:
+    """Joins the sections of a log, in their order, to what the log as a whole comes to.
+
+    Parameters
+    ----------
+    log : SectionedLog
+    model : Model
+        In whose base parameters the sections are reduced.
+    """
+
+    def __init__(self, log: SectionedLog, model: Model) -> None:
+        self.log, self.model = log, model
+        self._seen, self._means, self._blocks = chunks.SeenRows(), BatchMeansTree(), TimeBlocks(empty_factors(model))
+        self._information: list[Information] = []
+        self._samples: list[Samples] = []
+        self._drawn: list[DrawnLog] = []
+
+    def add(self, section: ReducedSection) -> None:
+        """Add the section that follows."""
+        self._means.add(section.information.batch_means)
+        bare = replace(section.information, batch_means=())
+        self._information = [Information.total([*self._information, bare])]
+        self._blocks.append(TimeBlocks.of_held(self._blocks.empty, section.blocks))
+        if section.samples is not None:
+            self._samples.append(section.samples)
+        self._drawn.append(section.drawn)
+        self._seen.survey.join(section.survey, self.log.opened.first)
+        for name, counts in section.masked.items():
+            self._seen.mask(name, counts)
+
+    def reduced(self) -> ReducedLog:
+        """Return what all of them come to."""
+        name, opened = str(self.log.task.log), self.log.opened
+        ending = opened.ending(self._seen)
+        limits = against_limits(self._seen.survey, self.model.robot)
+        remarks = (f"{name}: {remark}" for remark in (*opened.remarks, *ending, *limits))
+        return ReducedLog(
+            name=name,
+            information=replace(self._information[0], batch_means=self._means.total()),
+            blocks=self._blocks.held,
+            samples=Samples.joined(self._samples),
+            drawn=DrawnLog.joined(self._drawn),
+            remarks=(*self.log.remarks, *remarks),
+            layout=self.log.layout,
+            units_are_suspect=bool(self._seen.survey.unit_remarks()),
+        )
 
 
 def against_limits(survey: LogSurvey, robot: Robot) -> tuple[str, ...]:
@@ -527,14 +730,8 @@ class DrawnRows:
 
     def _refit(self, table: Array) -> None:
         samples = self._samples(table[np.unique(np.linspace(0, len(table) - 1, 4000).astype(int))])
-        count, rows = self.model.base_parameters().count, []
-        for _, of_joints in joint_rows(self.model, samples):
-            for own, part in zip(self.model.base_columns.joints, of_joints, strict=True):
-                whole = np.zeros((len(part), count + 1))
-                whole[:, own], whole[:, -1] = part[:, :-1], part[:, -1]
-                rows.append(whole)
-        stacked = np.concatenate(rows)
-        self._base = np.asarray(np.linalg.lstsq(stacked[:, :-1], stacked[:, -1])[0], dtype=np.float64)
+        factors = reduce_by_joint(self.model, replace(samples, mask=None))
+        self._base = solve(replace(Information.empty(self.model), factors=factors).reduced(None))
 
     def _samples(self, table: Array) -> Samples:
         return _samples_of(table, self.model.dof, self._regressor_model)
@@ -559,11 +756,23 @@ class DrawnRows:
 
 
 class ThinnedSamples:
-    """Every k-th sample of a stream, with k doubling as the stream grows."""
+    """Every k-th sample of a stream, with k doubling as the stream grows.
 
-    def __init__(self, points: int) -> None:
+    Parameters
+    ----------
+    points : int
+        So many remain at least, and at most twice as many.
+    total : int
+        How many samples the whole stream will have at least.
+    first : int
+        The number of the first that is added, where these are some from its middle.
+    """
+
+    def __init__(self, points: int, total: int = 0, first: int = 0) -> None:
         self.points = points
-        self.every, self.seen = 1, 0
+        self.every, self.seen = 1, first
+        while -(-total // self.every) > 2 * points:
+            self.every *= 2
         self._joints = 0
         self._regressor_model: Model | None = None
         self._parts: list[Array] = []
@@ -573,14 +782,36 @@ class ThinnedSamples:
         self._joints, self._regressor_model = samples.joint_count, samples.regressor_model
         self._parts.append(_table_of(samples, self.seen, slice(-self.seen % self.every, None, self.every)))
         self.seen += samples.count
-        while sum(map(len, self._parts)) > 2 * self.points:
+        while self.count > 2 * self.points:
             self._parts = [np.concatenate(self._parts)[::2].copy()]
             self.every *= 2
+
+    @property
+    def count(self) -> int:
+        """How many were kept."""
+        return sum(map(len, self._parts))
 
     @property
     def samples(self) -> Samples:
         """What was kept."""
         return _samples_of(np.concatenate(self._parts), self._joints, self._regressor_model)
+
+
+def _with_channels(samples: Samples, model: Model, name: str) -> Samples:
+    """Return samples with the regressor of a model whose terms need channels, as those of a log have it."""
+    if not model.robot.channels or samples.regressor_model is model:
+        return samples
+    if samples.filtered_torque:
+        raise InputError(
+            f"The torques of {name} were filtered, and what terms need of its channels was not; give the model to "
+            "Recording.process, which filters both."
+        )
+    entries = model.base_columns.entries(samples.q, samples.dq, samples.ddq, samples.channels_for(model))
+    return replace(samples, regressor=entries, regressor_model=model)
+
+
+def _with_model(samples: Samples, model: Model) -> Samples:
+    return samples if samples.regressor is None else replace(samples, regressor_model=model)
 
 
 def _table_of(samples: Samples, first: int, rows: slice | NDArray[np.intp] = slice(None)) -> Array:
@@ -593,6 +824,7 @@ def _table_of(samples: Samples, first: int, rows: slice | NDArray[np.intp] = sli
     mask = np.ones(samples.q.shape) if samples.mask is None else samples.mask
     columns = [numbers, t, samples.q, samples.dq, samples.ddq, samples.torque, mask]
     if samples.regressor is not None:
+        columns += [(samples.channels or {})[name] for name in _channels(samples.regressor_model)]
         columns.append(samples.regressor)
     return np.column_stack([one[rows] for one in columns])
 
@@ -600,7 +832,9 @@ def _table_of(samples: Samples, first: int, rows: slice | NDArray[np.intp] = sli
 def _samples_of(table: Array, joints: int, regressor_model: Model | None) -> Samples:
     """Return the samples that `_table_of` made an array of."""
     q, dq, ddq, torque, mask = (table[:, 2 + k * joints : 2 + (k + 1) * joints] for k in range(5))
-    used, regressor = mask > 0.5, table[:, 2 + 5 * joints :]
+    names = _channels(regressor_model)
+    used, regressor = mask > 0.5, table[:, 2 + (5 + len(names)) * joints :]
+    channels = {name: table[:, 2 + k * joints : 2 + (k + 1) * joints] for k, name in enumerate(names, start=5)}
     return Samples(
         q=q,
         dq=dq,
@@ -610,4 +844,10 @@ def _samples_of(table: Array, joints: int, regressor_model: Model | None) -> Sam
         t=table[:, 1].copy(),
         regressor=regressor if regressor.shape[1] else None,
         regressor_model=regressor_model if regressor.shape[1] else None,
+        channels=channels or None,
     )
+
+
+def _channels(model: Model | None) -> tuple[str, ...]:
+    """Names of the channels that the terms of a model need, which its samples have then, as they have a regressor."""
+    return () if model is None else model.robot.channels

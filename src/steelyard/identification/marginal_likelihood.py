@@ -254,7 +254,7 @@ def moments(model: Model, samples: Samples, *, gravity: Array | None = None, ext
     """
     count, joints = samples.q.shape
     if gravity is None:
-        regressor = model.regressor(samples.q, samples.dq, samples.ddq)
+        regressor = model.regressor(samples.q, samples.dq, samples.ddq, channels=samples.channels)
     else:
         kernel = model.kernel("regressor", gravity="argument")
         flat = kernel(samples.q, samples.dq, samples.ddq, np.asarray(gravity, dtype=float))

@@ -9,11 +9,20 @@ import numpy as np
 from steelyard.dynamics import Model
 from steelyard.recording import Samples
 from steelyard.regression import Estimate
+from steelyard.robot import Robot
 from steelyard.robot.description import URDF, description_format
 
-__all__ = ["missed_terms"]
+__all__ = ["missed_terms", "undescribed_kinds"]
 
-NAMES = {"damping": "damping", "friction": "friction", "rotor_inertia": "rotor inertia", "offset": "torque offsets"}
+NAMES = {
+    "damping": "damping",
+    "friction": "friction",
+    "rotor_inertia": "rotor inertia",
+    "offset": "torque offsets",
+    "stiffness": "springs",
+    "quadratic_damping": "quadratic friction",
+    "cubic_damping": "cubic friction",
+}
 NEGLIGIBLE = 5e-4  # of the torques; less is printed as 0.0 %
 
 
@@ -50,7 +59,7 @@ def missed_terms(model: Model, estimate: Estimate, samples: Iterable[Samples]) -
     parameters = np.where(missed, estimate.parameters, 0.0)
     for one in samples:
         rows = np.ones_like(one.torque, dtype=bool) if one.mask is None else one.mask
-        torque = model.inverse_dynamics(one.q, one.dq, one.ddq, parameters)
+        torque = model.inverse_dynamics(one.q, one.dq, one.ddq, parameters, channels=one.channels)
         parts += np.sum(np.where(rows, torque, 0.0) ** 2, axis=0)
         whole += np.sum(np.where(rows, one.torque, 0.0) ** 2, axis=0)
     if not whole.sum() > 0.0:
@@ -61,11 +70,16 @@ def missed_terms(model: Model, estimate: Estimate, samples: Iterable[Samples]) -
         return ()
     worst = int(np.argmax(each))
     known = [NAMES[name] for name in NAMES if name not in held and name in described.values()]
-    others = [term.kind for term in model.robot.terms if any(one.described_as is None for one in term.parameters)]
-    what = " and ".join([*known, *others])
+    what = " and ".join([*known, *undescribed_kinds(model.robot)])
     where = "in an extension of ours, which simulators pass over, and " if known else ""
     return (
         f"The format of {source.name} has no place for {what}: what was found stands {where}in estimate.json. A "
         f"simulation without it misses {share:.1%} of the torques of these logs, and {each[worst]:.1%} at joint "
         f"{model.robot.joint_names[worst]}.",
     )
+
+
+def undescribed_kinds(robot: Robot) -> list[str]:
+    """Return the kinds of the terms, or of their laws, that have parameters of which no description knows."""
+    laws = [law for term in robot.terms for law in term.laws]
+    return list(dict.fromkeys(law.kind for law in laws if any(one.described_as is None for one in law.parameters)))

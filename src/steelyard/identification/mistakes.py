@@ -224,6 +224,7 @@ def find_mistakes(
     >>> [(found.kind, found.statement) for found in find_mistakes(model, wrong)]
     [('torque sign', 'The sign of the torque of joint2 looks wrong')]
     """
+    model = model.without_channels  # a mistake is larger than what a temperature changes
     enough = samples.count >= FEWEST and samples.used.min() >= FEWEST and np.any(samples.torque != 0.0, axis=0).all()
     if model.dof > TOO_MANY_JOINTS or not enough or not samples.dq.any():
         return ()
@@ -592,7 +593,7 @@ class _Search:
         return float(0.5 * np.log(max(modelled, 1e-12) / max(sums[width + k, width + k], 1e-12)))
 
     def _missing_terms(self) -> None:
-        kinds = {term.kind for term in self.model.robot.terms}
+        kinds = {law.kind for term in self.model.robot.terms for law in term.laws}
         if "motor_side" in kinds:
             return
         s, n = self.samples, self.count

@@ -228,19 +228,33 @@ def excite_command(identification: Identification) -> str:
 def _missing_terms(identification: Identification) -> Iterator[NextStep]:
     """Terms that the model lacks, where what is left at a joint follows a pattern."""
     told = identification.prediction
-    lacking = [kind for kind in DEFAULTS if kind not in {term.kind for term in identification.model.robot.terms}]
-    if any(term.kind == "motor_side" for term in identification.model.robot.terms) or not lacking:
+    kinds = {law.kind for term in identification.model.robot.terms for law in term.laws}
+    lacking = [kind for kind in DEFAULTS if kind not in kinds]
+    if not lacking and identification.friction is not None:
         return
     errors = np.where(np.nan_to_num(told.whiteness, nan=1.0) < PATTERN, told.joint_model_error, 0.0)
     worst = int(np.argmax(errors))
-    if errors[worst] > LARGE:
+    if not errors[worst] > LARGE:
+        return
+    pattern = (
+        f"What is left at {told.joint_names[worst]} is {errors[worst]:.0%} of its torques and follows a pattern "
+        f"({told.whiteness[worst]:.0%} of it is white)"
+    )
+    if lacking and "motor_side" not in kinds:
         words = ", ".join(DEFAULTS[kind] for kind in lacking)
         yield NextStep(
             "Let the model have more terms.",
-            f"What is left at {told.joint_names[worst]} is {errors[worst]:.0%} of its torques and follows a pattern "
-            f"({told.whiteness[worst]:.0%} of it is white), and the model lacks {words}.",
+            f"{pattern}, and the model lacks {words}.",
             "\n".join(f'[[terms]]\nkind = "{kind}"' for kind in lacking),
             "toml",
+        )
+    elif not lacking and not identification.elastic_joints:  # beside whose stiffness friction is not chosen
+        logs = " ".join(_paths(identification, identification.logs)) or "LOG..."
+        yield NextStep(
+            "Let the logs choose the friction.",
+            f"{pattern}; friction may be more than viscous and Coulomb's.",
+            f"steelyard identify {_robot(identification)} {logs} --friction auto --output DIR",
+            "console",
         )
 
 

@@ -19,6 +19,7 @@ from steelyard.estimators.cross_validation import (
     cross_validation,
     term_deviations,
 )
+from steelyard.estimators.prior import distance_from
 from steelyard.feasibility import FeasibleSet
 from steelyard.feasibility.certificates import FeasibilityCertificate
 from steelyard.feasibility.constraints import Constraint
@@ -31,7 +32,6 @@ __all__ = [
     "PlausibleFit",
     "PriceOfPlausibility",
     "TriedPrior",
-    "distance_from",
     "plausible_fit",
     "set_with_habits",
     "tried_prior",
@@ -224,14 +224,6 @@ def set_with_habits(feasible_set: FeasibleSet, prior: PhysicalPrior) -> Feasible
     return FeasibleSet(
         feasible_set.model, feasible_set.consistency, constraints, feasible_set.margin, feasible_set.terms
     )
-
-
-def distance_from(
-    parameters: Array, feasible_set: FeasibleSet, deviations: Array
-) -> EntropicPrior | ConstantPullbackPrior:
-    """The distance from parameters (n,), with the deviations (n,) of terms; quadratic without full consistency."""
-    kind = EntropicPrior if feasible_set.consistency == "full" else ConstantPullbackPrior
-    return kind(parameters, term_deviations=deviations)
 
 
 def untested_weight(count: int) -> float:

@@ -171,7 +171,12 @@ def difference_on_random_motion(
     """
     motion = random_motion(model.robot, count, seed)
     pick = model.base_parameters().Pb  # parameters Pb beta move the robot as beta does
-    torques = [model.inverse_dynamics(*motion, pick @ np.asarray(base, dtype=float)) for base in bases]
+    parameters = [pick @ np.asarray(base, dtype=float) for base in bases]
+    if model.robot.channels:  # the torques are those at the reference of each signal
+        plain = model.without_channels
+        kept = [model.parameter_names.index(name) for name in plain.parameter_names]
+        model, parameters = plain, [own[kept] for own in parameters]
+    torques = [model.inverse_dynamics(*motion, own) for own in parameters]
     own = np.sum(torques[0] ** 2, axis=0)
     differences = np.array([np.sum((torque - torques[0]) ** 2, axis=0) for torque in torques[1:]])
     robot = model.robot

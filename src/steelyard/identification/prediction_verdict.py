@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from steelyard.display import html_table, text_table
 from steelyard.files import plain
 from steelyard.regression import Information
-from steelyard.regression.batch_means import BATCH_LENGTHS
+from steelyard.regression.batch_means import BATCH_LENGTHS, LONG
 
 if TYPE_CHECKING:
     from .mistakes import Hypothesis
@@ -191,7 +191,9 @@ def white_noise(info: Information, base: ArrayLike) -> tuple[Array, Array]:
     """Root mean square of the white noise of each joint, and its part of the mean square of the residuals, (N,) each.
 
     Of residuals that are the sum of white noise, of variance w, and of errors that stay for eight samples, of variance
-    s, single ones have the variance w + s, and sums of eight neighbours have eight times w + 8 s.
+    s, single ones have the variance w + s, and sums of eight neighbours have eight times w + 8 s. Of long data whose
+    neighbouring rows were combined the sums are over 64, so that what lasts for less counts as white in part, and both
+    parts of the mean square are told to a few hundredths of it only.
 
     Parameters
     ----------
@@ -219,7 +221,10 @@ def white_noise(info: Information, base: ArrayLike) -> tuple[Array, Array]:
             continue
         variance = single.residual2(beta) / single.count
         of_sums = sums.residual2(beta) / single.count
-        lasting = min(max((of_sums - variance) / (length - 1), 0.0), variance)
+        # How many sums there are tells which part of the rows is in long ones: none but where they were combined.
+        combined = (1.0 - length * sums.count / single.count) * LONG / (LONG - length)
+        mean = length + (LONG - length) * min(max(combined, 0.0), 1.0)
+        lasting = min(max((of_sums - variance) / (mean - 1.0), 0.0), variance)
         floors[joint] = np.sqrt(variance - lasting)
         shares[joint] = 1.0 - lasting / variance if variance > 0.0 else 1.0
     return floors, shares

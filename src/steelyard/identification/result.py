@@ -7,7 +7,7 @@ import os
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,11 @@ from .mistakes import Hypothesis, sentence
 from .parameter_table import ParameterTable
 from .plausible_fit import PlausibleFit
 from .prediction_verdict import PredictionVerdict
+
+if TYPE_CHECKING:
+    from steelyard.estimators import JointStiffness
+
+    from .chosen_friction import FrictionChoice
 
 __all__ = ["Identification", "Prediction", "Trace"]
 
@@ -140,6 +145,10 @@ class Identification:
         SHA-256 hashes of the logs that were no files, by name.
     layouts : mapping from str to Layout
         What the columns of each log were understood to be.
+    elastic_joints : tuple of JointStiffness
+        Where the robot file has a section ``[elastic]``.
+    friction : FrictionChoice or None
+        Which laws of friction were chosen, and how; None where that was not asked for.
     """
 
     model: Model
@@ -162,6 +171,8 @@ class Identification:
     cutoff_choices: tuple[tuple[str, CutoffChoice], ...] = ()
     in_memory: Mapping[str, str] = field(default_factory=dict)
     layouts: Mapping[str, Layout] = field(default_factory=dict)
+    elastic_joints: tuple[JointStiffness, ...] = ()
+    friction: FrictionChoice | None = None
 
     def save(self, folder: str | Path, *, force: bool = False, stale: Collection[str] = ()) -> tuple[Path, ...]:
         """Write what ``steelyard identify --output folder`` writes; see :func:`steelyard.report.save_results`.
@@ -296,6 +307,12 @@ class Identification:
         ]
         return ("joint", "error", "RMS", "noise", "unit"), [*rows, ("all", f"{told.relative_error:.1%}", "", "", "")]
 
+    def elastic_table(self) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+        """The table of elastic joints: its heads and its rows; no row where the robot file names none."""
+        from steelyard.estimators.joint_stiffness import stiffness_table  # loaded for elastic joints alone
+
+        return stiffness_table(self.elastic_joints)
+
     def to_dict(self) -> dict[str, Any]:
         """Return the result as plain data: verdicts, parameters, errors of each log, what may be wrong.
 
@@ -324,8 +341,10 @@ class Identification:
                 for one in found
             ],
             "columns": self.columns_to_list(),
+            "friction": None if self.friction is None else self.friction.to_dict(),
             "remarks": list(dict.fromkeys((*self.estimate.remarks, *self.remarks))),
             "options": self.options,
+            **({"elastic_joints": [one.to_dict() for one in self.elastic_joints]} if self.elastic_joints else {}),
         }
 
     def _repr_html_(self) -> str:
@@ -333,6 +352,8 @@ class Identification:
         parts.append(_report_room().robot_svg(self))
         heads, rows = self.joint_table()
         parts.append(html_table(f"Prediction of {self.prediction.source}", heads, rows, self.prediction.sentences[1:]))
+        if self.elastic_joints:
+            parts.append(html_table("Elastic joints", *self.elastic_table()))
         if self.parameters is not None:
             parts.append(html_table("Links", *self.parameters.link_table()))
             parts.append(html_sentences(self.parameters.counts))

@@ -239,7 +239,7 @@ def correct_estimate(
         consistency=consistency,
         relative_error=loaded.relative_error if found.status == "already feasible" else float("nan"),
         joint_relative_error=loaded.joint_relative_error if found.status == "already feasible" else None,
-        **vars(model.drives(found.parameters)),
+        **model.drives(found.parameters).always_told(),
         certificate=found.certificate.document(),
         remarks=(*loaded.remarks, told),
         optimality_gap=None,  # it was measured for the parameters before, and for the conditions of their fit

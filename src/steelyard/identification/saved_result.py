@@ -26,6 +26,7 @@ __all__ = ["RECORD", "RECORD_FORMAT", "SavedResult"]
 
 RECORD, RECORD_FORMAT = "run.json", "steelyard-run-1"
 ESTIMATE = "estimate.json"
+DRIVES = "drives.json"
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +69,11 @@ class SavedResult:
         path = Path(given)
         if path.is_dir():
             path = path / ESTIMATE
+            if not path.exists() and (path.parent / DRIVES).exists():
+                raise InputError(
+                    f"{given}: holds drives that were identified from positions ({DRIVES}), not the estimate of a "
+                    "model; give the description beside it where a robot is asked for."
+                )
         estimate = Estimate.load(path)
         beside = path.parent / RECORD
         # An estimate under another name was saved by hand, and the record beside it may be about another one.

@@ -83,8 +83,8 @@ def save_excitation(
         The files.
     """
     say = progress or (lambda _: None)
-    model = model_of_estimate(estimate, file)
-    before = None if estimate is None else matching_estimate(model, estimate)
+    whole = model_of_estimate(estimate, file)
+    before, model = None if estimate is None else matching_estimate(whole, estimate), whole.without_channels
     say("what the motion will show")
     expected = predicted_intervals(
         model, design.trajectory, estimate=before, noise=noise, rate=design.rate, constraints=given_constraints(file)
@@ -168,17 +168,13 @@ def _lead(design: ExcitationDesign, expected: PredictedIntervals) -> Markup:
     return Markup(f'<p class="lead">{escape(words)}</p>\n<div class="verdicts">{"".join(cards)}</div>\n')
 
 
-def _unit(robot: Robot, k: int) -> str:
-    return "rad" if robot.joints[robot.driving_joints[k]].rotates else "m"
-
-
 def _start(design: ExcitationDesign, robot: Robot) -> Markup:
     rows = []
     for k, (joint, place) in enumerate(design.start.items()):
-        turns = _unit(robot, k) == "rad"
+        unit = robot.position_units[k]
         low, high = design.limits.lower[k], design.limits.upper[k]
         rows.append(
-            (joint, f"{place:.4f}", _unit(robot, k), f"{np.rad2deg(place):.2f}" if turns else "–", _reach(low, high))
+            (joint, f"{place:.4f}", unit, f"{np.rad2deg(place):.2f}" if unit == "rad" else "–", _reach(low, high))
         )
     heads = ("Joint", "Position", "Unit", "Degrees", "Limits")
     text = "<p>Move the robot here before the motion starts, along a way of which you know that it is free.</p>"
@@ -260,8 +256,8 @@ def _limits(design: ExcitationDesign, robot: Robot, motion: _Motion) -> Markup:
     for k, joint in enumerate(design.joint_names):
         low, high = float(limits.lower[k]), float(limits.upper[k])
         parts = [
-            ("velocity", motion.dq[:, k], float(limits.velocity[k]), f"{_unit(robot, k)}/s"),
-            ("acceleration", motion.ddq[:, k], float(limits.acceleration[k]), f"{_unit(robot, k)}/s²"),
+            ("velocity", motion.dq[:, k], float(limits.velocity[k]), f"{robot.position_units[k]}/s"),
+            ("acceleration", motion.ddq[:, k], float(limits.acceleration[k]), f"{robot.position_units[k]}/s²"),
             ("torque", motion.torque[:, k], float(limits.torque[k]), robot.torque_units[k]),
         ]
         curves = []

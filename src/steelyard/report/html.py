@@ -10,7 +10,9 @@ from steelyard.identification import Identification
 
 from . import answer_sections as answer
 from . import sections
+from .elastic_section import elastic_joints
 from .excitation_section import excitation
+from .friction_section import friction
 from .head import head, remarks
 from .html_document import Markup, Section, html_document
 from .impossible_section import impossible
@@ -25,6 +27,7 @@ _SECTIONS: tuple[tuple[str, str, Callable[[Identification], Markup]], ...] = (
     ("prediction", "Does it predict?", answer.prediction),
     ("remarks", "Remarks", remarks),
     ("rests-on", "What each number rests on", answer.parameters),
+    ("elastic", "Elastic joints", elastic_joints),
     ("torques", "Measured and predicted torques", torques),
     ("parts", "Where the torque comes from", sources),
     ("excitation", "What the motion shows", excitation),
@@ -35,6 +38,7 @@ _SECTIONS: tuple[tuple[str, str, Callable[[Identification], Markup]], ...] = (
     ("proof", "The proof, verified here", proof),
     ("base", "Base parameters", sections.base_parameters),
     ("joint-parameters", "Joint friction", sections.joints),
+    ("friction", "How the friction was chosen", friction),
     ("columns", "Columns of the logs", sections.columns),
     ("processing", "Processing of the logs", sections.processing),
     ("sources", "Provenance", sections.provenance),

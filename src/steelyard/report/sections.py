@@ -15,6 +15,7 @@ from steelyard import __version__
 from steelyard.errors import InputError
 from steelyard.files import file_hash
 from steelyard.identification import Identification
+from steelyard.identification.missed_terms import undescribed_kinds
 from steelyard.recording.formats import content_hash, hashed_log
 
 from .extent import MOST_LOGS, shared_words, short_names, shown_logs
@@ -116,10 +117,12 @@ def joints(identification: Identification) -> Markup:
         units = ("N·m·s/rad", "N·m") if joint.rotates else ("N·s/m", "N")
         rows.append((name, number(viscous), units[0], number(coulomb), units[1]))
     heads = ("Joint", "Damping", "Unit", "Friction", "Unit")
-    text = (
-        "<p>Viscous damping and Coulomb friction of each joint moving alone, all terms together; – is not modelled.</p>"
+    text = "Viscous damping and Coulomb friction of each joint moving alone, all terms together; – is not modelled."
+    if beyond := undescribed_kinds(robot):
+        text += f" Friction of other laws ({', '.join(beyond)}) is not counted here; the table of parameters holds it."
+    return Markup(
+        f"<p>{escape(text)}</p>" + table("Friction of each joint", heads, rows, identifier="friction", texts=[2, 4])
     )
-    return Markup(text + table("Friction of each joint", heads, rows, identifier="friction", texts=[2, 4]))
 
 
 def provenance(identification: Identification) -> Markup:
@@ -180,13 +183,17 @@ def _again(identification: Identification) -> str:
     for log in identification.validation_logs[:MOST_LOGS]:
         words += ["--validate", log]
     options = identification.options
+    if options.get("estimator", "fit") != "fit":
+        words += ["--estimator", str(options["estimator"])]
     if identification.plausible is None:
-        words += ["--prior", "none"]
-        for name, default in (("prefer", "auto"), ("residual_slack", 5e-4), ("estimator", "fit")):
+        words += [] if options.get("prior") == "auto" else ["--prior", "none"]
+        for name, default in (("prefer", "auto"), ("residual_slack", 5e-4)):
             if options.get(name, default) not in (default, None):
                 words += [f"--{name.replace('_', '-')}", str(options[name])]
     elif identification.plausible.validation is None:
         words += ["--prior-weight", repr(float(identification.plausible.prior_weight))]
+    words += ["--weights", "none"] if options.get("weights", "joint") is None else []
+    words += ["--friction", "auto"] if options.get("friction") == "auto" else []
     words += ["--consistency", str(options["consistency"])] if options.get("consistency") not in (None, "full") else []
     words += ["--output", "result"]
     return shlex.join(words) + ("  # and the other logs, which run.json names" if more else "")

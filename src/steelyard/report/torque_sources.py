@@ -55,7 +55,7 @@ def torque_sources(model: Model, parameters: Array, samples: Samples) -> dict[st
     zero = np.zeros_like(samples.q)
 
     def torque(values: Array, dq: Array, ddq: Array) -> Array:
-        return np.asarray(model.inverse_dynamics(samples.q, dq, ddq, values))
+        return np.asarray(model.inverse_dynamics(samples.q, dq, ddq, values, channels=samples.channels))
 
     gravity = torque(links, zero, zero)
     found = {

@@ -301,7 +301,7 @@ class Problem:
             expressions = model.base_parameters().expressions
             joint_names = joint_names or tuple(model.robot.joint_names)
             if parameters is not None:
-                drives = vars(model.drives(parameters))
+                drives = model.drives(parameters).always_told()
         certificate = None
         if proved and parameters is not None:
             # Methods that set base parameters to zero mean zero, so that these are given and the parameters follow.

@@ -1,0 +1,162 @@
+"""The motion that a robot makes under its controller, by its parameters: what instruments and output errors need."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from steelyard.dynamics import Model
+from steelyard.errors import InputError, SolverError
+from steelyard.files.arguments import positive
+from steelyard.recording import Recording, Samples
+from steelyard.simulation import Controller, SimulationResult, Status, simulate
+
+__all__ = ["ClosedLoop", "without_standstill"]
+
+Array = NDArray[np.float64]
+
+
+class ClosedLoop:
+    """The motion of a robot under its controller, by base parameters, at the times of measured samples.
+
+    Without noise of the sensors: so the motion depends on the noise of a log through the parameters alone. Call it with
+    base parameters (n_b,).
+
+    Parameters
+    ----------
+    model : Model
+    controller : Controller
+        As the robot has it, with the reference that it followed: an object of :mod:`steelyard.control` or of your own.
+    times : array_like
+        (S,), s since the controller began; multiples of its sample time.
+    start : array_like
+        (N,) positions at time 0, rad or m, from rest; those of the reference at 0 s where it began there.
+    start_velocity : array_like, optional
+        (N,), rad/s or m/s.
+    velocity_threshold : float or (N,)
+        Rows of a joint in which its simulated velocity is below this are left out, rad/s or m/s: near standstill
+        friction is no jump, and noise hides its sign.
+    process : callable, optional
+        From the `Recording` of the simulated motion to its samples: what was done to the log, such as
+        ``lambda recording: recording.process(cutoff=80.0)``. What a filter takes away, or a difference quotient, it
+        then takes from both alike. By default the motion as it is.
+    sign_width : float
+        See :func:`steelyard.simulate`.
+    method : str
+        See :func:`steelyard.simulate`.
+
+    Examples
+    --------
+    >>> import steelyard as sy
+    >>> from steelyard.control import JointFeedback
+    >>> model = sy.Model(sy.Robot.from_dh([("pi/2", 0, 0, "q")], gravity=(0, 0, 0)))
+    >>> wave = lambda t: ([np.sin(t)], [np.cos(t)], [-np.sin(t)])
+    >>> controller = JointFeedback(wave, kp=400.0, kd=40.0, count=1)
+    >>> loop = ClosedLoop(model, controller, np.arange(0.0, 2.0, 0.01), [0.0], [1.0])
+    >>> motion = loop([0.5])
+    >>> bool(np.abs(motion.q[:, 0] - np.sin(motion.t)).max() < 2e-3)
+    True
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        controller: Controller,
+        times: ArrayLike,
+        start: ArrayLike,
+        start_velocity: ArrayLike | None = None,
+        *,
+        velocity_threshold: ArrayLike = 0.0,
+        process: Callable[[Recording], Samples] | None = None,
+        sign_width: float = 1e-3,
+        method: str = "automatic",
+    ) -> None:
+        self.model, self.controller, self.method, self.sign_width = model, controller, method, sign_width
+        self.process = process
+        self.times = np.asarray(times, dtype=np.float64)
+        if self.times.ndim != 1 or len(self.times) < 2 or not np.isfinite(self.times).all():
+            raise InputError("The times of a closed loop must be at least two finite numbers of seconds, (S,).")
+        tick = positive(controller.sample_time, "sample time of the controller", "s")
+        places = np.round(self.times / tick)
+        if np.abs(places * tick - self.times).max() > 0.01 * tick or self.times[0] < -0.01 * tick:
+            raise InputError(
+                f"The times of the samples must be multiples of the controller's sample time of {tick:.6g} s since it "
+                "began; resample the log, or state the rate of the controller."
+            )
+        self._rows = places.astype(np.intp)
+        self._duration = float(max(self._rows[-1], 1) * tick)
+        n = model.dof
+        self.start = np.broadcast_to(np.asarray(start, dtype=np.float64), (n,)).copy()
+        speed = np.zeros(n) if start_velocity is None else start_velocity
+        self.start_velocity = np.broadcast_to(np.asarray(speed, dtype=np.float64), (n,)).copy()
+        self.threshold = np.broadcast_to(np.asarray(velocity_threshold, dtype=np.float64), (n,)).copy()
+
+    @property
+    def reference_motion(self) -> Samples | None:
+        """What the robot would do if it followed its reference exactly; None where the controller does not tell it.
+
+        The torques are zero: they are not known without parameters.
+        """
+        reference = getattr(self.controller, "reference", None)
+        if reference is None or not callable(getattr(reference, "at", None)):
+            return None
+        rows = [reference.at(float(t)) for t in self.times]
+        q, dq, ddq = (np.array([row[k] for row in rows]) for k in range(3))
+        # The least torque that a recording may have: none is stuck at a value.
+        torque = np.zeros_like(q) if self.process is None else 1e-300 * ddq
+        return self._samples(q, dq, ddq, torque)
+
+    def __call__(self, base: ArrayLike) -> Samples:
+        """Return the motion of base parameters (n_b,), with the torques that the controller commands.
+
+        Raises
+        ------
+        SolverError
+            If the simulation diverges.
+        """
+        result = self._simulated(np.asarray(base, dtype=np.float64), self.start, self.start_velocity)
+        if result.status is not Status.FINISHED:
+            raise SolverError(f"the simulation ended at {float(result.end_time):.4g} s: {result.message}")
+        return self._samples(*(x[self._rows] for x in (result.q, result.dq, result.ddq, result.torque)))
+
+    def several(self, bases: ArrayLike) -> Sequence[Samples]:
+        """Return the motions of several robots, (R, n_b), which are simulated together.
+
+        Raises
+        ------
+        SolverError
+            If one of the simulations diverges.
+        """
+        given = np.asarray(bases, dtype=np.float64)
+        shape = (len(given), self.model.dof)
+        result = self._simulated(given, np.broadcast_to(self.start, shape), np.broadcast_to(self.start_velocity, shape))
+        assert isinstance(result.status, tuple)
+        for status, message in zip(result.status, result.message, strict=True):
+            if status is not Status.FINISHED:
+                raise SolverError(f"the simulation of one of {len(given)} robots ended early: {message}")
+        runs = zip(*(x[:, self._rows] for x in (result.q, result.dq, result.ddq, result.torque)), strict=True)
+        return [self._samples(*run) for run in runs]
+
+    def _simulated(self, base: Array, q0: Array, dq0: Array) -> SimulationResult:
+        options: dict[str, Any] = {"base": True, "method": self.method, "sign_width": self.sign_width}
+        return simulate(self.model, base, q0, dq0, self._duration, self.controller, **options)
+
+    def _samples(self, q: Array, dq: Array, ddq: Array, torque: Array) -> Samples:
+        if self.process is None:
+            found = Samples(q=q, dq=dq, ddq=ddq, torque=torque, t=self.times)
+        else:
+            found = self.process(Recording(t=self.times, q=q, torque=torque))
+        return without_standstill(found, self.threshold)
+
+
+def without_standstill(samples: Samples, threshold: ArrayLike) -> Samples:
+    """Leave out the rows in which a joint moves more slowly than a threshold, a number or (N,), rad/s or m/s."""
+    least = np.asarray(threshold, dtype=np.float64)
+    if not least.any():
+        return samples
+    moving = np.abs(samples.dq) >= least
+    return replace(samples, mask=moving if samples.mask is None else moving & samples.mask)

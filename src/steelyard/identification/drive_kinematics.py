@@ -1,0 +1,220 @@
+"""What `examine` says of transmissions: wrong ratios and backlash between two encoders, and commands in other units."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from steelyard.errors import InputError
+from steelyard.files import suggestion
+from steelyard.recording import LogColumns, Recording
+from steelyard.recording.diagnosis.transmission import ALIKE, Transmission, diagnose_transmission
+from steelyard.recording.even import longest_part
+from steelyard.recording.formats import LogFiles
+from steelyard.robot import RobotFile
+
+from .correction import Settings
+from .drive_settings import DriveSettings
+from .second_encoders import SecondEncoders, with_positions
+
+__all__ = ["transmission_findings"]
+
+OFF = 0.2
+"""By which commands and positions must differ in scale to be told: a soft position loop sags by some percent."""
+
+
+def transmission_findings(
+    log: Any, file: RobotFile, columns: LogColumns, recording: Recording, names: Sequence[str]
+) -> tuple[list[dict[str, Any]], dict[str, str]]:
+    """Look at the second encoders of [elastic] and at the commands of [drive].
+
+    Parameters
+    ----------
+    log : path or LogFile
+        As it was recorded.
+    file : RobotFile
+    columns : LogColumns
+        With which the log is read.
+    recording : Recording
+        The log, read with them.
+    names : sequence of str
+        Of the joints.
+
+    Returns
+    -------
+    findings : list of dict
+        Fields of each `Finding`.
+    facts : dict
+    """
+    findings: list[dict[str, Any]] = []
+    facts: dict[str, str] = {}
+    if file.section("elastic").get("position") is not None:
+        _second_encoders(log, file, columns, recording, names, findings, facts)
+    if file.section("drive").get("command") is not None:
+        _commands(log, file, columns, recording, names, findings)
+    return findings, facts
+
+
+def _second_encoders(
+    log: Any,
+    file: RobotFile,
+    columns: LogColumns,
+    recording: Recording,
+    names: Sequence[str],
+    findings: list[dict[str, Any]],
+    facts: dict[str, str],
+) -> None:
+    where = f"{file.path}, [elastic]"
+    settings = SecondEncoders.from_dict(file.section("elastic"), where)
+    layout = recording.layout
+    if layout is None or layout.has_matrix:
+        return
+    own, places = settings.columns(names, where), settings.indices(names, where)
+    there = list(LogFiles(log, columns).names)
+    missing = [one for one in own if one not in there]
+    if missing:
+        statement = f"The log has no column {missing[0]!r}, which [elastic] names as a second encoder."
+        advice = f"Correct `position` in [elastic]: {suggestion(missing[0], there)}."
+        findings.append({"kind": "second encoder", "statement": statement, "harm": "refused", "advice": advice})
+        return
+    others = dict(zip(places, own, strict=True))
+    recording, beside = _beside(log, columns, recording, names, others, settings.position_unit)
+    scales = list(settings.scale or [1.0] * len(own))
+    told: list[tuple[int, Transmission]] = []
+    for order, place in enumerate(places):
+        first, second = recording.q[:, place], scales[order] * beside.q[:, place]
+        motor, link = (first, second) if settings.side == "link" else (second, first)
+        found = diagnose_transmission(motor, link, recording.torque[:, place], recording.rate)
+        joint = recording.joint_label(place)
+        label, fact = joint[:1].upper() + joint[1:], f"backlash, {joint}"
+        unit = file.robot.position_units[place]
+        if np.array_equal(first, second):
+            statement = (
+                f"{label}: its second encoder {own[order]} reads exactly what the first one does: it is a copy, and "
+                "shows no deflection."
+            )
+            advice = "Name the column of the encoder itself in `position` of [elastic], or take the joint out."
+            findings.append({"kind": "second encoder", "statement": statement, "harm": "wrong", "advice": advice})
+            continue
+        if not np.isfinite(found.correlation):
+            facts[fact] = "not told: the log is too short, or the joint rests"
+            continue
+        if abs(found.correlation) < ALIKE:
+            statement = (
+                f"{label}: its second encoder {own[order]} does not follow the first (correlation "
+                f"{found.correlation:.2f}); they are not encoders of one joint."
+            )
+            advice = "Name the columns of `position` in [elastic] in the order of its `joints`."
+            findings.append({"kind": "second encoder", "statement": statement, "harm": "wrong", "advice": advice})
+            continue
+        if found.ratio_is_wrong:
+            told.append((order, found))
+            continue
+        delay = 1e3 * found.delay if settings.side == "link" else -1e3 * found.delay
+        late = f"second encoder {abs(delay):.2g} ms {'late' if delay > 0.0 else 'early'}"
+        if abs(delay) < 0.1:
+            late = "both encoders in step to 0.1 ms"
+        if found.has_backlash:
+            findings.append(_gap(found, label, unit, late, settings))
+        elif np.isfinite(found.bound):
+            facts[fact] = f"at most {found.bound:.2g} {unit}, {late}"
+        elif np.isfinite(found.backlash):
+            facts[fact] = (
+                "not told: the difference of both positions steps against the torque; check `torque_sign` in [log] and "
+                "`side` in [elastic]"
+            )
+        else:
+            facts[fact] = "not told: the torque that it carries does not change its sign, or only with the velocity"
+    if not told:
+        return
+    other_side = "link" if settings.side == "link" else "motor"
+    causes = [found.cause for _, found in told]
+    for (order, _), (_, ratio) in zip(told, causes, strict=True):
+        scales[order] *= float(f"{ratio if settings.side == 'link' else 1.0 / ratio:.7g}")
+    remedy: Settings = {"elastic": {"scale": scales}}
+    if len(told) == len(own) and all(words == f"degrees on the {other_side}'s side" for words, _ in causes):
+        remedy = {"elastic": {"position_unit": "deg"}}
+    for (order, found), (words, _) in zip(told, causes, strict=True):
+        label = recording.joint_label(places[order])
+        statement = (
+            f"{label[:1].upper() + label[1:]}: the position of the motor is {found.ratio:.6g} ± "
+            f"{2.0 * found.ratio_error:.2g} times that of the link ({own[order]} is the second encoder), where 1 was "
+            f"expected; delay and elasticity are taken out{f'. That fits {words}' if words else ''}. If the first "
+            "encoder is right, the line below mends it."
+        )
+        weight = abs(found.ratio - 1.0)
+        findings.append(
+            {"kind": "gear ratio", "statement": statement, "harm": "wrong", "weight": weight, "remedy": remedy}
+        )
+
+
+def _gap(found: Transmission, label: str, unit: str, late: str, settings: SecondEncoders) -> dict[str, Any]:
+    statement = (
+        f"{label}: its transmission has a backlash of {found.backlash:.3g} ± {2.0 * found.backlash_error:.2g} {unit}: "
+        f"where the torque that it carries changes its sign the link falls back by so much, which takes out "
+        f"{found.gain:.0%} of what elasticity, friction and delay leave of the deflection ({late})."
+    )
+    weight = found.backlash
+    if settings.encoder_errors == "none":
+        remedy = {"elastic": {"encoder_errors": "automatic"}}
+        return {"kind": "backlash", "statement": statement, "harm": "worse", "weight": weight, "remedy": remedy}
+    advice = (
+        "No line of robot.toml mends it: have the gear adjusted, or record about a posture where gravity keeps the "
+        "transmission loaded on one side."
+    )
+    return {"kind": "backlash", "statement": statement, "harm": "worse", "weight": weight, "advice": advice}
+
+
+def _commands(
+    log: Any,
+    file: RobotFile,
+    columns: LogColumns,
+    recording: Recording,
+    names: Sequence[str],
+    findings: list[dict[str, Any]],
+) -> None:
+    """Compare commanded with measured positions."""
+    settings, layout = DriveSettings.from_dict(file.section("drive"), f"{file.path}, [drive]"), recording.layout
+    if settings.law != "position" or settings.scale is not None or layout is None or layout.has_matrix:
+        return
+    files = LogFiles(log, columns)
+    own = settings.command_columns(file.robot, files.names)
+    if not set(files.names).issuperset(own):
+        return  # which `identify --from positions` refuses
+    recording, beside = _beside(log, columns, recording, names, dict(enumerate(own)), None)
+    for j, name in enumerate(own):
+        found = diagnose_transmission(beside.q[:, j], recording.q[:, j], recording.torque[:, j], recording.rate)
+        if not abs(found.correlation) >= ALIKE or not found.ratio_is_wrong or abs(found.ratio - 1.0) < OFF:
+            continue
+        label = recording.joint_label(j)
+        words = found.cause[0].replace("on the motor's side", "in the commands")
+        words = words.replace("degrees on the link's side", "measured positions in degrees")
+        statement = (
+            f"{label[:1].upper() + label[1:]}: its commands {name} are {found.ratio:.4g} ± "
+            f"{2.0 * found.ratio_error:.2g} times the measured positions{f': {words}' if words else ''}."
+        )
+        advice = f"Write {name} in the unit, sign and gearing of the measured positions: divided by {found.ratio:.4g}."
+        findings.append(
+            {"kind": "command unit", "statement": statement, "harm": "wrong", "weight": 1.0, "advice": advice}
+        )
+
+
+def _beside(
+    log: Any,
+    columns: LogColumns,
+    recording: Recording,
+    names: Sequence[str],
+    own: dict[int, str],
+    unit: str | None,
+) -> tuple[Recording, Recording]:
+    """Return the longest stretch of the log without gaps, and the same with other columns as positions of joints."""
+    layout = recording.layout
+    assert layout is not None
+    others = replace(with_positions(columns, layout, own, unit), position_offset=None)
+    first, second = longest_part(recording), longest_part(Recording.read(log, others, list(names)))
+    if first.count != second.count:
+        raise InputError("The two encoders have values in other rows; record both in the same rows.")
+    return first, second

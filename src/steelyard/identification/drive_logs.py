@@ -1,0 +1,159 @@
+"""Logs of commands and positions: what is read of them, where they are parted, and which show no drive."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.display import few_digits
+from steelyard.errors import InputError
+from steelyard.recording import LogColumns, Recording, Samples
+from steelyard.recording.columns import POSITION_UNITS
+from steelyard.recording.formats import LogFiles
+from steelyard.robot import Robot, RobotFile
+
+from .drive_settings import DriveSettings
+from .given import given_logs
+from .shooting import PositionLog
+
+__all__ = ["read_drive_logs", "refuse_still", "rms_of_joints"]
+
+Array = NDArray[np.float64]
+
+LONGEST_GAP = 0.1
+"""s, between rows that still belong to one motion; at longer gaps a log is parted."""
+
+LEAST_ROWS = 10
+"""Of a motion without gaps."""
+
+STILL = 2e-3
+"""rad or m that a joint must move at least."""
+
+SAME = 1e-6
+"""rms of commands less positions, relative to the joint's travel, from which on they are one and the same signal."""
+
+
+def read_drive_logs(
+    file: RobotFile, settings: DriveSettings, logs: Any, validate: Any
+) -> tuple[list[PositionLog], list[PositionLog]]:
+    """Read the logs of an identification and those of its validation, and part them where their times have gaps.
+
+    Parameters
+    ----------
+    file : RobotFile
+    settings : DriveSettings
+    logs, validate : path, mapping of arrays, or a sequence of them
+
+    Raises
+    ------
+    InputError
+        Where a column is missing, a log is too short, or its commands are the positions themselves.
+    """
+    _refuse_samples(logs)
+    _refuse_samples(validate)
+    fitted, held_out = (
+        [part for number, log in enumerate(given) for part in _read(file, settings, log, number)]
+        for given in given_logs(logs, validate)
+    )
+    return fitted, held_out
+
+
+def refuse_still(robot: Robot, logs: Sequence[PositionLog]) -> None:
+    """Refuse a joint that stands still in all logs; it may in one of them.
+
+    Raises
+    ------
+    InputError
+        If one does.
+    """
+    travel = np.max([np.ptp(log.q, axis=0) for log in logs], axis=0)
+    for k, joint in enumerate(robot.joint_names):
+        if travel[k] < STILL:
+            names = ", ".join(dict.fromkeys(log.name for log in logs))
+            raise InputError(
+                f'{names}: joint "{joint}" stands still (it moves by {travel[k]:.2g}), so that nothing shows its '
+                "drive; lock it in [description], or record a motion of it."
+            )
+
+
+def rms_of_joints(parts: Sequence[Array]) -> Array:
+    """Return the root of the mean square (N,) over the rows of several logs, each (S, N)."""
+    return np.asarray(np.sqrt(np.mean(np.concatenate(parts) ** 2, axis=0)))
+
+
+def _refuse_samples(logs: Any) -> None:
+    listed = logs if isinstance(logs, list | tuple) else [logs]
+    other = next((one for one in listed if isinstance(one, Recording | Samples)), None)
+    if other is not None:
+        raise InputError(
+            f"A {type(other).__name__} does not hold the commands of the drives; give the log itself: its path, a "
+            "mapping of arrays or a data frame."
+        )
+
+
+def _read(file: RobotFile, settings: DriveSettings, log: Any, number: int) -> list[PositionLog]:
+    """Read a log, and part it where its times have gaps."""
+    robot = file.robot
+    section = file.section("log")
+    for key in ("torque", "torque_unit", "torque_matrix", "torque_sign", "gain", "velocity", "acceleration"):
+        section.pop(key, None)
+    if "position_matrix" in section:
+        raise InputError(
+            f"{file.path}, [log]: position_matrix makes joints of motors, which the gains of drives do not follow; "
+            "give positions and commands of the joints themselves."
+        )
+    files = LogFiles(log, LogColumns.from_dict(section, f"{file.path}, [log]"))
+    name = files.name if isinstance(log, str | Path) else f"log {number + 1}"
+    command = settings.command_columns(robot, files.names)
+    scale = () if settings.scale is None else (settings.scale,)
+    missing = [column for column in (*command, *scale) if column not in files.names]
+    if missing:
+        raise InputError(
+            f"{name} has no column {missing[0]!r}, which [drive] names for the commands; it has "
+            f"{', '.join(files.names[:30])}: correct `{'scale' if missing[0] in scale else 'command'}`."
+        )
+    columns = {**section, "torque": list(command), "torque_unit": "N·m", "velocity": "none", "acceleration": "none"}
+    recording = Recording.read(log, columns, robot.joint_names)
+    told = np.array(recording.torque)
+    if settings.law == "position":
+        layout = recording.layout
+        units = () if layout is None else layout.units["position"]
+        if units:
+            told *= np.array([POSITION_UNITS[unit] for unit in units])
+        told += np.array(section.get("position_offset", 0.0), dtype=float)
+    if scale:
+        factor = np.asarray(files.read(list(scale))[scale[0]])
+        bad = np.flatnonzero(~np.isfinite(factor))
+        if len(bad):
+            raise InputError(
+                f"{name} has no finite number in column {scale[0]!r} in {len(bad)} of {len(factor)} rows, first on row "
+                f"{bad[0] + 1}; remove those rows, or split the log there."
+            )
+        told *= factor[:, np.newaxis]
+    q, t = np.array(recording.q), np.array(recording.t)
+    _refuse_copies(robot, settings, name, q, told)
+    ends = [0, *(np.flatnonzero(np.diff(t) > LONGEST_GAP) + 1).tolist(), len(t)]
+    # Times since the epoch resolve no more than a quarter of a microsecond.
+    parts = [PositionLog(t[a:b] - t[a], q[a:b], told[a:b], name) for a, b in pairwise(ends) if b - a >= LEAST_ROWS]
+    if not parts:
+        raise InputError(
+            f"{name} has {len(t)} rows, {few_digits(float(np.median(np.diff(t))))} s apart, and nowhere {LEAST_ROWS} "
+            f"in a row without a gap of more than {LONGEST_GAP:g} s; drives show at ten rows a second and more, better "
+            "at a hundred."
+        )
+    return parts
+
+
+def _refuse_copies(robot: Robot, settings: DriveSettings, name: str, q: Array, command: Array) -> None:
+    travel, apart = np.ptp(q, axis=0), rms_of_joints([command - q])
+    for k, joint in enumerate(robot.joint_names):
+        if settings.law == "position" and apart[k] < SAME * travel[k]:
+            raise InputError(
+                f'{name}: the commands of joint "{joint}" are its measured positions; `command` must name what the '
+                "drive was told, or the log did not keep it."
+            )

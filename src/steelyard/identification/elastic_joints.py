@@ -1,0 +1,460 @@
+"""Identification of robots with elastic joints: links, drives, and the stiffness of their transmissions."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import fields, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.errors import InputError
+from steelyard.estimators.joint_stiffness import (
+    DeflectionRows,
+    JointStiffness,
+    Motion,
+    estimate_joint_stiffness,
+    torque_scale,
+)
+from steelyard.recording import Processing, Samples
+from steelyard.robot import Joint, RobotFile
+
+from .given import Data, given_logs
+from .log_reader import Progress
+from .result import Identification
+from .second_encoders import (
+    SecondEncoders,
+    TwoEncoders,
+    at_later,
+    log_columns,
+    names_in,
+    own_section,
+    read_two_encoders,
+    require_columns,
+)
+from .transmission_torques import Transmissions, unseen_motion
+
+__all__ = ["with_elastic_joints"]
+
+Array = NDArray[np.float64]
+_ROUNDS = 3
+_NEGLIGIBLE = 0.1
+"""Change of a joint's torques by deflections, relative to what its model leaves unexplained, that is not worth a second
+identification. On a KR300 it is 0.02, on simulated arms with good encoders 0.5 and more."""
+_DESCRIBED_SCALE = 0.1
+"""Relative standard error of the torque of links that a description (CAD) with masses is taken to have, to which the
+fit then stays near. Payloads and cables that nobody drew make about this much."""
+_APART = 0.1
+"""Part of a joint's motion (rms about its mean) that the difference of its encoders may leave unexplained: noise and
+eccentric encoders leave a thousandth, the encoder of another joint or a dead one all of it."""
+_TOO_FAR = 0.01
+"""rad or m, which it must be too: a joint that is held still moves no more than its encoders' noise."""
+
+
+def with_elastic_joints(
+    identify: Callable[..., Identification],
+    file: RobotFile,
+    data: Data,
+    validate: Data | None = None,
+    *,
+    progress: Progress | None = None,
+    **options: Any,
+) -> Identification:
+    """Identify a robot with elastic joints: links, drives, and the stiffness of its transmissions.
+
+    The torques of the motors and the motion identify links and drives. The deflection, motor position less link
+    position, is then a regression on the torque that each transmission carries: compliance and damping, the zero of the
+    second encoder, its delay and, where they are significant, its errors are found together. Where deflections change
+    the torques of the links by more than a tenth of what the model leaves unexplained, links and drives are identified
+    anew, with the measured motion of the links, and with the friction and inertia of the motors at theirs.
+
+    Parameters
+    ----------
+    identify : callable
+        :func:`steelyard.identify`, which identifies links and drives.
+    file : RobotFile
+        With a section ``[elastic]``, see :class:`SecondEncoders`.
+    data, validate
+        Logs with the columns of both encoders; those of the validation need no second encoder.
+    progress : callable, optional
+        Called with a few words before each step.
+    **options
+        Further ones of `identify`.
+
+    Raises
+    ------
+    InputError
+        If a second encoder is missing, or the section cannot be used.
+    """
+    say = progress or (lambda _: None)
+    logs, validation = given_logs(data, validate)
+    settings, where = own_section(file)
+    if settings.position is None and settings.side == "motor":
+        raise InputError(f'{where}: side = "motor" needs the columns of the second encoders, as position = ["motor2"]')
+    own = () if settings.position is None else settings.columns(file.robot.joint_names, where)
+    columns = log_columns(file)
+    for log in logs:  # which is refused before it is identified
+        require_columns(log, names_in(log, columns), own, where)
+    rigid = replace(file, sections={**file.sections, "elastic": {}})
+    say("links and drives")
+    result = identify(rigid, data, validate, progress=progress, **options)
+    model = result.model
+    places = settings.indices(model.robot.joint_names, where)
+    say("reading the second encoders" if own else "reading the motions again")
+    decided: Any = result.options["decided"]
+    processing = Processing.from_dict({**file.section("processing"), **decided})
+    read_by_both = partial(
+        read_two_encoders, file=file, settings=settings, where=where, model=model, processing=processing
+    )
+    read = [read_by_both(log, needs_second=bool(own)) for log in logs]
+    held: list[TwoEncoders] = []
+
+    def anew(joints: Sequence[JointStiffness], motions: Sequence[Motion]) -> Identification:
+        """Identify links and drives with these motions of the links, and predicted ones in what is held out."""
+        say("links and drives, with the motion of the links")
+        transmissions = Transmissions.of(result)
+        if not held:
+            held.extend(read_by_both(log, needs_second=False) for log in validation)
+        unseen = [unseen_motion(one, settings, places, joints, transmissions) for one in held]
+        samples = [
+            _samples_of(one, settings, places, joints, motion, transmissions)
+            for one, motion in zip((*read, *held), (*motions, *unseen), strict=True)
+        ]
+        return _again(identify, rigid, result, samples, len(read), progress, options)
+
+    if not own:
+        say("stiffness of the joints, by the resonances that the torques show")
+        joints = _by_one_encoder(settings, places, result, read)
+        if all(joint.verdict == "measured" for joint in joints):
+            transmissions = Transmissions.of(result)
+            result = anew(joints, [unseen_motion(one, settings, places, joints, transmissions) for one in read])
+            joints = _by_one_encoder(settings, places, result, read)
+        return _with(result, settings, joints, [])
+    motions = [(one.first.q, one.first.dq, one.first.ddq) for one in read]
+    joints = ()
+    remarks: list[str] = []
+    for round_number in range(_ROUNDS):
+        say("stiffness of the joints")
+        joints = _stiffnesses(settings, places, result, read, motions)
+        if round_number == _ROUNDS - 1 or not (round_number or _matters(joints, places, settings, result, read)):
+            break
+        motions = [_link_motion(one, settings, places, joints, k) for k, one in enumerate(read)]
+        result = anew(joints, motions)
+        if not remarks:
+            remarks.append(
+                "Deflections change the torques of the links, so that links were identified with their own motion, and "
+                "motors with theirs."
+            )
+    return _with(result, settings, joints, remarks + _told(joints))
+
+
+def _again(
+    identify: Callable[..., Identification],
+    rigid: RobotFile,
+    result: Identification,
+    samples: Sequence[Samples],
+    fitted: int,
+    progress: Progress | None,
+    options: dict[str, Any],
+) -> Identification:
+    """Identify from samples with the motion of the links, under the names of the logs; the first so many are fitted."""
+    terms = tuple(term.to_dict() for term in result.model.robot.terms)
+    given = replace(rigid, terms=terms, terms_are_default=False)
+    kept = {name: value for name, value in options.items() if name != "reduction"}
+    again = identify(given, list(samples[:fitted]), list(samples[fitted:]) or None, progress=progress, **kept)
+    pairs = zip(again.predictions, result.predictions, strict=True)
+    return replace(
+        again,
+        logs=result.logs,
+        validation_logs=result.validation_logs,
+        robot_file=result.robot_file,
+        in_memory=result.in_memory,
+        layouts=result.layouts,
+        options=result.options,
+        predictions=tuple(replace(one, name=before.name) for one, before in pairs),
+    )
+
+
+def _with(
+    result: Identification, settings: SecondEncoders, joints: tuple[JointStiffness, ...], remarks: list[str]
+) -> Identification:
+    """Return the result with its elastic joints."""
+    return replace(
+        result,
+        estimate=replace(result.estimate, elastic_joints=tuple(one.to_dict() for one in joints)),
+        elastic_joints=joints,
+        remarks=tuple(dict.fromkeys((*result.remarks, *remarks))),
+        options={**result.options, "elastic": settings.to_dict()},
+    )
+
+
+def _by_one_encoder(
+    settings: SecondEncoders, places: Sequence[int], result: Identification, read: Sequence[TwoEncoders]
+) -> tuple[JointStiffness, ...]:
+    """Stiffnesses from the motion and the torques of the motors alone."""
+    from steelyard.estimators.one_encoder import estimate_compliances  # loaded where no second encoder is named
+
+    model, transmissions = result.model, Transmissions.of(result)
+    known = [_known_inertia(settings, order, place, transmissions) for order, place in enumerate(places)]
+    beyond = np.zeros(model.dof)
+    for place, inertia in zip(places, known, strict=True):
+        if inertia is not None:
+            beyond[place] = inertia - transmissions.rotor(place)
+
+    def links(q: Array, dq: Array, ddq: Array) -> Array:
+        return transmissions.torques(q, dq, ddq) - beyond * ddq
+
+    def drives(q: Array, dq: Array, ddq: Array) -> Array:
+        return transmissions.drive_torques(q, dq, ddq) + beyond * ddq
+
+    found = estimate_compliances(model, [one.first for one in read], links, drives, places)
+    torques = np.concatenate([links(one.first.q, one.first.dq, one.first.ddq) for one in read])
+    joints = []
+    for order, place in enumerate(places):
+        compliance, error = float(found.values[order]), float(found.standard_error[order])
+        joint = model.robot.joints[model.robot.driving_joints[place]]
+        inertia = known[order]
+        joints.append(
+            replace(
+                JointStiffness.of_compliance(joint.name, compliance, error, _unit(joint)),
+                motor_inertia=transmissions.rotor(place) if inertia is None else inertia,
+                deflection=float(np.std(compliance * torques[:, place])),
+                unexplained=np.nan,
+                count=len(torques),
+            )
+        )
+    return tuple(joints)
+
+
+def _unit(joint: Joint) -> str:
+    return "N·m/rad" if joint.rotates else "N/m"
+
+
+def _known_inertia(settings: SecondEncoders, order: int, place: int, transmissions: Transmissions) -> float | None:
+    """The inertia of a joint's motor as [elastic] states it, or as the description tells; None where neither does."""
+    if settings.motor_inertia is not None:
+        return settings.motor_inertia[order]
+    robot = transmissions.model.robot
+    described = robot.joints[robot.driving_joints[place]].rotor_inertia
+    return described if np.isfinite(described) and described > 0.0 else None
+
+
+def _told(joints: Sequence[JointStiffness]) -> list[str]:
+    found = []
+    for one in joints:
+        if abs(one.delay) > 3.0 * one.delay_standard_error > 0.0:
+            late = f"{1e3 * one.delay:.2f} ± {1e3 * one.delay_standard_error:.2f} ms"
+            found.append(
+                f"{one.joint}: its second encoder is logged {late} later than the first, which was taken into account."
+            )
+        if one.encoder_errors:
+            listed = ", ".join(f"{name} {value:.2g}" for name, value in one.encoder_errors.items())
+            found.append(f"{one.joint}: its second encoder has significant errors of its own ({listed}).")
+        if not np.isfinite(one.motor_inertia_standard_error):
+            continue
+        if not one.motor_inertia_standard_error < 0.5 * one.motor_inertia:
+            found.append(
+                f"{one.joint}: the log tells the inertia of its motor poorly, and the stiffness with it; state "
+                "motor_inertia in [elastic] where it is known."
+            )
+    return found
+
+
+def _motor_motion(one: TwoEncoders, settings: SecondEncoders, places: Sequence[int]) -> Motion:
+    """The motion of the motors, on the joint side."""
+    motion = [np.array(one.first.q), np.array(one.first.dq), np.array(one.first.ddq)]
+    if settings.side == "motor" and one.second is not None:
+        for values, other in zip(motion, (one.second.q, one.second.dq, one.second.ddq), strict=True):
+            values[:, places] = other[:, places]
+    return motion[0], motion[1], motion[2]
+
+
+def _link_motion(
+    one: TwoEncoders, settings: SecondEncoders, places: Sequence[int], joints: Sequence[JointStiffness], log: int
+) -> Motion:
+    """The motion of the links as measured: on the link side, its delay and zero taken out."""
+    motion = [np.array(one.first.q), np.array(one.first.dq), np.array(one.first.ddq)]
+    if settings.side == "motor" or one.second is None:
+        return motion[0], motion[1], motion[2]
+    for place, joint in zip(places, joints, strict=True):
+        zero = joint.zeros[log] if log < len(joint.zeros) else 0.0
+        second = (one.second.q + zero, one.second.dq, one.second.ddq)
+        for values, other in zip(motion, second, strict=True):
+            values[:, place] = at_later(one.t, other[:, place], joint.delay)
+    return motion[0], motion[1], motion[2]
+
+
+def _samples_of(
+    one: TwoEncoders,
+    settings: SecondEncoders,
+    places: Sequence[int],
+    joints: Sequence[JointStiffness],
+    motion: Motion,
+    transmissions: Transmissions,
+) -> Samples:
+    """Samples with the motion of the links; what the motors do beside them is moved to the torque."""
+    motor = _motor_motion(one, settings, places)
+    beside = transmissions.drive_torques(*motor) - transmissions.drive_torques(*motion)
+    for place, joint in zip(places, joints, strict=True):
+        beside[:, place] += transmissions.missing_rotor(place, joint) * (motor[2] - motion[2])[:, place]
+    return Samples(*motion, torque=one.first.torque - beside, mask=one.first.mask, t=one.first.t)
+
+
+def _stiffnesses(
+    settings: SecondEncoders,
+    places: Sequence[int],
+    result: Identification,
+    read: Sequence[TwoEncoders],
+    motions: Sequence[Motion],
+) -> tuple[JointStiffness, ...]:
+    transmissions = Transmissions.of(result)
+    torques = [transmissions.torques(*motion) for motion in motions]
+    return tuple(
+        _stiffness(settings, order, place, transmissions, read, motions, torques) for order, place in enumerate(places)
+    )
+
+
+def _stiffness(
+    settings: SecondEncoders,
+    order: int,
+    place: int,
+    transmissions: Transmissions,
+    read: Sequence[TwoEncoders],
+    motions: Sequence[Motion],
+    torques: Sequence[Array],
+) -> JointStiffness:
+    """Estimate one joint, with the second encoder moved by its delay until none is left."""
+    robot, sign = transmissions.model.robot, settings.sign
+    name = robot.joint_names[place]
+    joint = robot.joints[robot.driving_joints[place]]
+    own_inertia = transmissions.rotor(place)
+    known = _known_inertia(settings, order, place, transmissions)
+    given = transmissions.rotors[place] < 0 or known is not None or transmissions.tells_rotor(place)
+    inertia = own_inertia if known is None else known
+    delay = 0.0 if settings.delay == "automatic" else float(settings.delay[order])
+    scale_error = _scale_error(place, transmissions, read, motions, torques, settings, given, own_inertia - inertia)
+    found: JointStiffness | None = None
+    for _ in range(3):
+        parts = []
+        for log, (one, motion, torque) in enumerate(zip(read, motions, torques, strict=True)):
+            parts.append(_rows(one, motion, torque, place, delay, own_inertia - inertia, sign, log))
+        rows = _joined(parts)
+        found = estimate_joint_stiffness(
+            name,
+            rows,
+            motor_inertia=inertia,
+            inertia_is_given=given,
+            encoder_errors=settings.encoder_errors,
+            delay_is_given=settings.delay != "automatic",
+            torque_scale_error=scale_error,
+            unit=_unit(joint),
+        )
+        if settings.delay != "automatic":
+            found = replace(found, delay_standard_error=0.0)
+            break
+        step = found.delay
+        delay += step
+        if abs(step) < 1e-7:
+            break
+    assert found is not None
+    _require_together(found, [(one.first.q[:, place], one.second.q[:, place]) for one in read if one.second], read[0])
+    return replace(found, delay=delay)
+
+
+def _require_together(found: JointStiffness, positions: Sequence[tuple[Array, Array]], log: TwoEncoders) -> None:
+    """Refuse encoders of which one is that of another joint, or dead."""
+    spread = max(float(np.std(one)) for pair in positions for one in pair)
+    if found.unexplained > max(_APART * spread, _TOO_FAR):
+        raise InputError(
+            f'{log.name}: the two encoders of "{found.joint}" differ by {found.unexplained:.2g} (rms) that no spring '
+            f"explains, where the joint moves by {spread:.2g}: they are not those of one joint, or one of them stands "
+            "still; correct `position` in [elastic], or take the joint out of it."
+        )
+
+
+def _scale_error(
+    place: int,
+    transmissions: Transmissions,
+    read: Sequence[TwoEncoders],
+    motions: Sequence[Motion],
+    torques: Sequence[Array],
+    settings: SecondEncoders,
+    given: bool,
+    inertia_change: float,
+) -> float:
+    """How well the scale of what a transmission carries is known, from the torques of its motor and the description."""
+    columns = []
+    for log, (one, motion, torque) in enumerate(zip(read, motions, torques, strict=True)):
+        motor = _motor_motion(one, settings, [place])
+        drives = transmissions.drive_torques(*motor)[:, place]
+        used = np.ones(one.first.count, dtype=bool) if one.first.mask is None else one.first.mask[:, place]
+        change = inertia_change * motion[2][:, place]
+        links, rest = torque[:, place] + change, one.first.torque[:, place] - drives + change
+        rows = (links, rest, motor[1][:, place], motor[2][:, place], np.full(one.first.count, float(log)))
+        columns.append(np.column_stack(rows)[used])
+    links, rest, speed, acceleration, log_of = np.concatenate(columns).T
+    if len(links) < 100:
+        return _DESCRIBED_SCALE if transmissions.is_described else np.inf
+    scale, found = torque_scale(links, rest, speed, None if given else acceleration, log_of.astype(np.intp))
+    # What the scale is off by more than its noise explains: a prior has drawn the parameters of the links that far.
+    drawn = np.sqrt(max((scale - 1.0) ** 2 - found**2, 0.0)) if np.isfinite(found) else 0.0
+    if transmissions.is_described:
+        found = 1.0 / float(np.hypot(1.0 / max(found, 1e-12), 1.0 / _DESCRIBED_SCALE))
+        drawn = min(drawn, _DESCRIBED_SCALE)
+    return float(np.hypot(found, drawn))
+
+
+def _rows(
+    one: TwoEncoders,
+    motion: Motion,
+    torques: Array,
+    place: int,
+    delay: float,
+    inertia_change: float,
+    sign: float,
+    log: int,
+) -> DeflectionRows:
+    assert one.second is not None
+    t = one.t
+    second = at_later(t, one.second.q[:, place], delay)
+    acceleration = motion[2][:, place]
+    torque = torques[:, place] + inertia_change * acceleration
+    end = int(np.ceil(abs(delay) / max(float(np.median(np.diff(t))), 1e-12))) + 1
+    kept = slice(end, len(t) - end)
+    return DeflectionRows(
+        deflection=(sign * (one.first.q[:, place] - second))[kept],
+        velocity=(sign * one.second.dq[:, place])[kept],
+        acceleration=acceleration[kept],
+        position=motion[0][kept, place],
+        torque=torque[kept],
+        torque_rate=np.gradient(torque, t)[kept],
+        log=np.full(len(t), log)[kept],
+    )
+
+
+def _joined(parts: Sequence[DeflectionRows]) -> DeflectionRows:
+    def all_of(name: str) -> Any:
+        return np.concatenate([getattr(part, name) for part in parts])
+
+    return DeflectionRows(*(all_of(item.name) for item in fields(DeflectionRows)))
+
+
+def _matters(
+    joints: Sequence[JointStiffness],
+    places: Sequence[int],
+    settings: SecondEncoders,
+    result: Identification,
+    read: Sequence[TwoEncoders],
+) -> bool:
+    """Whether the torques of the predicted motion of the links differ from those of the motors by more than noise."""
+    transmissions = Transmissions.of(result)
+    noise = result.information.joint_rms_error(np.asarray(result.estimate.base))
+    for one in read:
+        motor = one.first.q, one.first.dq, one.first.ddq
+        links = unseen_motion(one, settings, places, joints, transmissions)
+        change = transmissions.torques(*links) - transmissions.torques(*motor)
+        if np.any(np.sqrt(np.mean(change**2, axis=0)) > _NEGLIGIBLE * noise):
+            return True
+    return False

@@ -1,0 +1,295 @@
+"""What is known of the controller of a robot, and the motions of its logs without noise that follow from it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.dynamics import Model
+from steelyard.errors import InputError
+from steelyard.files import TomlSection, shown
+from steelyard.files.arguments import per_joint, positive
+from steelyard.recording import Processing, Recording, Samples
+from steelyard.recording.even import evened
+from steelyard.robot import RobotFile
+
+from .closed_loop import ClosedLoop, without_standstill
+from .given import GivenLog, GivenSamples
+from .log_reader import LogReader
+
+__all__ = ["ControllerSettings", "MotionsOfLogs", "motions_of_logs"]
+
+Array = NDArray[np.float64]
+
+SMOOTH = "smooth"
+"""The word for a reference that is not logged: the measured positions, filtered far more than they have to be."""
+
+
+@dataclass(frozen=True)
+class ControllerSettings(TomlSection):
+    """What the controller of a robot follows, and how: the `[controller]` section of robot.toml.
+
+    Parameters
+    ----------
+    reference
+        Columns of the reference positions: a list of names, or a pattern as in `[log]`; ``"smooth"``: the measured
+        positions, filtered at `reference_cutoff`.
+    reference_cutoff
+        Hz, for a smooth reference; as the data decides by default.
+    kp, kd, ki
+        Gains at the joints, a number or one for each; N·m/rad, N·m·s/rad and N·m/(rad·s). Without `kp` the law is
+        unknown, and the reference itself is the motion.
+    reference_velocity
+        Whether the velocity of the reference is fed forward.
+    velocity_cutoff
+        Hz, of the filter of the velocities that the controller takes by differences; none by default.
+    torque_limit
+        N·m or N, a number or one for each.
+    rate
+        Hz of the controller, that of the log or a multiple of it; that of the log by default.
+    velocity_threshold
+        rad/s or m/s, below which rows of the motion are left out, a number or one for each; that of `[processing]` by
+        default.
+
+    Examples
+    --------
+    >>> ControllerSettings.from_dict({"reference": "qd{}", "kp": 400.0, "kd": 40.0}).kp
+    400.0
+    """
+
+    section_name = "[controller]"
+
+    reference: str | tuple[str, ...] = SMOOTH
+    reference_cutoff: float | None = None
+    kp: float | tuple[float, ...] | None = None
+    kd: float | tuple[float, ...] = 0.0
+    ki: float | tuple[float, ...] = 0.0
+    reference_velocity: bool = True
+    velocity_cutoff: float | None = None
+    torque_limit: float | tuple[float, ...] | None = None
+    rate: float | None = None
+    velocity_threshold: float | tuple[float, ...] | None = None
+
+    def _clean(self, where: str) -> None:
+        for name in ("kp", "kd", "ki", "torque_limit", "velocity_threshold"):
+            value = getattr(self, name)
+            if isinstance(value, list | tuple):
+                object.__setattr__(self, name, tuple(value))
+            value = getattr(self, name)
+            if value is not None:
+                count = len(value) if isinstance(value, tuple) else 1
+                per_joint(value, count, f"{where}, key {name!r},", finite=True)
+        for name in ("reference_cutoff", "velocity_cutoff", "rate"):
+            if getattr(self, name) is not None:
+                positive(getattr(self, name), f"{where}, key {name!r},", "Hz")
+        if not isinstance(self.reference_velocity, bool):
+            raise InputError(
+                f"{where}, key 'reference_velocity', is {shown(self.reference_velocity)}; it must be true or false."
+            )
+        names = [self.reference] if isinstance(self.reference, str) else self.reference
+        if (
+            not isinstance(names, list | tuple)
+            or not names
+            or not all(isinstance(name, str) and name for name in names)
+        ):
+            raise InputError(
+                f"{where}, key 'reference', is {shown(self.reference)}; it must be a list of column names, a pattern "
+                'such as "qd{}", or "smooth".'
+            )
+        if not isinstance(self.reference, str):
+            object.__setattr__(self, "reference", tuple(self.reference))
+
+    @classmethod
+    def of_file(cls, file: RobotFile, needs_controller: bool) -> ControllerSettings:
+        """Read the section of a robot file.
+
+        Parameters
+        ----------
+        file : RobotFile
+        needs_controller : bool
+            Whether the reference and the gains have to be known.
+
+        Raises
+        ------
+        InputError
+            If something is missing or wrong.
+        """
+        where = f"{file.path}, [controller]"
+        settings = cls.from_dict(file.section("controller"), where)
+        if needs_controller and (settings.kp is None or settings.reference == SMOOTH):
+            lacking = "kp" if settings.kp is None else "reference"
+            raise InputError(
+                f"{where} lacks {lacking!r}: output error simulates the robot under its controller. Give `reference` "
+                "(the columns of the reference positions), `kp`, `kd` and `rate`, or take --estimator "
+                "instrumental_variables, which can do without."
+            )
+        return settings
+
+
+@dataclass(frozen=True, eq=False)
+class MotionsOfLogs:
+    """The samples of each log, and what makes its motion without noise.
+
+    Attributes
+    ----------
+    samples : list of Samples
+    motions : list of Samples or ClosedLoop
+    remarks : tuple of str
+    """
+
+    samples: list[Samples]
+    motions: list[Samples | ClosedLoop]
+    remarks: tuple[str, ...]
+
+
+def motions_of_logs(
+    reader: LogReader, logs: Sequence[GivenLog], model: Model, settings: ControllerSettings
+) -> MotionsOfLogs:
+    """Read logs whole, with their references.
+
+    Parameters
+    ----------
+    reader : LogReader
+        With the processing that was decided.
+    logs : sequence of logs
+    model : Model
+    settings : ControllerSettings
+
+    Raises
+    ------
+    InputError
+        If a log has no such columns, or gaps that would split it.
+    """
+    for name in ("kp", "kd", "ki", "torque_limit", "velocity_threshold"):
+        value = getattr(settings, name)
+        if isinstance(value, tuple) and len(value) != model.dof:
+            raise InputError(
+                f"[controller]: {name} has {len(value)} values, but {model.robot.name} has {model.dof} joints; give "
+                "one each, or one number for all."
+            )
+    idle = np.asarray(0.0 if settings.kp is None else settings.kp) + np.asarray(settings.kd) == 0.0
+    if settings.kp is not None and idle.any():
+        raise InputError(
+            "[controller]: a joint has neither `kp` nor `kd`, so that nothing drives it; state its gains, or leave "
+            "out `kp`, where the reference itself is the motion."
+        )
+    found = [_motion_of_log(reader, log, model, settings) for log in logs]
+    if settings.kp is not None:
+        told = "the motion simulated under the controller of [controller]"
+    elif settings.reference == SMOOTH:
+        told = (
+            "the measured positions filtered further, since [controller] names no reference: noise below that cutoff "
+            "stays in them, and what it does to the estimate is not removed"
+        )
+    else:
+        told = "the reference, which the robot is taken to follow, since [controller] states no gains"
+    return MotionsOfLogs(
+        [one for one, _ in found], [two for _, two in found], (f"The motion without noise is {told}.",)
+    )
+
+
+def _motion_of_log(
+    reader: LogReader, log: GivenLog, model: Model, settings: ControllerSettings
+) -> tuple[Samples, Samples | ClosedLoop]:
+    if isinstance(log, GivenSamples):
+        raise InputError(
+            f"{log} is samples, which hold no reference; give the log itself, or call steelyard.instrumental_variables."
+        )
+    joints, processing = list(model.robot.joint_names), reader.processing
+    measured = _whole(Recording.read(log, reader.columns, joints), processing, log)
+    samples = measured.process(processing, model)
+    if settings.reference == SMOOTH:
+        wanted = _smooth(measured, processing, model, settings.reference_cutoff)
+    else:
+        columns = replace(reader.columns, position=settings.reference, velocity="none", acceleration="none")
+        try:
+            wanted = _whole(Recording.read(log, columns, joints), processing, log)
+        except InputError as error:
+            raise InputError(f"{error} These are the columns that `reference` in [controller] names.") from None
+    # Nothing in a simulation is late, clipped or stuck.
+    alike = replace(processing, delay=0.0, saturation=False, stiction=False, repeated=False, velocity="derive")
+    threshold: Any = (
+        processing.velocity_threshold if settings.velocity_threshold is None else settings.velocity_threshold
+    )
+    threshold = 0.0 if threshold is None or isinstance(threshold, str) else threshold
+    alike = replace(alike, velocity_threshold=None)
+
+    def process(recording: Recording) -> Samples:
+        return recording.process(alike, model)
+
+    if settings.kp is None:
+        return samples, without_standstill(process(wanted), threshold)
+    return samples, _loop(model, wanted, settings, process, threshold)
+
+
+def _loop(
+    model: Model,
+    wanted: Recording,
+    settings: ControllerSettings,
+    process: Callable[[Recording], Samples],
+    threshold: Any,
+) -> ClosedLoop:
+    from scipy.interpolate import CubicSpline
+
+    from steelyard.control import FilteredDifference, JointFeedback
+
+    assert settings.kp is not None
+    times = np.asarray(wanted.t)
+    period = float(times[1])
+    every = 1
+    if settings.rate is not None:
+        every = round(settings.rate * period)
+        if every < 1 or abs(settings.rate * period - every) > 0.01 * every:
+            raise InputError(
+                f"[controller]: rate is {settings.rate:g} Hz; it must be a whole multiple of that of the log, "
+                f"{1.0 / period:.6g} Hz."
+            )
+    path = CubicSpline(times, wanted.q)
+    slope, bend = path.derivative(), path.derivative(2)
+
+    def reference(t: float) -> tuple[Array, Array, Array]:
+        at = min(max(t, 0.0), float(times[-1]))
+        return path(at), slope(at), bend(at)
+
+    cutoff = settings.velocity_cutoff
+    options: dict[str, Any] = {} if cutoff is None else {"velocity": FilteredDifference(cutoff)}
+    if settings.torque_limit is not None:
+        options["torque_limit"] = settings.torque_limit
+    controller = JointFeedback(
+        reference,
+        kp=settings.kp,
+        kd=settings.kd,
+        ki=settings.ki,
+        count=model.dof,
+        reference_velocity=settings.reference_velocity,
+        sample_time=period / every,
+        **options,
+    )
+    return ClosedLoop(model, controller, times, path(0.0), slope(0.0), velocity_threshold=threshold, process=process)
+
+
+def _whole(recording: Recording, processing: Processing, log: GivenLog) -> Recording:
+    """Place the rows on an even clock from zero, that of the simulation; refuse gaps."""
+    parts, _ = evened(recording, processing.resample, processing.longest_gap, True)
+    if len(parts) > 1:
+        gaps = "a gap" if len(parts) == 2 else f"{len(parts) - 1} gaps"
+        raise InputError(
+            f"{log}: has {gaps} too long to be filled, over which no motion without noise is known; cut it there into "
+            "several logs."
+        )
+    one = parts[0]
+    # Stamps since 1970 round to 0.2 µs, by which filters and trims of a simulation from zero would differ.
+    times = np.asarray(one.t)
+    return replace(
+        one, t=np.arange(len(times), dtype=np.float64) * (float(times[-1] - times[0]) / max(len(times) - 1, 1))
+    )
+
+
+def _smooth(recording: Recording, processing: Processing, model: Model, cutoff: float | None) -> Recording:
+    options: dict[str, Any] = {"cutoff": "auto" if cutoff is None else cutoff, "trim": 0.0, "velocity_threshold": None}
+    smooth = recording.process(Processing.from_dict({**options, "resample": processing.resample}), model)
+    return replace(recording, q=smooth.q, velocity=None, acceleration=None)

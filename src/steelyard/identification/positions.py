@@ -1,0 +1,381 @@
+"""Identification of drives from commands and measured positions alone: no torque, no current."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.dynamics import Model
+from steelyard.dynamics.threads import in_one_thread
+from steelyard.errors import InputError
+from steelyard.files import shown, suggestion
+from steelyard.regression.parameter_covariance import NORMAL
+from steelyard.robot import Robot, RobotFile
+from steelyard.robot.inertia import parameters_of_pseudo_inertia, pseudo_inertia
+from steelyard.simulation.driven_joints import DRIVE_PARAMETERS, Branch, branches_of
+
+from .drive_logs import read_drive_logs, refuse_still, rms_of_joints
+from .drive_remarks import remarks_on_settings, remarks_on_values, unbelievable
+from .drive_result import DriveValue, PositionIdentification, described_alike, descriptions_of_results
+from .drive_settings import FIND, FRICTION_LAWS, TERMS, DriveSettings
+from .given import given_robot
+from .saved import parameters_of_description
+from .shooting import PositionLog, Shooting, Unknown
+
+__all__ = ["identify_from_positions"]
+
+Array = NDArray[np.float64]
+
+LONGEST_STEP = 6.25e-4
+"""s. With steps of 1.25 ms rotor inertias of 0.012 kg·m² of a simulated leg are up to 0.6 % too large and the delay is
+18 µs too short, about half a standard error at 0.2 mrad of noise; with these steps up to 0.1 % and 7 µs."""
+
+KNOWN = 0.1
+"""Half an interval relative to its value, up to which a value counts as measured."""
+
+FREED = 0.3
+"""Standard deviation of what is freed of a link's inertia, about its description: each factor of its pseudo-inertia
+changes by so much relative to itself. What the motion does not show stays at the description so."""
+
+UNITS = {
+    "rotor_inertia": "kg·m²",
+    "viscous": "N·m·s/rad",
+    "coulomb": "N·m",
+    "offset": "N·m",
+    "encoder": "rad",
+    "kp": "N·m/rad",
+    "kd": "N·m·s/rad",
+    "gain": "N·m a unit",
+    "delay": "s",
+}
+
+
+@in_one_thread
+def identify_from_positions(
+    robot: str | Path | RobotFile | Robot,
+    logs: Any,
+    *,
+    validate: Any = (),
+    settings: DriveSettings | Mapping[str, Any] | None = None,
+    weights: Literal["joint", "equal"] = "joint",
+    progress: Callable[[str], None] | None = None,
+) -> PositionIdentification:
+    """Identify the drives of a robot on a fixed base from commands and measured positions alone.
+
+    Rotor inertia, viscous and Coulomb friction, a bias, one delay, and gains where they are unknown are those with
+    which the robot, simulated from its commands, moves as it was measured: trajectory matching by multiple shooting,
+    see :mod:`steelyard.identification.shooting`. Inertias and friction are at least 0, and freed links keep a density
+    that is positive everywhere, by construction. A floating base that is held on a stand counts as fixed.
+
+    Parameters
+    ----------
+    robot : str, Path, RobotFile or Robot
+        A robot.toml with a section ``[drive]``, or a description together with `settings`.
+    logs : path, mapping of arrays, or a sequence of them
+        With times, positions and commands. Where times have a gap, a log is parted.
+    validate : likewise
+        Logs that are simulated with what was found, from their commands alone.
+    settings : DriveSettings or mapping, optional
+        In place of ``[drive]``.
+    weights : {"joint", "equal"}
+        Whether each joint's errors count relative to what is left of them, or all alike.
+    progress : callable, optional
+        Is told what is being done.
+
+    Returns
+    -------
+    PositionIdentification
+
+    Raises
+    ------
+    InputError
+        Where a column of commands is missing, commands are the positions themselves, a joint stands still, or the
+        settings cannot be used.
+
+    Examples
+    --------
+    A pendulum on a drive with known gains, simulated here with steps of its own:
+
+    >>> import numpy as np
+    >>> import steelyard as sy
+    >>> text = '''<robot name="pendulum"><link name="base"/><link name="rod"><inertial><origin xyz="0 0 -0.2"/>
+    ... <mass value="0.5"/><inertia ixx="2e-3" iyy="2e-3" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>
+    ... <joint name="hinge" type="continuous"><parent link="base"/><child link="rod"/><axis xyz="0 1 0"/></joint>
+    ... </robot>'''
+    >>> path = getfixture("tmp_path") / "pendulum.urdf"
+    >>> _ = path.write_text(text)
+    >>> t = np.arange(600) * 0.005
+    >>> command = 0.8 * np.sin(3.0 * t + 2.0 * np.sin(t))
+    >>> inertia, q, dq, rows = 2e-3 + 0.5 * 0.2**2 + 0.015, 0.0, 0.0, []
+    >>> for target in command:
+    ...     rows.append(q)
+    ...     for _ in range(50):  # rotor inertia 0.015, viscous friction 0.08, Coulomb friction 0.03
+    ...         torque = 6.0 * (target - q) - 0.3 * dq - 0.5 * 9.81 * 0.2 * np.sin(q)
+    ...         dq += 1e-4 * (torque - 0.08 * dq - 0.03 * np.tanh(dq / 1e-3)) / inertia
+    ...         q += 1e-4 * dq
+    >>> log = {"t": t, "q": np.array(rows), "target": command}
+    >>> found = sy.identification.identify_from_positions(
+    ...     sy.Robot.from_urdf(path), log,
+    ...     settings={"command": ["target"], "kp": 6.0, "kd": 0.3, "delay": 0.0, "friction": "coulomb"})
+    >>> print(*(f"{float(x[0]):.3f}" for x in (found.rotor_inertia, found.viscous, found.coulomb)))
+    0.015 0.080 0.030
+    """
+    file, _ = given_robot(robot)
+    body = file.robot
+    if settings is None:
+        if not file.section("drive"):
+            raise InputError(
+                f"{file.path} has no section [drive]; say there which columns hold the commands, and the gains: "
+                'command = "q_des{}", kp = 20, kd = 1.5.'
+            )
+        chosen = DriveSettings.from_dict(file.section("drive"), f"{file.path}, [drive]")
+    else:
+        chosen = settings if isinstance(settings, DriveSettings) else DriveSettings.from_dict(settings)
+    say = progress or (lambda text: None)
+    fitted, held_out = read_drive_logs(file, chosen, logs, validate)
+    if not fitted:
+        raise InputError("There is no log; give one with commands and positions.")
+    refuse_still(body, fitted)
+    for source in descriptions_of_results(body, file.path, chosen)[body.source is not None :]:
+        described_alike(body, source)  # before the search, which takes its time
+    remarks = remarks_on_settings(file, chosen)
+    problem = _problem(body, chosen, fitted)
+    found = problem.solve(weights, tell=say)
+    drives, encoder = problem.drives(found.values)
+    parameters = np.empty(10 * len(body.links))
+    for number, branch in enumerate(problem.branches):
+        own, _ = problem.inertials(number, problem.freed(number, found.values))
+        for place, link in enumerate(branch.links):
+            parameters[10 * link : 10 * link + 10] = own[10 * place : 10 * place + 10]
+    values = _values(body, chosen, problem.unknowns, found.values, np.sqrt(np.diag(found.covariance)))
+    validation = None
+    if held_out:
+        say("simulating the logs that were held out")
+        validation = rms_of_joints(
+            [log.q - q for log, q in zip(held_out, problem.predict(found.values, held_out), strict=True)]
+        )
+    is_position = chosen.law == "position"
+    tracking = rms_of_joints([log.command - log.q for log in fitted]) if is_position else np.full(body.dof, np.nan)
+    if not found.settled:
+        remarks.append(
+            f"The search did not settle in {found.steps} steps: the values are those of the least error that it met."
+        )
+    error = rms_of_joints(found.residuals)
+    remarks = [*unbelievable(body, chosen, fitted, error), *remarks, *remarks_on_values(values)]
+    return PositionIdentification(
+        robot=body,
+        settings=chosen,
+        values=values,
+        drives=drives,
+        encoder=encoder,
+        parameters=parameters,
+        error=error,
+        validation_error=validation,
+        tracking_error=tracking,
+        remarks=tuple(remarks),
+        logs=tuple(dict.fromkeys(log.name for log in fitted)),
+        validation_logs=tuple(dict.fromkeys(log.name for log in held_out)),
+        settled=found.settled,
+        robot_file=file.path,
+    )
+
+
+def _each(value: str | tuple[float, ...] | None, count: int, key: str, robot: Robot) -> Array:
+    if value is None or isinstance(value, str):
+        return np.zeros(count)
+    if len(value) not in (1, count):
+        raise InputError(
+            f"[drive], key {key!r}, has {len(value)} numbers, but {robot.name} has {count} joints; give one, or one "
+            "each."
+        )
+    return np.broadcast_to(np.array(value), count).copy()
+
+
+def _problem(robot: Robot, settings: DriveSettings, logs: Sequence[PositionLog]) -> Shooting:
+    """State the trajectory matching problem, with starting values from least squares on differentiated positions."""
+    count = robot.dof
+    links = parameters_of_description(Model(replace(robot, terms=())))
+    branches = branches_of(robot)
+    fixed = np.zeros((len(DRIVE_PARAMETERS), count))
+    driving = [robot.joints[index] for index in robot.driving_joints]
+    described = np.nan_to_num(np.array([[joint.rotor_inertia, joint.damping, joint.friction] for joint in driving]))
+    fixed[:3] = described.T
+    fixed[4] = _each(settings.kp if settings.law == "position" else None, count, "kp", robot)
+    fixed[5] = _each(settings.kd, count, "kd", robot)
+    fixed[6] = _each(settings.gain, count, "gain", robot) if settings.law == "signal" else 0.0
+    fixed[7] = 0.0 if isinstance(settings.delay, str) else settings.delay
+    unknown = [kind for kind in TERMS if kind in settings.find and not (kind == "viscous" and settings.kd == FIND)]
+    unknown += ["offset"] if settings.bias == "torque" else []
+    unknown += ["kp"] if settings.law == "position" and settings.kp == FIND else []
+    unknown += ["kd"] if settings.kd == FIND else []
+    unknown += ["gain"] if settings.law == "signal" and settings.gain == FIND else []
+    starts = _first_values(branches, links, fixed, unknown, logs)
+    unknowns = [
+        Unknown(
+            kind,
+            (joint,),
+            starts[kind][joint],
+            -np.inf if kind in ("offset", "gain") else 0.0,
+        )
+        for joint in range(count)
+        for kind in unknown
+    ]
+    if settings.bias == "encoder":
+        unknowns += [Unknown("encoder", (k,), 0.0, prior=0.3) for k in range(count)]
+    if settings.delay == FIND:
+        start = 0.02 * settings.longest_delay
+        unknowns.append(Unknown("delay", tuple(range(count)), start, 0.0, settings.longest_delay))
+    for name in settings.free:
+        if name not in robot.link_names:
+            raise InputError(f"[drive], key 'free', names {shown(name)}; {suggestion(name, robot.link_names)}")
+        index = robot.link_names.index(name)
+        if not np.linalg.eigvalsh(pseudo_inertia(links[10 * index : 10 * index + 10]))[0] > 0.0:
+            raise InputError(
+                f"[drive], key 'free', names {shown(name)}, whose mass and inertia in the description are those of no "
+                "body with a density that is positive everywhere; give it some there, about which to look."
+            )
+        branch = next(one for one in branches if index in one.links)
+        before = [robot.link_names[link] for link in branch.links if robot.link_names[link] in settings.free]
+        for k in range(10):
+            place = 10 * before.index(name) + k
+            unknowns.append(Unknown("inertial", branch.coordinates[:1], 0.0, place=place, prior=FREED))
+    freed = [[robot.link_names[link] in settings.free for link in branch.links] for branch in branches]
+
+    def inertials(number: int, values: Array) -> tuple[Array, Array]:
+        own = [links[10 * link : 10 * link + 10] for link in branches[number].links]
+        return _freed_inertials(own, freed[number], values)
+
+    return Shooting(
+        branches,
+        inertials,
+        fixed,
+        unknowns,
+        logs,
+        FRICTION_LAWS[settings.friction](),
+        LONGEST_STEP,
+    )
+
+
+_ROWS, _COLUMNS = np.tril_indices(4)
+
+
+def _freed_inertials(links: Sequence[Array], freed: Sequence[bool], values: Array) -> tuple[Array, Array]:
+    """Return parameters of links (10 n,) and their derivatives by what is freed.
+
+    The pseudo-inertia of a freed link is ``L T T' L'`` with L of the description and T lower triangular, which is the
+    exponential of its own diagonal: positive definite whatever the values. The derivatives are by complex steps.
+    """
+    count = 10 * sum(freed)
+    parameters, derivatives = np.concatenate(links), np.zeros((10 * len(links), count))
+    at = 0
+    for place, (own, free) in enumerate(zip(links, freed, strict=True)):
+        if not free:
+            continue
+        root = np.linalg.cholesky(pseudo_inertia(own))
+        here = slice(10 * place, 10 * place + 10)
+
+        def body(theta: NDArray[np.complex128], root: Any = root) -> Any:
+            factor = np.zeros((4, 4), dtype=complex)
+            factor[_ROWS, _COLUMNS] = theta
+            factor[np.diag_indices(4)] = np.exp(np.diag(factor))
+            whole = root @ factor
+            return whole @ whole.T
+
+        theta = values[at : at + 10].astype(complex)
+        parameters[here] = parameters_of_pseudo_inertia(body(theta).real)
+        for k in range(10):
+            step = theta.copy()
+            step[k] += 1e-30j
+            derivatives[here, at + k] = parameters_of_pseudo_inertia(body(step).imag / 1e-30)
+        at += 10
+    return parameters, derivatives
+
+
+def _first_values(
+    branches: Sequence[Branch], links: Array, fixed: Array, unknown: Sequence[str], logs: Sequence[PositionLog]
+) -> dict[str, Array]:
+    """Least squares within bounds on torques of differentiated positions, one joint after the other."""
+    from scipy.optimize import lsq_linear
+
+    starts = {kind: np.zeros(fixed.shape[1]) for kind in unknown}
+    if not unknown:
+        return starts
+    for branch in branches:
+        own = list(branch.coordinates)
+        parameters = np.concatenate([links[10 * link : 10 * link + 10] for link in branch.links])
+        motions = [_differentiated(log.t, log.q[:, own]) for log in logs]
+        q, dq, ddq = (np.concatenate(parts) for parts in zip(*motions, strict=True))
+        command = np.concatenate([log.command[:, own] for log in logs])
+        torque = branch.model.inverse_dynamics(q, dq, ddq, parameters)
+        for k, joint in enumerate(own):
+            gain = fixed[:, joint]
+            columns = {
+                "rotor_inertia": ddq[:, k],
+                "viscous": dq[:, k],
+                "coulomb": np.tanh(dq[:, k] / max(0.05 * float(np.std(dq[:, k])), 1e-9)),
+                "offset": -np.ones(len(q)),
+                "kp": -(command[:, k] - q[:, k]),
+                "kd": dq[:, k],
+                "gain": -command[:, k],
+            }
+            given = dict(zip(DRIVE_PARAMETERS, gain, strict=True))
+            right = -torque[:, k] - sum(columns[kind] * given[kind] for kind in columns if kind not in unknown)
+            matrix = np.stack([columns[kind] for kind in unknown], axis=1)
+            scale = np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
+            low = [-np.inf if kind in ("offset", "gain") else 0.0 for kind in unknown]
+            found = lsq_linear(matrix / scale, right, (low, np.inf)).x / scale
+            for kind, value in zip(unknown, found, strict=True):
+                starts[kind][joint] = value
+            # A start at exactly 0 is on the bound, where a step inwards is as easy; but no inertia at all may be stiff.
+            if "rotor_inertia" in unknown:
+                least = 0.05 * float(np.std(torque[:, k]) / max(float(np.std(ddq[:, k])), 1e-9))
+                starts["rotor_inertia"][joint] = max(starts["rotor_inertia"][joint], min(least, 1.0), 1e-6)
+            if "kp" in unknown:
+                starts["kp"][joint] = max(starts["kp"][joint], 1e-3 * float(np.std(torque[:, k]) + 1.0))
+    return starts
+
+
+def _differentiated(t: Array, q: Array) -> tuple[Array, Array, Array]:
+    """Positions, velocities and accelerations of a log, from parabolas over 50 ms, or nine rows."""
+    from scipy.signal import savgol_filter
+
+    even = np.linspace(t[0], t[-1], len(t))
+    step = (t[-1] - t[0]) / (len(t) - 1)
+    width = min(max(9, 2 * round(0.025 / step) + 1), len(t) - 1 + len(t) % 2)
+    on_even = np.stack([np.interp(even, t, column) for column in q.T], axis=1)
+    parts = [savgol_filter(on_even, width, 2, deriv=order, delta=step, axis=0) for order in (0, 1, 2)]
+    back = [np.stack([np.interp(t, even, column) for column in part.T], axis=1) for part in parts]
+    return back[0], back[1], back[2]
+
+
+def _values(
+    robot: Robot, settings: DriveSettings, unknowns: Sequence[Unknown], values: Array, deviations: Array
+) -> tuple[DriveValue, ...]:
+    found = []
+    for unknown, value, deviation in zip(unknowns, values, deviations, strict=True):
+        if unknown.kind == "inertial":
+            continue
+        reach = NORMAL * float(deviation)
+        lower, upper = max(value - reach, unknown.lower), min(value + reach, unknown.upper)
+        at_bound = not unknown.lower < value < unknown.upper
+        if unknown.kind in ("offset", "encoder", "delay"):
+            # These may well be zero: what counts is the size that would matter, a hundredth of a radian or 2 ms.
+            size = {"offset": max(abs(value), 0.1), "encoder": max(abs(value), 0.02), "delay": max(value, 2e-3)}
+            relative = reach / size[unknown.kind]
+        else:
+            relative = math.inf if value == 0.0 else reach / abs(value)
+        reaches = unknown.kind != "delay" and (lower <= unknown.lower or upper >= unknown.upper)
+        reaches = reaches or not math.isfinite(reach)
+        word = "not seen" if at_bound or reaches else "measured" if relative <= KNOWN else "weak"
+        joint = "all" if len(unknown.joints) > 1 else robot.joint_names[unknown.joints[0]]
+        unit = UNITS[unknown.kind]
+        if joint != "all" and robot.position_units[unknown.joints[0]] == "m":
+            unit = unit.replace("N·m", "N").replace("rad", "m").replace("kg·m²", "kg")
+        found.append(DriveValue(joint, unknown.kind, float(value), float(lower), float(upper), unit, word))
+    return tuple(found)

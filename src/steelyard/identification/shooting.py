@@ -1,0 +1,626 @@
+"""Trajectory matching by multiple shooting: parameters of drives from commands and positions.
+
+A log is cut into short stretches, each of which is simulated from a state of its own; that the end of one is the start
+of the next is a condition, which the steps of Gauss and Newton meet in the limit. All stretches are simulated as one
+batch, and the states between them are eliminated (Bock and Plitt 1984, "A multiple shooting algorithm for direct
+solution of optimal control problems"): what is left has the size of the parameters and of one state a log. Joints that
+move independently of each other are problems of their own, which only a common delay joins.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+from scipy.optimize import lsq_linear
+
+from steelyard.regression.coloured_noise import correlation_sum
+from steelyard.simulation.driven_joints import DRIVE_PARAMETERS, Branch, DrivenMotion, FrictionLaw, drive
+
+__all__ = ["PositionLog", "Shooting", "ShootingResult", "Unknown"]
+
+Array = NDArray[np.float64]
+
+ROWS = 60
+"""Rows of a stretch at most: as many steps follow one another, while all stretches go side by side. With 20, 60 and 120
+the sweeps of a leg robot take 5.2, 3.9 and 3.7 s of the processor, and lead to the same error."""
+
+COARSEST_STEP = 5e-3
+"""s, of the simulations far from the answer."""
+
+STEPS = 40
+"""Of Gauss and Newton at most; six to twelve are usual."""
+
+SETTLED = 1e-6
+"""Relative change of the squared error with which they have converged. Friction that begins to slip at one step or at
+the next makes the error rough on a scale of 1e-7."""
+
+STEEP = 1e2
+"""Damping, relative to the squared sensitivities, with which even the smallest steps find nothing better."""
+
+COARSE = 1e-4
+"""The same, where steps of the simulation are still as long as the rows, or weights of the joints not yet found."""
+
+UNSEEN = 1e-12
+"""Eigenvalue of the squared sensitivities, each unknown scaled to one, below which rounding is all that is left."""
+
+CLOSED = 1e-4
+"""rad, of the gaps between stretches then. The states between are then taken from one simulation of the whole."""
+
+
+@dataclass(frozen=True, eq=False)
+class PositionLog:
+    """Commands and positions of a log, in stretches without gaps in time.
+
+    Attributes
+    ----------
+    t : ndarray
+        (S,) s.
+    q, command : ndarray
+        (S, N). Each command holds until the next.
+    name : str
+    """
+
+    t: Array
+    q: Array
+    command: Array
+    name: str = "log"
+
+    @cached_property
+    def command_sums(self) -> Array:
+        """(S, N) integrals of the commands from the first time on."""
+        steps = np.diff(self.t)[:, np.newaxis]
+        return np.concatenate([np.zeros((1, self.q.shape[1])), np.cumsum(self.command[:-1] * steps, axis=0)])
+
+    def held(self, joint: int, times: Array) -> Array:
+        """The command that holds at these times; the first one before the log."""
+        places = np.searchsorted(self.t, times, side="right") - 1
+        return np.asarray(self.command[np.clip(places, 0, len(self.t) - 1), joint])
+
+    def summed(self, joint: int, times: Array) -> Array:
+        """The integral of the command from the first time of the log to these."""
+        before, after = np.minimum(times - self.t[0], 0.0), np.maximum(times - self.t[-1], 0.0)
+        inside = np.interp(times, self.t, self.command_sums[:, joint])
+        return np.asarray(inside + before * self.command[0, joint] + after * self.command[-1, joint])
+
+
+@dataclass(frozen=True)
+class Unknown:
+    """A number that is looked for, and where it acts.
+
+    Attributes
+    ----------
+    kind : str
+        One of `DRIVE_PARAMETERS`, ``"encoder"``, or ``"inertial"``.
+    joints : tuple of int
+        The coordinates at which it acts; several for a common delay. For an inertial parameter its branch's first.
+    start, lower, upper : float
+    place : int
+        Of an inertial parameter among those of its branch.
+    prior : float
+        Standard deviation about the start; infinite where nothing is known.
+    """
+
+    kind: str
+    joints: tuple[int, ...]
+    start: float
+    lower: float = -np.inf
+    upper: float = np.inf
+    place: int = 0
+    prior: float = np.inf
+
+
+@dataclass(frozen=True, eq=False)
+class ShootingResult:
+    """What was found.
+
+    Attributes
+    ----------
+    values : ndarray
+        (m,) of the unknowns.
+    covariance : ndarray
+        (m, m), with regard to residuals that depend on each other in time; infinite variances where nothing depends on
+        an unknown.
+    residuals : list of ndarray
+        (S, N) of each log: measured less simulated from its commands alone.
+    steps : int
+    settled : bool
+    """
+
+    values: Array
+    covariance: Array
+    residuals: list[Array]
+    steps: int
+    settled: bool
+
+
+@dataclass(frozen=True, eq=False)
+class _Piece:
+    """A stretch of a log: rows first to last, of which the last is the first of the next where that is the same log."""
+
+    log: int
+    first: int
+    last: int
+
+
+@dataclass(eq=False)
+class _Grown:
+    """Derivatives of one branch's residuals: by the starts of the logs and by the unknowns, per log."""
+
+    residuals: list[Array] = field(default_factory=list)
+    by_start: list[Array] = field(default_factory=list)
+    by_unknowns: list[Array] = field(default_factory=list)
+    gaps: float = 0.0
+
+
+@dataclass(eq=False)
+class Shooting:
+    """A problem of trajectory matching.
+
+    Parameters
+    ----------
+    branches : sequence of Branch
+    inertials : callable
+        From the index of a branch and its freed inertial values to the parameters of its links (10 n,) and their
+        derivatives (10 n, f).
+    fixed : ndarray
+        (8, N) drive parameters, with the values of those that are not unknown.
+    unknowns : sequence of Unknown
+    logs : sequence of PositionLog
+    law : FrictionLaw
+    longest_step : float
+        s, of a step of the simulation.
+    """
+
+    branches: Sequence[Branch]
+    inertials: Callable[[int, Array], tuple[Array, Array]]
+    fixed: Array
+    unknowns: Sequence[Unknown]
+    logs: Sequence[PositionLog]
+    law: FrictionLaw
+    longest_step: float
+    rows: int = ROWS
+
+    def __post_init__(self) -> None:
+        self.pieces = [
+            _Piece(number, first, min(first + self.rows, len(log.t) - 1))
+            for number, log in enumerate(self.logs)
+            for first in range(0, len(log.t) - 1, self.rows)
+        ]
+        longest = max(np.diff(log.t).max() for log in self.logs)
+        self.substeps = max(1, int(np.ceil(longest / self.longest_step - 1e-6)))
+        self._coarse = min(self.substeps, max(1, int(np.ceil(longest / COARSEST_STEP - 1e-6))))
+
+    # What the unknowns mean
+
+    def drives(self, values: Array) -> tuple[Array, Array]:
+        """Return the (8, N) drive parameters and the (N,) encoder offsets."""
+        drives, encoder = self.fixed.copy(), np.zeros(self.fixed.shape[1])
+        for unknown, value in zip(self.unknowns, values, strict=True):
+            joints = list(unknown.joints)
+            if unknown.kind in DRIVE_PARAMETERS:
+                drives[DRIVE_PARAMETERS.index(unknown.kind), joints] = value
+            elif unknown.kind == "encoder":
+                encoder[joints] = value
+        return drives, encoder
+
+    def freed(self, number: int, values: Array) -> Array:
+        """Return the freed inertial values of a branch."""
+        of = set(self.branches[number].coordinates)
+        found = [
+            (u.place, value)
+            for u, value in zip(self.unknowns, values, strict=True)
+            if u.kind == "inertial" and u.joints[0] in of
+        ]
+        return np.array([value for _, value in sorted(found)])
+
+    def _selection(self, number: int, width: int) -> Array:
+        """Return (m, width): to which column of a branch's sensitivities each unknown belongs."""
+        branch = self.branches[number]
+        place = {joint: k for k, joint in enumerate(branch.coordinates)}
+        n = branch.count
+        chosen = np.zeros((len(self.unknowns), width))
+        for row, unknown in enumerate(self.unknowns):
+            for joint in unknown.joints:
+                if joint not in place:
+                    continue
+                if unknown.kind == "inertial":
+                    chosen[row, 9 * n + unknown.place] = 1.0
+                elif unknown.kind == "encoder":
+                    chosen[row, 8 * n + place[joint]] = 1.0
+                else:
+                    chosen[row, DRIVE_PARAMETERS.index(unknown.kind) * n + place[joint]] = 1.0
+        return chosen
+
+    # Simulation
+
+    def _batch(self, pieces: Sequence[_Piece], branch: Branch, delay: Array) -> tuple[Array, Array, Array]:
+        """Return the lengths of the intervals of stretches, and the commands of their steps with derivatives by delay.
+
+        Stretches that are shorter than the longest go on for intervals of the same length, which nobody looks at.
+        """
+        length = max(piece.last - piece.first for piece in pieces)
+        steps = np.empty((length, len(pieces)))
+        count = length * self.substeps
+        command, by_delay = np.empty((2, count, len(pieces), branch.count))
+        for k, piece in enumerate(pieces):
+            log = self.logs[piece.log]
+            own = np.diff(log.t[piece.first : piece.last + 1])
+            steps[:, k] = own[-1]
+            steps[: len(own), k] = own
+            each = np.repeat(steps[:, k] / self.substeps, self.substeps)
+            edges = log.t[piece.first] + np.concatenate([[0.0], np.cumsum(each)])
+            for j, joint in enumerate(branch.coordinates):
+                at = edges - delay[j]
+                command[:, k, j] = np.diff(log.summed(joint, at)) / each
+                by_delay[:, k, j] = -np.diff(log.held(joint, at)) / each
+        return steps, command, by_delay
+
+    def simulate(self, values: Array, starts: Sequence[Array]) -> list[Array]:
+        """Return the positions (S, N) of each log, simulated from its start and its commands alone."""
+        return [q for q, _ in self._simulated(values, starts)]
+
+    def _simulated(self, values: Array, starts: Sequence[Array]) -> list[tuple[Array, Array]]:
+        """Return positions and velocities (S, N) of each log."""
+        found = [(np.empty_like(log.q), np.empty_like(log.q)) for log in self.logs]
+        whole = [_Piece(number, 0, len(log.t) - 1) for number, log in enumerate(self.logs)]
+        count = self.fixed.shape[1]
+        for group in self._groups():
+            states = np.empty((len(group), len(whole), 2 * self.branches[group[0]].count))
+            for k, index in enumerate(group):
+                own = list(self.branches[index].coordinates)
+                for number, start in enumerate(starts):
+                    states[k, number] = np.concatenate([start[own], start[[count + j for j in own]]])
+            motion = self._drive(group, values, states, whole, sensitivities=False)
+            for k, index in enumerate(group):
+                own = list(self.branches[index].coordinates)
+                for number, log in enumerate(self.logs):
+                    found[number][0][:, own] = motion.q[: len(log.t), k, number]
+                    found[number][1][:, own] = motion.dq[: len(log.t), k, number]
+        return found
+
+    def _groups(self) -> list[list[int]]:
+        """Branches of as many joints, which go side by side."""
+        sizes: dict[int, list[int]] = {}
+        for index, branch in enumerate(self.branches):
+            sizes.setdefault(branch.count, []).append(index)
+        return list(sizes.values())
+
+    def _drive(
+        self, group: Sequence[int], values: Array, states: Array, pieces: Sequence[_Piece], sensitivities: bool = True
+    ) -> DrivenMotion:
+        """Simulate stretches of the branches of a group from states (B, K, 2 n)."""
+        drives, encoder = self.drives(values)
+        branches = [self.branches[index] for index in group]
+        own = [list(branch.coordinates) for branch in branches]
+        batches = [self._batch(pieces, branch, drives[-1, place]) for branch, place in zip(branches, own, strict=True)]
+        bodies = [self.inertials(index, self.freed(index, values)) for index in group]
+        return drive(
+            branches,
+            [parameters for parameters, _ in bodies],
+            np.stack([drives[:, place] for place in own]),
+            np.stack([encoder[place] for place in own]),
+            states,
+            batches[0][0],
+            np.stack([command for _, command, _ in batches], axis=1),
+            np.stack([by_delay for _, _, by_delay in batches], axis=1),
+            self.law,
+            substeps=self.substeps,
+            inertial_directions=[directions for _, directions in bodies],
+            sensitivities=sensitivities,
+        )
+
+    def _closed(self, values: Array, states: Sequence[Array]) -> list[Array]:
+        """Return the states of all stretches along one simulation of each log from its first state: without gaps."""
+        motions = self._simulated(values, self.first_states(states))
+        closed = []
+        for branch in self.branches:
+            own = list(branch.coordinates)
+            parts = [(motions[piece.log], piece.first) for piece in self.pieces]
+            closed.append(np.stack([np.concatenate([q[row, own], dq[row, own]]) for (q, dq), row in parts]))
+        return closed
+
+    def predict(self, values: Array, logs: Sequence[PositionLog]) -> list[Array]:
+        """Return the positions (S, N) of logs that were not fitted: from their first measured state and commands."""
+        other = replace(self, logs=logs)
+        return other.simulate(values, other.first_states(other.start_states()))
+
+    def first_states(self, states: Sequence[Array]) -> list[Array]:
+        """Return the state (2 N,) at the beginning of each log, of states of all stretches by branches."""
+        count, found = self.fixed.shape[1], []
+        for log in range(len(self.logs)):
+            first = next(k for k, piece in enumerate(self.pieces) if piece.log == log)
+            start = np.empty(2 * count)
+            for branch, own in zip(self.branches, states, strict=True):
+                place = list(branch.coordinates)
+                start[place], start[[count + j for j in place]] = np.split(own[first], 2)
+            found.append(start)
+        return found
+
+    def _grow_all(self, values: Array, states: Sequence[Array]) -> list[tuple[_Grown, Array, Array]]:
+        """Simulate all stretches of all branches; see `_grow`."""
+        found: dict[int, tuple[_Grown, Array, Array]] = {}
+        for group in self._groups():
+            motion = self._drive(group, values, np.stack([states[index] for index in group]), self.pieces)
+            for k, index in enumerate(group):
+                found[index] = self._grow(index, motion, k, states[index])
+        return [found[index] for index in range(len(self.branches))]
+
+    def _grow(self, number: int, motion: DrivenMotion, k_branch: int, states: Array) -> tuple[_Grown, Array, Array]:
+        """Condense the stretches of a branch: its residuals, and how the states between follow starts and unknowns."""
+        branch = self.branches[number]
+        n, own = branch.count, list(branch.coordinates)
+        assert motion.by_start is not None
+        assert motion.by_parameters is not None
+        assert motion.end_by_start is not None
+        assert motion.end_by_parameters is not None
+        m = len(self.unknowns)
+        chosen = self._selection(number, motion.by_parameters.shape[-1]).T
+        positions, ends, by_states = motion.q[:, k_branch], motion.end[k_branch], motion.by_start[:, k_branch]
+        by_unknowns = motion.by_parameters[:, k_branch] @ chosen
+        end_by_unknowns = motion.end_by_parameters[k_branch] @ chosen
+        grown = _Grown()
+        alphas, betas = np.zeros((len(self.pieces), 2 * n)), np.zeros((len(self.pieces), 2 * n, 2 * n + m))
+        alpha, beta = np.zeros(2 * n), np.zeros((2 * n, 2 * n + m))
+        rows: list[tuple[Array, Array]] = []
+        for k, piece in enumerate(self.pieces):
+            if piece.first == 0:
+                alpha = np.zeros(2 * n)
+                beta = np.zeros((2 * n, 2 * n + m))
+                beta[:, : 2 * n] = np.eye(2 * n)
+                rows = []
+            alphas[k], betas[k] = alpha, beta
+            log = self.logs[piece.log]
+            last = piece.last == len(log.t) - 1
+            stop = piece.last - piece.first + int(last)
+            measured = log.q[piece.first : piece.first + stop][:, own]
+            by_start = by_states[:stop, k]
+            jacobian = by_start @ beta
+            jacobian[..., 2 * n :] += by_unknowns[:stop, k]
+            rows.append((measured - positions[:stop, k] - by_start @ alpha, jacobian))
+            if last:
+                grown.residuals.append(np.concatenate([a for a, _ in rows]))
+                whole = np.concatenate([b for _, b in rows])
+                grown.by_start.append(whole[..., : 2 * n])
+                grown.by_unknowns.append(whole[..., 2 * n :])
+            else:
+                follow = motion.end_by_start[k_branch, k]
+                end = ends[k] - states[k + 1]
+                grown.gaps = max(grown.gaps, float(np.abs(end[:n]).max()))
+                alpha = follow @ alpha + end
+                beta = follow @ beta
+                beta[:, 2 * n :] += end_by_unknowns[k]
+        return grown, alphas, betas
+
+    # The fit
+
+    def start_states(self) -> list[Array]:
+        """Return (K, 2 n) states at the beginnings of the stretches for each branch, from the measured positions."""
+        found = []
+        for branch in self.branches:
+            own = list(branch.coordinates)
+            states = np.empty((len(self.pieces), 2 * branch.count))
+            for k, piece in enumerate(self.pieces):
+                log = self.logs[piece.log]
+                low = max(0, min(piece.first - 4, len(log.t) - 9))
+                window = slice(low, min(low + 9, len(log.t)))
+                t = log.t[window] - log.t[piece.first]
+                degree = min(2, len(t) - 1)
+                lines = np.polynomial.polynomial.polyfit(t, log.q[window][:, own], degree)
+                states[k] = np.concatenate([lines[0], lines[1]])
+            found.append(states)
+        return found
+
+    def solve(self, weights: str = "joint", tell: Callable[[str], None] | None = None) -> ShootingResult:
+        """Match the trajectories.
+
+        Parameters
+        ----------
+        weights : {"joint", "equal"}
+            ``"joint"`` divides each joint's residuals by their rms, which is found on the way.
+        tell : callable, optional
+            Is told of each step.
+        """
+        count = self.fixed.shape[1]
+        values = np.array([unknown.start for unknown in self.unknowns])
+        states = self.start_states()
+        sigma = np.ones(count)
+        damping = 1e-4
+        fine, self.substeps = self.substeps, self._coarse
+        system = self._system(values, states, sigma)
+        number, settled, weighted = 0, False, weights == "equal"
+        while number < STEPS:
+            number += 1
+            tried = self._stepped(system, self._step(system, values, damping), values, states)
+            following = self._system(*tried, sigma)
+            if tell is not None:
+                tell(f"step {number}: error {following.rms:.6g} rad, gaps {following.gaps:.2g} rad")
+            change = (system.merit - following.merit) / max(system.merit, 1e-300)
+            if not change >= 0.0 and max(following.gaps, system.gaps) > CLOSED:
+                # Gaps are carried along as if all were linear. Where that misleads, one simulation of the whole tells.
+                closed = self._closed(tried[0], tried[1])
+                if all(np.isfinite(one).all() for one in closed):
+                    tried, following = (tried[0], closed), self._system(tried[0], closed, sigma)
+                    change = (system.merit - following.merit) / max(system.merit, 1e-300)
+            if not change >= 0.0:
+                damping = max(damping, 1e-6) * 8.0
+                if system.gaps > CLOSED:
+                    closed = self._closed(values, states)
+                    if all(np.isfinite(one).all() for one in closed):
+                        states = closed
+                        system = self._system(values, states, sigma)
+            else:
+                damping = max(damping * 0.2, 1e-9)
+                (values, states), system = tried, following
+            coarse = self.substeps < fine
+            small = abs(change) < (COARSE if coarse or not weighted else SETTLED) or damping > STEEP
+            if small and system.gaps < CLOSED:
+                if weighted and not coarse:
+                    settled = True
+                    break
+                if not weighted:
+                    sigma, weighted = np.maximum(system.rms_by_joint, 1e-9), True
+                self.substeps, damping = fine, 1e-6
+                system = self._system(values, states, sigma)
+        if self.substeps < fine:
+            self.substeps = fine
+            system = self._system(values, states, sigma)
+        covariance = self._covariance(system)
+        simulated = self.simulate(values, self.first_states(states))
+        residuals = [log.q - q for log, q in zip(self.logs, simulated, strict=True)]
+        return ShootingResult(values, covariance, residuals, number, settled)
+
+    def _system(self, values: Array, states: list[Array], sigma: Array) -> _System:
+        return _System(self, self._grow_all(values, states), sigma, values)
+
+    def _step(self, system: _System, values: Array, damping: float) -> Array:
+        """Return the step of starts and unknowns that the linear problem within the bounds gives."""
+        hessian, gradient = system.hessian, system.gradient
+        scale = np.sqrt(np.maximum(np.diag(hessian), 1e-12 * np.diag(hessian).max()))
+        scaled = hessian / np.outer(scale, scale)
+        scaled[np.diag_indices_from(scaled)] += damping + 1e-12
+        right = gradient / scale
+        m = len(self.unknowns)
+        factor = np.linalg.cholesky(scaled).T
+        goal = np.linalg.solve(factor.T, right)
+        free = np.linalg.solve(factor, goal) / scale
+        lower = np.array([u.lower for u in self.unknowns]) - values
+        upper = np.array([u.upper for u in self.unknowns]) - values
+        if (free[-m:] >= lower).all() and (free[-m:] <= upper).all():
+            return np.asarray(free)
+        low, high = np.full(len(free), -np.inf), np.full(len(free), np.inf)
+        low[-m:], high[-m:] = lower, upper
+        high = np.maximum(high, low + 1e-12)
+        found = lsq_linear(factor, goal, (low * scale, high * scale), method="bvls", max_iter=200)
+        return np.asarray(found.x / scale)
+
+    def _stepped(self, system: _System, step: Array, values: Array, states: list[Array]) -> tuple[Array, list[Array]]:
+        m = len(self.unknowns)
+        lower = np.array([u.lower for u in self.unknowns])
+        upper = np.array([u.upper for u in self.unknowns])
+        after = np.clip(values + step[-m:], lower, upper)
+        moved = []
+        for index, (own, (_, alphas, betas)) in enumerate(zip(states, system.grown, strict=True)):
+            change = np.empty_like(own)
+            for k, piece in enumerate(self.pieces):
+                z = np.concatenate([step[system.place(index, piece.log)], step[-m:]])
+                change[k] = alphas[k] + betas[k] @ z
+            moved.append(own + change)
+        return after, moved
+
+    def _covariance(self, system: _System) -> Array:
+        """Covariance of the unknowns: of scores that depend on each other as long as the residuals do.
+
+        Newey and West 1987 with a window of four integrated correlation times, which is none for white residuals. An
+        unknown at its bound counts as held there, with the variance that it would have if it were not.
+        """
+        m = len(self.unknowns)
+        hessian = system.hessian
+        size = len(hessian)
+        scores, time, rows = system.scores()
+        middle = np.zeros((size, size))
+        for one in scores:
+            middle += one.T @ one
+            for lag in range(1, min(time, len(one) - 1) + 1):
+                part = one[lag:].T @ one[:-lag]
+                middle += (1.0 - lag / (time + 1.0)) * (part + part.T)
+        held = np.zeros(size, dtype=bool)
+        for k, (unknown, value) in enumerate(zip(self.unknowns, system.values, strict=True)):
+            held[size - m + k] = not unknown.lower < value < unknown.upper
+        inside = np.ix_(~held, ~held)
+        covariance = np.zeros((size, size))
+        covariance[inside] = _sandwich(hessian[inside], middle[inside], rows)
+        if held.any():
+            covariance[held, held] = np.diag(_sandwich(hessian, middle, rows))[held]
+        return np.asarray(covariance[-m:, -m:])
+
+
+class _System:
+    """The linear problem about a point: starts of logs, branch by branch, and the unknowns."""
+
+    def __init__(
+        self, problem: Shooting, grown: list[tuple[_Grown, Array, Array]], sigma: Array, values: Array
+    ) -> None:
+        self.problem, self.grown, self.sigma, self.values = problem, grown, sigma, values
+        self.logs = len(problem.logs)
+        self.offsets = np.concatenate([[0], np.cumsum([2 * b.count * self.logs for b in problem.branches])])
+        m = len(problem.unknowns)
+        size = int(self.offsets[-1]) + m
+        self.hessian, self.gradient = np.zeros((size, size)), np.zeros(size)
+        total, rows, squares = 0.0, 0, np.zeros(problem.fixed.shape[1])
+        self.gaps = max(one.gaps for one, *_ in grown)
+        for number, (branch, (one, _, _)) in enumerate(zip(problem.branches, grown, strict=True)):
+            own = list(branch.coordinates)
+            for log in range(self.logs):
+                weight = 1.0 / sigma[own]
+                residual = one.residuals[log] * weight
+                jacobian = self._jacobian(one, log, weight)
+                flat = jacobian.reshape(-1, jacobian.shape[-1])
+                places = self._places(number, log)
+                self.hessian[np.ix_(places, places)] += flat.T @ flat
+                self.gradient[places] += flat.T @ residual.ravel()
+                total += float(np.sum(residual**2))
+                rows += residual.size
+                squares[own] += np.sum(one.residuals[log] ** 2, axis=0)
+        counted = sum(len(log.t) for log in problem.logs)
+        for k, (unknown, value) in enumerate(zip(problem.unknowns, values, strict=True)):
+            if np.isfinite(unknown.prior):
+                place = size - m + k
+                noise = total / max(rows, 1)
+                self.hessian[place, place] += noise / unknown.prior**2
+                self.gradient[place] += noise * (unknown.start - value) / unknown.prior**2
+                total += noise * ((unknown.start - value) / unknown.prior) ** 2
+        self.rms_by_joint = np.sqrt(squares / counted)
+        self.rms = float(np.sqrt(np.sum(squares) / (counted * len(squares))))
+        # `residuals` are those of the condensed problem, in which the gaps are carried along.
+        self.merit = total
+
+    def place(self, branch: int, log: int) -> slice:
+        """Where the start of a log stands for a branch."""
+        width = 2 * self.problem.branches[branch].count
+        begin = int(self.offsets[branch]) + log * width
+        return slice(begin, begin + width)
+
+    def _places(self, branch: int, log: int) -> NDArray[np.intp]:
+        own = self.place(branch, log)
+        return np.concatenate([np.arange(own.start, own.stop), np.arange(self.offsets[-1], len(self.gradient))])
+
+    def _jacobian(self, one: _Grown, log: int, weight: Array) -> Array:
+        return np.concatenate([one.by_start[log], one.by_unknowns[log]], axis=-1) * weight[:, np.newaxis]
+
+    def scores(self) -> tuple[list[Array], int, int]:
+        """Return for each log (S, size) scores, a window in rows, and the number of residuals of a joint."""
+        found, longest = [], 0.0
+        for log in range(self.logs):
+            rows = len(self.problem.logs[log].t)
+            scores = np.zeros((rows, len(self.gradient)))
+            for number, (branch, (one, _, _)) in enumerate(zip(self.problem.branches, self.grown, strict=True)):
+                weight = 1.0 / self.sigma[list(branch.coordinates)]
+                jacobian = self._jacobian(one, log, weight)
+                residual = one.residuals[log] * weight
+                scores[:, self._places(number, log)] += np.einsum("sj,sjz->sz", residual, jacobian)
+                for column in residual.T:
+                    longest = max(longest, correlation_sum(column, rows // 4 + 1))
+            found.append(scores)
+        total = sum(len(log.t) for log in self.problem.logs)
+        return found, int(np.ceil(4.0 * longest)), total
+
+
+def _sandwich(hessian: Array, middle: Array, rows: int) -> Array:
+    """Return the covariance that scores with this sum of products leave; infinite variances of what nothing shows."""
+    scale = np.sqrt(np.maximum(np.diag(hessian), 1e-300))
+    scaled = hessian / np.outer(scale, scale)
+    factor = cho_factor(scaled + 1e-13 * np.eye(len(hessian)))
+    half = cho_solve(factor, middle / np.outer(scale, scale))
+    found = cho_solve(factor, half.T) / np.outer(scale, scale)
+    found *= rows / max(rows - len(hessian), 1.0)
+    # What no residual depends on has scores of zero, too, and would come out as known exactly.
+    sizes, directions = np.linalg.eigh(scaled)
+    unseen = np.linalg.norm(directions[:, sizes < UNSEEN], axis=1) > 0.1
+    found[unseen], found[:, unseen] = 0.0, 0.0
+    found[unseen, unseen] = np.inf
+    return np.asarray(found)

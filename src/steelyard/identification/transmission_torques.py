@@ -1,0 +1,121 @@
+"""What the transmissions of an identified robot carry, and the motion of the links behind them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.dynamics import Model
+from steelyard.estimators.joint_stiffness import JointStiffness, Motion, motion_behind
+
+from .result import Identification
+from .second_encoders import SecondEncoders, TwoEncoders
+
+__all__ = ["Transmissions", "unseen_motion"]
+
+Array = NDArray[np.float64]
+
+
+class Transmissions:
+    """What the transmissions of an identified robot carry."""
+
+    def __init__(self, model: Model, parameters: Array) -> None:
+        self.model, self.parameters = model, parameters
+        self.motor_side, self.rotors = _motor_side(model), _rotors(model)
+        self.of_links = np.where(self.motor_side, 0.0, parameters)
+
+    @classmethod
+    def of(cls, result: Identification) -> Transmissions:
+        """Those of a robot whose links were all identified."""
+        assert result.estimate.parameters is not None
+        return cls(result.model, np.asarray(result.estimate.parameters))
+
+    def torques(self, q: Array, dq: Array, ddq: Array) -> Array:
+        """(S, N) torques of the links alone."""
+        return np.asarray(self.model.inverse_dynamics(q, dq, ddq, self.of_links))
+
+    def drive_torques(self, q: Array, dq: Array, ddq: Array) -> Array:
+        """(S, N) torques of what is on the motor's side alone."""
+        drives = np.where(self.motor_side, self.parameters, 0.0)
+        return np.asarray(self.model.inverse_dynamics(q, dq, ddq, drives))
+
+    def missing_rotor(self, joint: int, stiffness: JointStiffness) -> float:
+        """By how much the inertia of a joint's motor exceeds that of its rotor among the parameters.
+
+        Torques alone do not tell the two apart from the links where the joint is the first or the second of an arm.
+        """
+        return stiffness.motor_inertia - self.rotor(joint) if np.isfinite(stiffness.motor_inertia) else 0.0
+
+    def rotor(self, joint: int) -> float:
+        """The inertia of a joint's rotor among the parameters; zero where there is none."""
+        place = self.rotors[joint]
+        return 0.0 if place < 0 else float(self.parameters[place])
+
+    @property
+    def is_described(self) -> bool:
+        """Whether the description has a mass for every link."""
+        described = np.asarray(self.model.robot.parameters)
+        return all(described[columns[9]] > 0.0 for columns in self.model.link_columns)
+
+    def tells_rotor(self, joint: int) -> bool:
+        """Whether torques alone tell the inertia of a joint's rotor from that of the links."""
+        base = self.model.base_parameters()
+        place = self.rotors[joint]
+        if place < 0:
+            return False
+        name = self.model.parameter_names[place]
+        return any(own == name and text == name for own, text in zip(base.names, base.expressions, strict=True))
+
+
+def _motor_side(model: Model) -> NDArray[np.bool_]:
+    """Which parameters are those of terms on the motor's side of the transmission: all terms that store no energy.
+
+    Springs and counterbalances act on the link, and what they hold the transmission need not carry; the ripple of a
+    motor is its own.
+    """
+    robot = model.robot
+    q = np.linspace(0.3, 0.7, robot.dof)
+    kinds = []
+    for term in robot.terms:
+        stores = [
+            any(np.any(np.asarray(one) != 0.0) for one in term.potential(k, list(q), np)) for k in range(robot.dof)
+        ]
+        kinds += [term.kind == "cogging" or not any(stores)] * len(term.parameters)
+    flags = np.zeros(model.parameter_count, dtype=bool)
+    links = np.zeros(model.parameter_count, dtype=bool)
+    for columns in model.link_columns:
+        links[list(columns)] = True
+    # The terms of each driving joint stand together, in the order of the robot's terms.
+    terms = np.flatnonzero(~links)
+    flags[terms] = np.resize(np.array(kinds, dtype=bool), len(terms)) if kinds else False
+    return flags
+
+
+def _rotors(model: Model) -> NDArray[np.intp]:
+    """For each coordinate the place of its rotor inertia among the parameters, -1 where there is none."""
+    found = np.full(model.dof, -1)
+    names = list(model.parameter_names)
+    for k in range(model.dof):
+        name = f"Ia{k + 1}"
+        if name in names:
+            found[k] = names.index(name)
+    return found
+
+
+def unseen_motion(
+    one: TwoEncoders,
+    settings: SecondEncoders,
+    places: Sequence[int],
+    joints: Sequence[JointStiffness],
+    transmissions: Transmissions,
+) -> Motion:
+    """The motion of the links in a log that was not fitted: that of the first encoders less predicted deflections."""
+    motion = one.first.q, one.first.dq, one.first.ddq
+    if settings.side == "motor":
+        return motion
+    torque = transmissions.torques(*motion)
+    carried = zip(places, joints, strict=True)
+    shape = np.column_stack([joint.deflections(torque[:, place]) for place, joint in carried])
+    return motion_behind(motion, one.t, places, shape)

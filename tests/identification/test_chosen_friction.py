@@ -1,0 +1,113 @@
+"""`identify(..., friction="auto")` on pendulums in closed form: what is added, what the result says, and its rerun."""
+
+import json
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import steelyard as sy
+from steelyard.dynamics import ByJoint, Cogging, Coulomb, PiecewiseFriction, Stribeck, Viscous
+from steelyard.estimators.friction_selection import ChosenFriction, FrictionSelection, FrictionTrial
+from steelyard.identification import model_of_estimate, next_steps
+from steelyard.identification.chosen_friction import terms_with
+from steelyard.robot import RobotFile
+
+
+def samples_of(extra):
+    random, t = np.random.default_rng(3), np.arange(3000) / 100.0
+    phase, sizes = np.outer(t, [0.9, 2.1, 3.4]), np.array([0.6, 0.5, 0.5])
+    rates = np.array([0.9, 2.1, 3.4])
+    q, dq, ddq = np.sin(phase) @ sizes, np.cos(phase) @ (sizes * rates), -np.sin(phase) @ (sizes * rates**2)
+    torque = 0.8 * ddq + 5.0 * np.cos(q) + 0.6 * dq + 1.2 * np.sign(dq) + extra(dq)
+    torque += 0.05 * random.normal(size=len(t))
+    q, dq, ddq, torque = (one[:, None] for one in (q, dq, ddq, torque))
+    return sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque, t=t)
+
+
+@pytest.mark.slow
+def test_the_answer_has_the_law_and_can_be_run_again(tmp_path):
+    robot = sy.Robot.from_dh([(0, 0.5, 0, "q")], gravity=(0, -9.81, 0), name="pendulum")
+    samples = samples_of(lambda dq: 0.9 * np.sign(dq) * np.exp(-((dq / 0.3) ** 2)))
+    plain, result = sy.identify(robot, samples), sy.identify(robot, samples, friction="auto")
+    assert result.friction.selection.kinds == ("stribeck",)
+    assert result.prediction.relative_error < 0.6 * plain.prediction.relative_error
+    values = dict(zip(result.parameter_names, result.estimate.parameters, strict=True))
+    assert [values[name] for name in ("Fcj1", "Fsj1", "Fvj1")] == pytest.approx([1.2, 0.9, 0.6], rel=0.05)
+    assert result.to_dict()["friction"]["chosen"][0]["kind"] == "stribeck"
+    assert "How the friction was chosen" in result.report()
+    result.estimate.save(tmp_path / "estimate.json")
+    assert json.loads((tmp_path / "estimate.json").read_text())["description"]["terms"][0]["kind"] == "by_joint"
+    model = model_of_estimate(tmp_path / "estimate.json", RobotFile.of(robot))
+    assert model.parameter_names == result.parameter_names
+    stated = tmp_path / "robot.toml"
+    rows = '[description]\nrows = [[0, 0.5, 0, "q"]]\ngravity = [0.0, -9.81, 0.0]\n\n'
+    stated.write_text(rows + result.friction.toml)
+    again = sy.identify(stated, samples)
+    np.testing.assert_allclose(again.base, result.base, rtol=1e-6)
+
+
+@pytest.mark.slow
+def test_nothing_is_added_to_a_sound_model():
+    robot = sy.Robot.from_dh([(0, 0.5, 0, "q")], gravity=(0, -9.81, 0), name="pendulum")
+    result = sy.identify(robot, samples_of(lambda dq: 0.0 * dq), friction="auto")
+    assert result.friction.selection.chosen == ()
+    assert [term.kind for term in result.model.robot.terms][:2] == ["viscous", "coulomb"]
+    assert "no friction beyond" in result.report()
+
+
+@pytest.mark.slow
+def test_laws_whose_parameters_a_stated_term_has_are_left_alone():
+    robot = sy.Robot.from_dh([(0, 0.5, 0, "q")], gravity=(0, -9.81, 0), name="pendulum")
+    model = sy.Model(robot.with_terms(sy.Viscous(), sy.Coulomb(), Cogging([6])))
+    result = sy.identify(model, samples_of(lambda dq: 0.9 * np.sign(dq) * np.exp(-((dq / 0.3) ** 2))), friction="auto")
+    assert result.friction.selection.kinds == ("stribeck",)
+    assert "have their parameters: a ripple with position." in result.report()
+
+
+def test_laws_are_put_before_those_that_a_stated_term_has_at_other_joints():
+    robot = sy.Robot.from_dh([(0, 0.5, 0, "q"), (0, 0.4, 0, "q")])
+    motion = SimpleNamespace(model=SimpleNamespace(dof=2), motion=SimpleNamespace(dq=np.array([[1.0, 2.0]])))
+    knee = ChosenFriction(1, "friction_piecewise", {"speed": 0.5}, (0.1,), 0.0, 0.5)
+    stated = (ByJoint([Stribeck(0.1, joints=[1]), Coulomb(), Viscous()]), sy.Offset())
+    found = terms_with(stated, [knee], motion)
+    laws = [PiecewiseFriction([0.5, 2.0], joints=[2]), Stribeck(0.1, joints=[1]), Coulomb(), Viscous()]
+    assert found == (ByJoint(laws), sy.Offset())
+    assert "Fvj2" in sy.Model(robot.with_terms(*found)).parameter_names
+
+
+def test_laws_that_are_not_added_are_told_as_taken_back():
+    law = ChosenFriction(0, "stribeck", {"velocity": 0.1}, (0.5,), 1e-9, 0.3)
+    trial = FrictionTrial(0, "stribeck", "Stribeck's", ("joint1",), 1e-9, 0.3, "chosen")
+    selection = FrictionSelection(("joint1",), (law,), (trial,), np.array([0.7]), np.array([1.0])).without_laws()
+    told = selection.to_dict()
+    assert told["chosen"] == []
+    assert [one["verdict"] for one in told["trials"]] == ["taken back"]
+    assert told["joints"][0]["held_out_error"] == 1.0
+
+
+def test_friction_and_the_stiffness_of_joints_are_not_chosen_together(tmp_path):
+    stated = tmp_path / "robot.toml"
+    stated.write_text('[description]\nrows = [[0, 0.5, 0, "q"]]\n\n[elastic]\njoints = ["joint1"]\n')
+    with pytest.raises(sy.InputError, match=r"not chosen together with the stiffness of \[elastic\]"):
+        sy.identify(stated, samples_of(lambda dq: dq), friction="auto")
+
+
+def test_other_words_are_refused():
+    with pytest.raises(sy.InputError, match='friction must be "auto" or None'):
+        sy.identify(sy.Robot.from_dh([(0, 0.5, 0, "q")]), samples_of(lambda dq: dq), friction="stribeck")
+
+
+@pytest.mark.slow
+def test_a_pattern_is_a_reason_to_let_the_logs_choose():
+    robot = sy.Robot.from_dh([(0, 0.5, 0, "q")], gravity=(0, -9.81, 0), name="pendulum")
+    terms = [sy.Viscous(), sy.Coulomb(), sy.Offset(), sy.RotorInertia()]
+    samples = samples_of(lambda dq: 6.0 * np.sign(dq) * np.exp(-((dq / 0.5) ** 2)))
+    model = sy.Model(robot.with_terms(*terms))
+    found = sy.identify(model, samples)
+    assert any("--friction auto" in step.code for step in next_steps(found))
+    with_springs = replace(found, elastic_joints=(SimpleNamespace(),))  # with which such a run is refused
+    assert not any("--friction auto" in step.code for step in next_steps(with_springs))
+    chosen = next_steps(sy.identify(model, samples, friction="auto"))
+    assert not any("--friction auto" in step.code or "lacks" in step.reason for step in chosen)

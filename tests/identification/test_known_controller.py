@@ -1,0 +1,128 @@
+"""Instrumental variables and output error through identify: what [controller] tells, and what it lacks."""
+
+from dataclasses import replace
+
+import numpy as np
+import polars
+import pytest
+
+import steelyard as sy
+from steelyard.control import JointFeedback
+from steelyard.errors import InputError
+from steelyard.feasibility import verify_document
+from steelyard.identification.known_controller import ControllerSettings
+
+ROBOT = """
+[[terms]]
+kind = "viscous"
+[description]
+rows = [["pi/2", 0, 0, "q"]]
+gravity = [0, 0, 0]
+[processing]
+cutoff = 60.0
+velocity_threshold = "none"
+"""
+LAW = "kp = 400.0\nkd = 40.0\n"
+
+
+def wave(t):
+    return [1 - np.cos(2 * t)], [2 * np.sin(2 * t)], [4 * np.cos(2 * t)]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A log of a rotor of 0.5 kg m² with viscous friction of 0.8 at 500 Hz, with 0.1 mrad of noise in the positions.
+
+    The torque of a sample is the mean of those that act before and after it.
+    """
+    place = tmp_path_factory.mktemp("controlled")
+    (place / "description.toml").write_text(ROBOT)
+    model = sy.Model.load(place / "description.toml")
+    t = np.arange(0.0, 6.0, 0.002)
+    controller = JointFeedback(wave, kp=400.0, kd=40.0, count=1, sample_time=0.002)
+    truth = sy.simulate(model, [0, 0, 0, 0.5, 0, 0, 0, 0, 0, 0, 0.8], [0.0], [0.0], 6.0, controller)
+    noise = 1e-4 * np.random.default_rng(3).normal(size=len(t))
+    torque = truth.torque[: len(t), 0]
+    columns = {"t": t, "q1": truth.q[: len(t), 0] + noise, "tau1": torque, "wanted1": wave(t)[0][0]}
+    columns["tau1"] = np.concatenate([torque[:1], 0.5 * (torque[1:] + torque[:-1])])
+    polars.DataFrame(columns).write_csv(place / "log.csv")
+    return place
+
+
+def identified(folder, controller, estimator):
+    path = folder / "robot.toml"
+    path.write_text(ROBOT + f"[controller]\n{controller}")
+    return sy.identify(path, folder / "log.csv", estimator=estimator, prior=None)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("controller", "estimator"),
+    [
+        ('reference = "wanted{}"\n' + LAW, "instrumental_variables"),
+        ('reference = "wanted{}"\n' + LAW, "output_error"),
+    ],
+)
+def test_identify_with_a_motion_without_noise(folder, controller, estimator):
+    found = identified(folder, controller, estimator)
+    truth = np.array([0.5, 0.8])
+    measured = replace(found.information, factors=found.information.torque_factors)
+    assert abs(sy.least_squares(measured).base[0] / truth[0] - 1.0) > 0.05
+    assert np.abs(found.estimate.base / truth - 1.0).max() < 0.01
+    assert verify_document(found.estimate.certificate).valid
+    assert any("The motion without noise is" in remark for remark in found.remarks)
+    assert found.options["estimator"] == estimator
+
+
+def test_output_error_asks_for_the_gains(folder):
+    with pytest.raises(InputError, match=r"lacks 'kp'.*reference.*instrumental_variables"):
+        identified(folder, 'reference = "wanted{}"', "output_error")
+
+
+@pytest.mark.slow
+def test_stamps_since_1970_change_nothing_and_gaps_are_refused(folder):
+    """Every second row, so that a trim of 18 rows is 0.072 s, which such stamps do not hold exactly."""
+    path = folder / "since.toml"
+    table = f'[controller]\nreference = "wanted{{}}"\nrate = 500.0\n{LAW}'
+    path.write_text(ROBOT.replace("cutoff = 60.0", "cutoff = 40.0") + table)
+    log = polars.read_csv(folder / "log.csv")[::2]
+    found = []
+    for begin in (0.0, 1.7e9):
+        log.with_columns(t=log["t"] + begin).write_csv(folder / "since.csv")
+        found.append(
+            sy.identify(path, folder / "since.csv", estimator="instrumental_variables", prior=None).estimate.base
+        )
+    assert np.allclose(*found, rtol=1e-4)
+    polars.concat([log[:1000], log[1200:]]).write_csv(folder / "since.csv")
+    with pytest.raises(InputError, match="has a gap too long to be filled, over which no motion without noise"):
+        sy.identify(path, folder / "since.csv", estimator="instrumental_variables")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("controller", "message"),
+    [
+        ('reference = "nothing{}"', "no column 'nothing1'.*`reference` in .controller. names"),
+        ('reference = "wanted{}"\nkp = [1.0, 2.0]', r"kp has 2 values, but .* has 1 joints"),
+        ('reference = "wanted{}"\nkp = 0.0', "a joint has neither `kp` nor `kd`"),
+        ('reference = "wanted{}"\nrate = 700.0\n' + LAW, "rate is 700 Hz; it must be a whole multiple"),
+    ],
+)
+def test_what_does_not_fit_the_log_is_told(folder, controller, message):
+    with pytest.raises(InputError, match=message):
+        identified(folder, controller, "instrumental_variables")
+
+
+@pytest.mark.parametrize(
+    ("table", "message"),
+    [
+        ({"gain": 1.0}, "'gain' is not known here"),
+        ({"kp": -1.0}, "kp.*at least 0"),
+        ({"rate": "fast"}, "rate"),
+        ({"reference": 3}, "list of column names"),
+        ({"reference_velocity": 1}, "true or false"),
+    ],
+)
+def test_settings_are_checked(table, message):
+    with pytest.raises(InputError, match=message):
+        ControllerSettings.from_dict(table)

@@ -1,0 +1,331 @@
+"""Drives from commands and positions alone, against MuJoCo, which simulates them, and against closed forms."""
+
+import json
+
+import numpy as np
+import pytest
+
+import steelyard as sy
+from steelyard.errors import InputError
+from steelyard.identification import DriveSettings, identify_from_positions
+from steelyard.identification.positions import _freed_inertials
+from steelyard.identification.saved_result import SavedResult
+from steelyard.robot.inertia import pseudo_inertia
+
+ARM = """<mujoco model="arm"><compiler angle="radian"/><option gravity="0 0 -9.81"/>
+<worldbody><body name="upper"><joint name="shoulder" axis="0 1 0"/>
+<inertial pos="0.02 0.01 -0.12" mass="1.1" diaginertia="6e-3 6e-3 9e-4"/>
+<body name="lower" pos="0 0 -0.21"><joint name="elbow" axis="0 1 0"/>
+<inertial pos="0.01 0 -0.14" mass="0.3" diaginertia="1.5e-3 1.5e-3 6e-5"/></body></body></worldbody></mujoco>"""
+TRUTH = np.array([[0.02, 0.25, 0.3, 0.05], [0.035, 0.15, 0.5, -0.08]])  # armature, damping, friction, torque bias
+DELAY = 4.3e-3
+KP, KD = 20.0, 1.5
+
+
+@pytest.fixture
+def arm(tmp_path):
+    path = tmp_path / "arm.xml"
+    path.write_text(ARM)
+    return path
+
+
+def log_of(t, q, command):
+    return {"t": t, "q1": q[:, 0], "q2": q[:, 1], "target1": command[:, 0], "target2": command[:, 1]}
+
+
+def commands(t):
+    """Triangles of falling periods about different middles."""
+    turns = 2.2 * t + 0.25 * t**2
+    triangle = 2.0 * np.abs(turns / 2.0 - np.floor(turns / 2.0 + 0.5))
+    return np.stack([0.5 + 0.8 * triangle, -1.8 + 1.2 * triangle], axis=1)
+
+
+def simulated(path, t, command, step=2e-5):
+    """Positions that MuJoCo finds with the true drives."""
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo (the oracle) is not installed")
+    world = mujoco.MjModel.from_xml_path(str(path))
+    world.opt.timestep = step
+    world.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    world.dof_armature[:], world.dof_damping[:], world.dof_frictionloss[:] = TRUTH[:, 0], TRUTH[:, 1] + KD, TRUTH[:, 2]
+    # what depends on the inertia at rest, friction's softness among it, is found anew
+    state = mujoco.MjData(world)
+    mujoco.mj_setConst(world, state)
+    state.qpos[:] = command[0]
+    count = round((t[1] - t[0]) / step)
+    told = np.clip(np.searchsorted(t, np.arange(len(t) * count) * step - DELAY, side="right") - 1, 0, None)
+    q = np.empty((len(t), 2))
+    for k in range(len(t)):
+        q[k] = state.qpos
+        for place in told[k * count : (k + 1) * count]:
+            state.qfrc_applied[:] = KP * (command[place] - state.qpos) + TRUTH[:, 3]
+            mujoco.mj_step(world, state)
+    return q
+
+
+SETTINGS = {"command": "target{}", "kp": KP, "kd": KD}
+
+
+@pytest.mark.slow
+def test_drives_that_mujoco_simulates_are_found(arm):
+    t = np.arange(600) * 0.005
+    command = commands(t)
+    q = simulated(arm, t, command)
+    noisy = q + np.random.default_rng(3).normal(size=q.shape) * 2e-4
+    robot = sy.Robot.from_mjcf(arm)
+    found = identify_from_positions(robot, log_of(t, noisy, command), settings=SETTINGS)
+    values = np.stack([found.rotor_inertia, found.viscous, found.coulomb], axis=1)
+    np.testing.assert_allclose(values, TRUTH[:, :3], rtol=0.02)
+    assert abs(found.delay - DELAY) < 0.2e-3
+    assert found.settled
+    truth = {**{("shoulder", k): TRUTH[0, i] for i, k in enumerate(("rotor_inertia", "viscous", "coulomb", "offset"))}}
+    truth |= {("elbow", k): TRUTH[1, i] for i, k in enumerate(("rotor_inertia", "viscous", "coulomb", "offset"))}
+    truth["all", "delay"] = DELAY
+    covered = [value.lower <= truth[value.joint, value.kind] <= value.upper for value in found.values]
+    assert sum(covered) >= 8  # of nine
+    assert found.error.max() < 2.1e-4
+
+
+def test_the_choice_of_friction_belongs_to_torques(tmp_path, run):
+    (tmp_path / "arm.urdf").write_text(
+        '<robot name="a"><link name="b"/><link name="c"/><joint name="j" type="continuous"><parent link="b"/>'
+        '<child link="c"/></joint></robot>'
+    )
+    (tmp_path / "arm.toml").write_text('[description]\nfile = "arm.urdf"\n[drive]\ncommand = "c{}"\nkp = 2\n')
+    code, _, error = run(
+        "identify", tmp_path / "arm.toml", tmp_path / "log.csv", "--friction", "auto",
+        "--from", "positions", "--output", tmp_path / "result",
+    )  # fmt: skip
+    assert code == 2
+    assert "--friction belongs to identification from torques" in error
+
+
+@pytest.mark.slow
+def test_what_is_written_moves_in_mujoco_as_it_was_measured(arm, tmp_path, run):
+    """The command line: gains that are unknown, a held-out log, and the MJCF that comes out."""
+    t = np.arange(500) * 0.005
+    command = commands(t)
+    q = simulated(arm, t, command, 2.5e-4)
+    for name, rows in (("fit", slice(0, 350)), ("rest", slice(350, 500))):
+        columns = log_of(t[rows], q[rows], command[rows])
+        lines = [",".join(columns), *(",".join(f"{x:.9g}" for x in row) for row in zip(*columns.values(), strict=True))]
+        (tmp_path / f"{name}.csv").write_text("\n".join(lines))
+    text = f'[description]\nfile = "{arm.name}"\n[drive]\ncommand = "target{{}}"\nkp = "find"\nkd = "find"\n'
+    (tmp_path / "arm.toml").write_text(text + 'bias = "torque"\n')
+    code, out, error = run(
+        "identify", tmp_path / "arm.toml", tmp_path / "fit.csv", "--validate", tmp_path / "rest.csv",
+        "--from", "positions", "--output", tmp_path / "result",
+    )  # fmt: skip
+    assert code == 0, error
+    assert "Kd and viscous friction brake alike" in out
+    document = json.loads((tmp_path / "result" / "drives.json").read_text())
+    for row, joint in zip(TRUTH, document["joints"].values(), strict=True):
+        assert joint["kp"] == pytest.approx(KP, rel=0.03)
+        assert joint["kd"] == pytest.approx(KD + row[1], rel=0.03)
+        assert joint["armature"] == pytest.approx(row[0], rel=0.08)
+        assert joint["validation_error"] < 2e-3
+    written = sy.Robot.from_mjcf(tmp_path / "result" / "arm.xml")
+    rotors = [joint.rotor_inertia for joint in written.joints]
+    assert rotors == pytest.approx([joint["armature"] for joint in document["joints"].values()])
+
+
+def test_freed_inertias_are_possible_and_their_derivatives_those_of_differences():
+    link = sy.robot.Inertia.from_com(0.5, [0.02, -0.01, 0.1], np.diag([3e-3, 2.5e-3, 1e-3])).parameters
+    values = np.random.default_rng(1).normal(size=10) * 2.0
+    parameters, derivatives = _freed_inertials([link, link], [False, True], values)
+    np.testing.assert_array_equal(parameters[:10], link)
+    assert np.linalg.eigvalsh(pseudo_inertia(parameters[10:])).min() > 0.0
+    for k, direction in enumerate(np.eye(10)):
+        ahead, behind = (
+            _freed_inertials([link, link], [False, True], values + e * direction)[0] for e in (1e-6, -1e-6)
+        )
+        np.testing.assert_allclose((ahead - behind) / 2e-6, derivatives[:, k], rtol=1e-5, atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("settings", "changed", "message"),
+    [
+        ({"kp": 0.0}, {}, r"'kp', is 0\.0; it must be positive"),
+        ({"kp": [20.0, 20.0, 20.0]}, {}, "has 3 numbers, but arm has 2 joints"),
+        ({"command": "goal{}"}, {}, "no column 'goal1', which \\[drive\\] names for the commands; it has t, q1"),
+        ({"command": ["target1"]}, {}, "names 1 columns of commands, but arm has 2 joints"),
+        ({"free": ["lowr"]}, {}, 'did you mean "lower"'),
+        ({}, {"target2": "q2"}, 'the commands of joint "elbow" are its measured positions'),
+        ({}, {"q2": None}, 'joint "elbow" stands still'),
+        ({}, {"t": 0.2 * np.arange(200)}, r"log 1 has 200 rows, 0\.2 s apart, and nowhere 10 in a row without a gap"),
+        ({"scale": "volts"}, {"volts": np.full(200, np.nan)}, "no finite number in column 'volts' in 200 of 200 rows"),
+        ({"also": ["other.xml"]}, {}, r"other\.xml: cannot be read"),
+        ({"also": ["copies/arm.xml"]}, {}, r"two descriptions are called arm\.xml"),
+        ({"free": ["lower"]}, {}, "'lower', whose mass and inertia in the description are those of no body"),
+    ],
+)
+def test_useless_logs_and_settings_are_told(arm, settings, changed, message):
+    t = np.arange(200) * 0.005
+    command = commands(t)
+    log = log_of(t, command - 0.1 * np.sin(t)[:, None], command)
+    for name, other in changed.items():
+        log[name] = np.zeros(200) if other is None else log[other].copy() if isinstance(other, str) else other
+    if "free" in settings:  # a rod, which has no inertia about its axis
+        arm.write_text(ARM.replace("1.5e-3 1.5e-3 6e-5", "1.5e-3 1.5e-3 0"))
+    with pytest.raises(InputError, match=message):
+        identify_from_positions(sy.Robot.from_mjcf(arm), log, settings={**SETTINGS, **settings})
+
+
+def test_results_do_not_replace_the_description_that_was_read(arm, tmp_path, run):
+    (tmp_path / "arm.toml").write_text(
+        f'[description]\nfile = "{arm.name}"\n[drive]\ncommand = "target{{}}"\nkp = 20.0\n'
+    )
+    code, _, error = run("identify", tmp_path / "arm.toml", tmp_path / "l.csv", "--from", "positions", "-o", tmp_path)
+    assert code == 2
+    assert "arm.xml: is read, and the results would replace it" in error
+
+
+def test_a_folder_of_drives_is_told_from_one_of_estimates(tmp_path):
+    (tmp_path / "drives.json").write_text("{}")
+    with pytest.raises(InputError, match=r"holds drives that were identified from positions \(drives\.json\)"):
+        SavedResult.load(tmp_path)
+
+
+def test_a_recording_without_commands_is_refused(arm):
+    zeros = np.zeros((20, 2))
+    recording = sy.Recording(np.arange(20.0), zeros, zeros)
+    with pytest.raises(InputError, match="A Recording does not hold the commands"):
+        identify_from_positions(sy.Robot.from_mjcf(arm), recording, settings=SETTINGS)
+
+
+def test_a_pattern_stands_for_logs_as_it_does_with_torques(arm, tmp_path):
+    """Told by a joint that stands still in all of them, before anything is fitted."""
+    t = np.arange(40) * 0.005
+    q = np.stack([np.sin(t), 0.0 * t], axis=1)
+    columns = log_of(t, q, q + 0.1)
+    for name in ("one", "two"):
+        np.savetxt(
+            tmp_path / f"{name}.csv", np.stack(list(columns.values()), axis=1), "%.9g", ",",
+            header=",".join(columns), comments="",
+        )  # fmt: skip
+    with pytest.raises(InputError, match=r'^one\.csv, two\.csv: joint "elbow" stands still'):
+        identify_from_positions(sy.Robot.from_mjcf(arm), tmp_path / "*.csv", settings=SETTINGS)
+
+
+def test_settings_that_say_nothing_are_told():
+    with pytest.raises(InputError, match="lacks command"):
+        DriveSettings.from_dict({"kp": 1.0})
+    with pytest.raises(InputError, match="lacks kp"):
+        DriveSettings.from_dict({"command": "q_des{}"})
+    with pytest.raises(InputError, match=r"from 0 to 1 s"):
+        DriveSettings.from_dict({"command": "q_des{}", "kp": 1.0, "delay": -0.01})
+    with pytest.raises(InputError, match="leaves nothing to be found"):
+        DriveSettings.from_dict({"command": "q_des{}", "kp": 1.0, "delay": 0.0, "find": [], "bias": "none"})
+    with pytest.raises(InputError, match='gives gain, which belongs to law = "signal"'):
+        DriveSettings.from_dict({"command": "q_des{}", "kp": 1.0, "gain": 2.0})
+    backwards = DriveSettings.from_dict({"command": "u{}", "law": "signal", "gain": -2.0, "free": ["rod", "rod"]})
+    assert (backwards.gain, backwards.free) == ((-2.0,), ("rod",))
+
+
+HINGE = """<robot name="pendulum"><link name="base"/><link name="rod"><inertial><origin xyz="0 0 -0.2"/>
+<mass value="0.5"/><inertia ixx="2e-3" iyy="2e-3" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="hinge" type="continuous"><parent link="base"/><child link="rod"/><axis xyz="0 1 0"/></joint></robot>"""
+
+
+@pytest.mark.slow
+def test_a_xacro_takes_results_with_the_arguments_that_it_was_read_with(tmp_path):
+    """Without them it is another robot, whose joint has another name."""
+    pytest.importorskip("xacro", reason="xacro (pip install 'steelyard[xacro]') is not installed")
+    path = tmp_path / "pendulum.urdf.xacro"
+    head = (
+        '<robot name="pendulum" xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:arg name="joint" default="hinge"/>'
+    )
+    path.write_text(head + HINGE.removeprefix('<robot name="pendulum">').replace('"hinge"', '"$(arg joint)"'))
+    robot = sy.Robot.from_urdf(path, xacro_arguments={"joint": "elbow"})
+    t = np.arange(100) * 0.005
+    log = {"t": t, "q": 0.3 * np.sin(9.0 * t), "target": 0.4 * np.sin(9.0 * t + 0.2)}
+    found = identify_from_positions(robot, log, settings={"command": ["target"], "kp": 6.0, "delay": 0.0})
+    found.save(tmp_path / "result")
+    written = sy.Robot.from_urdf(tmp_path / "result" / path.name)
+    assert written.joint_names == ("elbow",)
+    assert written.joints[0].damping == pytest.approx(found.viscous[0])
+
+
+@pytest.mark.slow
+def test_commands_of_the_wrong_sign_are_not_believed(tmp_path):
+    """A motion that is a solution of the pendulum's equation; then the same with commands of the other sign."""
+    path = tmp_path / "pendulum.urdf"
+    path.write_text(HINGE)
+    t = np.arange(300) * 0.005
+
+    def motion(t):
+        return 0.6 * np.sin(5.0 * t) + 0.2 * np.sin(11.0 * t)
+
+    def target_at(t):
+        speed = 3.0 * np.cos(5.0 * t) + 2.2 * np.cos(11.0 * t)
+        acceleration = -15.0 * np.sin(5.0 * t) - 24.2 * np.sin(11.0 * t)
+        torque = (2e-3 + 0.5 * 0.2**2 + 0.015) * acceleration + 0.4 * speed + 0.5 * 9.81 * 0.2 * np.sin(motion(t))
+        return motion(t) + torque / 6.0
+
+    q, target = motion(t), target_at(t + 0.0025)  # a command holds until the next
+    settings = {"command": ["target"], "kp": 6.0, "kd": 0.3, "delay": 0.0, "bias": "none", "friction": "coulomb"}
+    robot = sy.Robot.from_urdf(path)
+    sound, wrong = (
+        identify_from_positions(robot, {"t": t, "q": q, "target": sign * target}, settings=settings)
+        for sign in (1.0, -1.0)
+    )
+    assert not any("Do not believe" in remark for remark in sound.remarks)
+    assert sound.rotor_inertia[0] == pytest.approx(0.015, rel=0.03)
+    assert wrong.remarks[0].startswith("Do not believe the values")
+    assert "hinge by" in wrong.remarks[0]
+    assert "so many times as far as the joints: hinge -" in wrong.remarks[0]
+    with pytest.raises(InputError, match=r"pendulum\.urdf: is what was read, and the results would replace it"):
+        sound.save(tmp_path)
+    assert path.read_text() == HINGE
+
+
+@pytest.mark.slow
+def test_a_delay_of_commands_that_do_not_change_is_not_seen(tmp_path):
+    """A step response in closed form, without gravity: the delay stayed at its start and was called measured."""
+    path = tmp_path / "turntable.urdf"
+    path.write_text(HINGE.replace('xyz="0 1 0"', 'xyz="0 0 1"'))
+    inertia, damping, stiffness = 1e-4 + 0.015, 0.05, 6.0
+    t = np.arange(200) * 0.005
+    decay = damping / (2.0 * inertia)
+    speed = np.sqrt(stiffness / inertia - decay**2)
+    q = 0.8 * (1.0 - np.exp(-decay * t) * (np.cos(speed * t) + decay / speed * np.sin(speed * t)))
+    log = {"t": t, "q": q, "target": np.full(200, 0.8)}
+    settings = {"command": ["target"], "kp": stiffness, "kd": damping, "find": ["rotor_inertia"], "bias": "none"}
+    found = identify_from_positions(sy.Robot.from_urdf(path), log, settings=settings)
+    rotor, delay = found.values
+    assert rotor.word == "measured"
+    assert rotor.value == pytest.approx(0.015, rel=0.01)
+    assert delay.word == "not seen"
+    assert (delay.lower, delay.upper) == (0.0, 0.05)
+    found.save(tmp_path / "result")
+
+
+@pytest.mark.slow
+def test_a_joint_may_stand_still_in_one_of_the_logs(arm):
+    """One joint after the other, as legs are often recorded: only a joint that never moves is refused."""
+    t = np.arange(120) * 0.005
+    both = np.stack([0.3 * np.sin(9.0 * t), 0.4 * np.sin(7.0 * t)], axis=1)
+    logs = []
+    for moving in (0, 1):
+        q = np.where(np.arange(2) == moving, both, 0.1)
+        logs.append(log_of(t, q, q + 0.1 * np.cos(9.0 * t)[:, None]))
+    robot = sy.Robot.from_mjcf(arm)
+    with pytest.raises(InputError, match='log 1: joint "elbow" stands still'):
+        identify_from_positions(robot, logs[0], settings=SETTINGS)
+    assert len(identify_from_positions(robot, logs, settings=SETTINGS).logs) == 2
+
+
+@pytest.mark.data
+@pytest.mark.slow
+def test_sweeps_of_a_real_leg_robot_are_predicted_from_commands(shared_data):
+    """Least squares on differentiated positions, simulated, leaves 6.4 mrad; no friction and rotors 32."""
+    folder = shared_data / "go2_encoder_only"
+    names = np.genfromtxt(folder / "sweeps_1_4.csv", delimiter=",", max_rows=1, dtype=str)
+    one, two = (np.loadtxt(folder / f"{name}.csv", delimiter=",", skiprows=1) for name in ("sweeps_1_4", "sweeps_9_10"))
+    parts = [one[one[:, 0] <= 5.8], two, one[one[:, 0] > 5.8]]
+    logs = [dict(zip(names.tolist(), part.T, strict=True)) for part in parts]
+    settings = {"command": "q_des{}", "kp": 20.0, "kd": 1.5}
+    robot = sy.Robot.from_urdf(folder / "go2.urdf")
+    found = identify_from_positions(robot, logs[:2], validate=logs[2:], settings=settings, weights="equal")
+    assert np.sqrt(np.mean(found.validation_error**2)) < 6.3e-3
+    thighs = found.coulomb[1::3]
+    assert ((thighs > 0.15) & (thighs < 0.3)).all()
