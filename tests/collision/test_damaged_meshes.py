@@ -50,7 +50,8 @@ def test_what_a_library_may_do(case: str, tmp_path: Path, monkeypatch: pytest.Mo
     (tmp_path / "trimesh.py").write_text(f"import os, time\ndef load_scene(path):\n    {code}\n")
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setattr(mesh_files, "_libraries", lambda: ["trimesh"])
-    monkeypatch.setattr(mesh_files, "TIME", 1.0)
+    if case == "hang":  # the others end by themselves, on a busy machine after more than a second
+        monkeypatch.setattr(mesh_files, "TIME", 1.0)
     path = tmp_path / "mesh.stl"
     path.write_bytes(b"x")
     with pytest.raises(InputError, match=phrase):
