@@ -112,6 +112,73 @@ def test_from_a_log_to_a_table_and_back(robot, tmp_path, run):
     assert rows.read_text().startswith("t,torque_joint1,deflection_joint1,measured_joint1")
 
 
+MJCF = """\
+<mujoco model="arm"><option gravity="0 -9.81 0"/><worldbody><body name="leaf"><inertial pos="0.4 0 0" mass="1.2"
+diaginertia="0.1 0.4 0.4"/><joint name="elbow"/><geom size="0.1"/></body></worldbody>
+<actuator><motor name="drive" joint="elbow"/></actuator></mujoco>
+"""
+
+
+@pytest.mark.slow
+def test_what_was_found_is_proved_simulated_and_exported(robot, tmp_path, run):
+    """The simulation is held against the true pendulum, integrated by SciPy, and the MJCF against both."""
+    import mujoco
+
+    (tmp_path / "arm.xml").write_text(MJCF)
+    path = tmp_path / "robot.toml"
+    lines = ROBOT.partition("[[terms]]")
+    motor = f'joints = ["elbow"]\nmotor_inertia = [{ROTOR}]'
+    path.write_text('[description]\nurdf = "arm.xml"\n[[terms]]' + lines[2].replace("joints = [1]", motor))
+    result = sy.identify(path, pendulum())
+    assert result.elastic_model.is_proved
+    folder = tmp_path / "result"
+    result.save(folder)
+    estimate = folder / "estimate.json"
+    saved = json.loads(estimate.read_text())
+    values = dict(zip(saved["elastic_model"]["parameter_names"], saved["elastic_model"]["parameters"], strict=True))
+    assert values["Kej1"] == saved["elastic_joints"][0]["stiffness"]
+    assert abs(values["Ia2"] + values["Lzz2"] - ROTOR) < 1e-8  # as it was stated
+    proof = tmp_path / "proof.json"
+    code, out, _ = run("check", path, estimate, "--output", proof)
+    assert code == 0
+    assert "Judged with the elastic joints" in out
+    assert run("check", "--certificate", proof, path, estimate)[0] == 0
+
+    def rate(t, state):
+        q, theta, dq, dtheta = state
+        carried = STIFFNESS * (theta - q) + 1.0 * (dtheta - dq)
+        return [dq, dtheta, (carried - WEIGHT * np.cos(q)) / INERTIA, -(VISCOUS * dtheta + carried) / ROTOR]
+
+    times = np.linspace(0.0, 1.0, 11)
+    truth = solve_ivp(
+        rate, (0.0, 1.0), [0.3, 0.3 + WEIGHT * np.cos(0.3) / STIFFNESS, 0.0, 0.0], t_eval=times, rtol=1e-9
+    )
+    code, out, _ = run(
+        "simulate", path, estimate, "--initial", "0.3", "--duration", "1", "--rate", "10", "--output", tmp_path / "fall"
+    )
+    assert code == 0
+    assert "coordinate 2 of the results is the motor" in out
+    rows = np.genfromtxt(tmp_path / "fall" / "simulation.csv", delimiter=",", names=True)
+    np.testing.assert_allclose(np.column_stack([rows["q1"], rows["q2"]]), truth.y[:2].T, atol=0.005)
+
+    model = mujoco.MjModel.from_xml_path(str(folder / "robot_elastic.xml"))
+    assert model.actuator("drive").trnid[0] == model.joint("elbow_motor").id
+    data = mujoco.MjData(model)
+    data.qpos[:], data.qvel[:] = [0.3, 0.31], [0.5, 0.7]
+    mujoco.mj_forward(model, data)
+    wanted = rate(0.0, [0.3, 0.31, 0.5, 0.7])[2:]
+    np.testing.assert_allclose(data.qacc, wanted, rtol=0.01, atol=0.05)
+
+    saved["elastic_model"]["parameters"][saved["elastic_model"]["parameter_names"].index("Kej1")] = -5.0
+    estimate.write_text(json.dumps(saved))
+    code, out, _ = run("check", path, estimate)
+    assert code == 1
+    assert "Kej >= 0 at elbow" in out
+    code, _, err = run("simulate", path, estimate, "--output", tmp_path / "again")
+    assert code == 2
+    assert "says that its elastic joints are physically possible, which is not proved" in err
+
+
 @pytest.mark.slow
 def test_one_encoder_tells_a_stiffness_by_the_acceleration_of_the_deflection(robot):
     """The motion reaches a sixth of the resonance."""

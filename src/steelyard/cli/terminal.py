@@ -300,7 +300,7 @@ def _bounded(console: Console, heads: Sequence[str], rows: Sequence[Sequence[str
 
     table = _table(*heads)
     for column, head in zip(table.columns, heads, strict=True):
-        if head in ("role", "joint", "quantity", "unit", "told by", "rests on"):
+        if head in ("role", "joint", "verdict", "quantity", "unit", "told by", "rests on"):
             column.justify = "left"
     for row in rows[:_MOST_ROWS]:
         table.add_row(*(escape(printable(cell)) for cell in row))
@@ -336,6 +336,8 @@ def show_identification(result: Identification, *, whole_table: bool = False, ve
     _bounded(console, heads, [*rows, whole], "report.html has all")
     if result.elastic_joints:
         _bounded(console, *result.elastic_table(), "report.html has all")
+        for sentence in result.elastic_sentences:
+            _say(console, sentence)
     for sentence in found(result):
         _say(console, sentence)
     if result.friction is not None:

@@ -7,6 +7,9 @@ from steelyard.first_use import import_at_first_use
 if TYPE_CHECKING:
     from .base_parameters import BaseParameters as BaseParameters
     from .by_joint import ByJoint as ByJoint
+    from .elastic_robot import AtCoordinates as AtCoordinates
+    from .elastic_robot import Transmission as Transmission
+    from .elastic_robot import elastic_robot as elastic_robot
     from .friction_terms import ChannelFriction as ChannelFriction
     from .friction_terms import CoulombByDirection as CoulombByDirection
     from .friction_terms import LoadFriction as LoadFriction

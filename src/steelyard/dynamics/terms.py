@@ -401,6 +401,8 @@ _OWN: dict[str, type[Term] | str] = {
     "tendon": f"{_SPRINGS}:Tendon",
     "screw": f"{_SPRINGS}:Screw",
     "by_joint": "steelyard.dynamics.by_joint:ByJoint",
+    "transmission": "steelyard.dynamics.elastic_robot:Transmission",
+    "at_coordinates": "steelyard.dynamics.elastic_robot:AtCoordinates",
 }
 TERMS: Extensions[type[Term]] = Extensions("terms", "term", _OWN, _checked_term)
 """By the kind that stands in robot.toml."""

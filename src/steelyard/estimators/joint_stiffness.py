@@ -263,13 +263,21 @@ def motion_behind(motion: Motion, t: Array, places: Sequence[int], deflections: 
 
 
 def stiffness_table(joints: Sequence[JointStiffness]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """The table of elastic joints: its heads and its rows."""
+    """The table of elastic joints: its heads and its rows.
+
+    Damping and motor inertia are in the SI units that go with the stiffness; deflections are RMS values.
+    """
     heads: tuple[str, ...]
-    heads = ("joint", "verdict", "stiffness", "from", "to", "damping", "motor inertia", "delay (ms)", "unexplained")
+    heads = (
+        *("joint", "verdict", "stiffness", "from", "to", "unit"),
+        *("damping", "motor inertia", "delay (ms)", "deflection", "unexplained"),
+    )
     rows: list[tuple[str, ...]] = []
     for one in joints:
         low, high = one.stiffness_interval
         bounded = one.verdict == "bounded"
+        second = np.isfinite(one.unexplained)
+        length = one.unit.rpartition("/")[2]
         inertia_error = one.motor_inertia_standard_error
         inertia = f"{one.motor_inertia:.4g}" if np.isfinite(one.motor_inertia) else "-"
         rows.append(
@@ -279,10 +287,12 @@ def stiffness_table(joints: Sequence[JointStiffness]) -> tuple[tuple[str, ...], 
                 "-" if bounded else f"{one.stiffness:.4g}",
                 f"{low:.4g}",
                 "-" if not np.isfinite(high) else f"{high:.4g}",
+                one.unit,
                 "-" if bounded else f"{one.damping:.3g}",
                 inertia if not np.isfinite(inertia_error) else f"{inertia} ± {inertia_error:.2g}",
-                f"{1e3 * one.delay:.3f} ± {1e3 * one.delay_standard_error:.3f}",
-                f"{one.unexplained:.2e}" if np.isfinite(one.unexplained) else "-",
+                f"{1e3 * one.delay:.3f} ± {1e3 * one.delay_standard_error:.3f}" if second else "-",
+                f"{one.deflection:.2g} {length}",
+                f"{one.unexplained:.2g} {length}" if second else "-",
             )
         )
     return heads, rows

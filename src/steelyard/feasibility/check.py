@@ -81,6 +81,8 @@ class Verdict:
     violations : tuple of Violation
         The conditions that are not satisfied, largest first.
     consistency : str
+    remarks : tuple of str
+        What was judged where that is not the robot of rigid links and joints alone, a sentence each.
     """
 
     feasible: bool | None
@@ -91,6 +93,7 @@ class Verdict:
     certificate: FeasibilityCertificate | InfeasibilityCertificate | None = field(repr=False)
     violations: tuple[Violation, ...]
     consistency: str
+    remarks: tuple[str, ...] = ()
 
     def sentences(self) -> tuple[str, ...]:
         """The verdict in sentences."""
@@ -110,7 +113,7 @@ class Verdict:
             ]
         else:
             found = [f"Undecided {kind}: closer to the boundary than the solver can tell (margin {self.margin:.3g})."]
-        found += [f"{violation}." for violation in self.violations]
+        found += [*self.remarks, *(f"{violation}." for violation in self.violations)]
         if isinstance(self.certificate, InfeasibilityCertificate):
             if self.certificate.equations:
                 found.append(f"Part of the contradiction: {', '.join(self.certificate.equations)}.")

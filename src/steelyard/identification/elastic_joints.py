@@ -18,9 +18,11 @@ from steelyard.estimators.joint_stiffness import (
     estimate_joint_stiffness,
     torque_scale,
 )
+from steelyard.feasibility.constraints import Constraint, LinearBound
 from steelyard.recording import Processing, Samples
 from steelyard.robot import Joint, RobotFile
 
+from .elastic_model import elastic_model
 from .given import Data, given_logs
 from .log_reader import Progress
 from .result import Identification
@@ -98,6 +100,8 @@ def with_elastic_joints(
     for log in logs:  # which is refused before it is identified
         require_columns(log, names_in(log, columns), own, where)
     rigid = replace(file, sections={**file.sections, "elastic": {}})
+    # Unless links and rotors share what is stated of the rotors, no links go with the motors that a simulation needs.
+    options["constraints"] = [*(options.get("constraints") or ()), *_stated_motors(file, settings, where)]
     say("links and drives")
     result = identify(rigid, data, validate, progress=progress, **options)
     model = result.model
@@ -150,6 +154,20 @@ def with_elastic_joints(
     return _with(result, settings, joints, remarks + _told(joints))
 
 
+def _stated_motors(file: RobotFile, settings: SecondEncoders, where: str) -> list[Constraint]:
+    """What [elastic] states of the motors, where the robot file has terms of their rotors."""
+    if settings.motor_inertia is None or file.terms_are_default:
+        return []
+    if not any(term["kind"] == "rotor_inertia" for term in file.terms):
+        return []
+    driving = file.robot.driving_joints
+    places = settings.indices(file.robot.joint_names, where)
+    return [
+        LinearBound(f"Ia{driving[place] + 1}", equal=inertia)
+        for place, inertia in zip(places, settings.motor_inertia, strict=True)
+    ]
+
+
 def _again(
     identify: Callable[..., Identification],
     rigid: RobotFile,
@@ -180,11 +198,15 @@ def _again(
 def _with(
     result: Identification, settings: SecondEncoders, joints: tuple[JointStiffness, ...], remarks: list[str]
 ) -> Identification:
-    """Return the result with its elastic joints."""
+    """Return the result with its elastic joints, and what is proved of the robot with them."""
+    parameters = np.asarray(result.estimate.parameters)
+    whole = elastic_model(result.model, parameters, joints, result.estimate.consistency or "full")
+    saved = {} if whole is None else whole.to_dict()
     return replace(
         result,
-        estimate=replace(result.estimate, elastic_joints=tuple(one.to_dict() for one in joints)),
+        estimate=replace(result.estimate, elastic_joints=tuple(one.to_dict() for one in joints), elastic_model=saved),
         elastic_joints=joints,
+        elastic_model=whole,
         remarks=tuple(dict.fromkeys((*result.remarks, *remarks))),
         options={**result.options, "elastic": settings.to_dict()},
     )

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from steelyard.estimators import JointStiffness
 
     from .chosen_friction import FrictionChoice
+    from .elastic_model import ElasticModel
 
 __all__ = ["Identification", "Prediction", "Trace"]
 
@@ -147,6 +148,9 @@ class Identification:
         What the columns of each log were understood to be.
     elastic_joints : tuple of JointStiffness
         Where the robot file has a section ``[elastic]``.
+    elastic_model : ElasticModel or None
+        Where a stiffness was measured: the model with the coordinates of links and of motors, which can be simulated,
+        and what is proved of it.
     friction : FrictionChoice or None
         Which laws of friction were chosen, and how; None where that was not asked for.
     """
@@ -172,6 +176,7 @@ class Identification:
     in_memory: Mapping[str, str] = field(default_factory=dict)
     layouts: Mapping[str, Layout] = field(default_factory=dict)
     elastic_joints: tuple[JointStiffness, ...] = ()
+    elastic_model: ElasticModel | None = None
     friction: FrictionChoice | None = None
 
     def save(self, folder: str | Path, *, force: bool = False, stale: Collection[str] = ()) -> tuple[Path, ...]:
@@ -313,6 +318,11 @@ class Identification:
 
         return stiffness_table(self.elastic_joints)
 
+    @property
+    def elastic_sentences(self) -> tuple[str, ...]:
+        """What is proved of the robot with its elastic joints; empty where no stiffness was measured."""
+        return () if self.elastic_model is None else (self.elastic_model.sentence,)
+
     def to_dict(self) -> dict[str, Any]:
         """Return the result as plain data: verdicts, parameters, errors of each log, what may be wrong.
 
@@ -353,7 +363,7 @@ class Identification:
         heads, rows = self.joint_table()
         parts.append(html_table(f"Prediction of {self.prediction.source}", heads, rows, self.prediction.sentences[1:]))
         if self.elastic_joints:
-            parts.append(html_table("Elastic joints", *self.elastic_table()))
+            parts.append(html_table("Elastic joints", *self.elastic_table(), self.elastic_sentences))
         if self.parameters is not None:
             parts.append(html_table("Links", *self.parameters.link_table()))
             parts.append(html_sentences(self.parameters.counts))

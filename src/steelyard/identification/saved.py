@@ -91,6 +91,10 @@ def check_estimate(
     if verdict.feasible:
         # For impossible parameters the verdict says why. Possible ones are refused where the file contradicts itself.
         matching_estimate(model, estimate)
+        if loaded.elastic_model:
+            from .elastic_model import elastic_verdict  # loaded for elastic joints alone
+
+            return elastic_verdict(model, loaded, str(estimate), consistency)
     return verdict
 
 
@@ -132,8 +136,15 @@ def check_certificate(
         model = model_with(document["statement"]["parameter_names"], file)
         feasible_set = _feasible_set(file, model, consistency)
     else:
-        _, feasible_set, loaded = set_and_estimate(file, estimate, consistency)
+        model, feasible_set, loaded = set_and_estimate(file, estimate, consistency)
         base = loaded.base
+        if loaded.elastic_model.get("parameter_names") == list(document["statement"]["parameter_names"]):
+            from .elastic_model import elastic_model_of  # loaded for elastic joints alone
+
+            elastic = elastic_model_of(model, loaded, str(estimate))
+            assert elastic is not None
+            feasible_set = FeasibleSet(elastic.model, consistency)
+            base = FeasibilityCertificate.of_parameters(feasible_set, elastic.parameters).base
     different = speaks_of(document, feasible_set, base)
     if different and not speaks_of(document, feasible_set, base, rounding=LAST_DIGITS):
         return _proved_anew(document, feasible_set, verified, file.path)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +15,22 @@ from steelyard.errors import InputError
 from steelyard.files import reading_table, require_file
 from steelyard.regression import Estimate
 from steelyard.robot import RobotFile
-from steelyard.simulation import Event, Measurement, SimulationResult, joint_limits, simulate
+from steelyard.simulation import (
+    Event,
+    Measurement,
+    MotorControl,
+    SimulationResult,
+    at_rest,
+    joint_limits,
+    motor_coordinates,
+    simulate,
+)
 
 from .default_terms import model_of_estimate
 from .saved import matching_estimate, parameters_of_description
+
+if TYPE_CHECKING:
+    from .elastic_model import ElasticModel
 
 __all__ = ["FileSimulation", "simulate_files"]
 
@@ -106,6 +118,7 @@ def simulate_files(
     model = model_of_estimate(estimate, file)
     inputs = [file.path, *([model.robot.source] if model.robot.source is not None else [])]
     parameters, base, whose = _parameters(model, estimate)
+    elastic = None if estimate is None else _elastic(model, estimate)
     if torque is not None and follow is not None:
         raise InputError("Give either --torque or --follow: the motors obey one of them.")
     if initial is not None and len(initial) != model.dof:
@@ -135,6 +148,14 @@ def simulate_files(
             # Whole samples: the robot rests at the end, and a log with a last interval of its own is an uneven one.
             spacing = motors.sample_time if rate is None else 1.0 / rate
             duration = math.ceil(trajectory.duration / spacing - 1e-6) * spacing
+    initial_positions = q0
+    if elastic is not None:
+        model, parameters, base = elastic.model, elastic.parameters, False
+        notes = (*notes, *_notes_on_motors(elastic))
+        whose += ", with its elastic joints"
+        dq0 = _with_motors(model, dq0)
+        q0 = at_rest(model, parameters, q0)
+        motors = None if motors is None else MotorControl(motors, model)
     events: tuple[Event, ...] = (joint_limits(model.robot),) if stop_at_limits else ()
     result = simulate(
         model,
@@ -151,7 +172,7 @@ def simulate_files(
     )
     options = {
         **result.options,
-        "initial": q0.tolist(),
+        "initial": initial_positions.tolist(),
         "torque": None if torque is None else str(torque),
         "follow": None if follow is None else str(follow),
         "gains": list(gains) if follow is not None else None,
@@ -160,6 +181,46 @@ def simulate_files(
     }
     inputs += [Path(path) for path in (estimate, torque, follow) if path is not None]
     return FileSimulation(model, result, tuple(dict.fromkeys(inputs)), whose, options, notes)
+
+
+def _elastic(model: Model, estimate: str | Path) -> ElasticModel | None:
+    """Return the model with the elastic joints of an estimate, which must be able to move."""
+    loaded = matching_estimate(model, estimate)
+    if not loaded.elastic_model:
+        return None
+    from .elastic_model import elastic_model_of  # loaded for elastic joints alone
+
+    found = elastic_model_of(model, loaded, str(estimate))
+    if found is not None and found.without_inertia:
+        raise InputError(
+            f"{estimate}: holds no inertia of the motor of {', '.join(found.without_inertia)}, without which elastic "
+            "joints cannot be simulated; state motor_inertia in [elastic] and identify the robot anew."
+        )
+    return found
+
+
+def _with_motors(model: Model, values: Array) -> Array:
+    """Values (N,) of the joints, for links and motors alike, (N + J,)."""
+    found = np.concatenate([values, np.zeros(model.dof - len(values))])
+    found[motor_coordinates(model)] = values
+    return found
+
+
+def _notes_on_motors(elastic: ElasticModel) -> tuple[str, ...]:
+    """Say which coordinates are those of motors, and which joints are elastic."""
+    robot, count = elastic.model.robot, len(elastic.joints)
+    first = robot.dof - count + 1
+    which = f"{first}" if count == 1 else f"{first} to {robot.dof}"
+    plural = "" if count == 1 else "s"
+    found = [
+        f"joint{plural} {', '.join(elastic.joints)} bend{'s' if count == 1 else ''} as identified: coordinate{plural} "
+        f"{which} of the results {'is' if count == 1 else 'are'} the motor{plural}, on the joint side of the gear",
+        "torques act at motors, which is also what a controller sees; transmissions begin bent by what they hold at "
+        "rest",
+    ]
+    if elastic.verdict.parameters is None:
+        found.append("these parameters are not proved to be physically possible together")
+    return tuple(found)
 
 
 def _parameters(model: Model, estimate: str | Path | None) -> tuple[Array, bool, str]:

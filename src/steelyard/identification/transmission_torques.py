@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.dynamics import Model
+from steelyard.dynamics.elastic_robot import acts_on_motors
 from steelyard.estimators.joint_stiffness import JointStiffness, Motion, motion_behind
 
 from .result import Identification
@@ -70,19 +71,9 @@ class Transmissions:
 
 
 def _motor_side(model: Model) -> NDArray[np.bool_]:
-    """Which parameters are those of terms on the motor's side of the transmission: all terms that store no energy.
-
-    Springs and counterbalances act on the link, and what they hold the transmission need not carry; the ripple of a
-    motor is its own.
-    """
+    """Which parameters are those of terms on the motor's side of the transmission."""
     robot = model.robot
-    q = np.linspace(0.3, 0.7, robot.dof)
-    kinds = []
-    for term in robot.terms:
-        stores = [
-            any(np.any(np.asarray(one) != 0.0) for one in term.potential(k, list(q), np)) for k in range(robot.dof)
-        ]
-        kinds += [term.kind == "cogging" or not any(stores)] * len(term.parameters)
+    kinds = [flag for term in robot.terms for flag in [acts_on_motors(term, robot.dof)] * len(term.parameters)]
     flags = np.zeros(model.parameter_count, dtype=bool)
     links = np.zeros(model.parameter_count, dtype=bool)
     for columns in model.link_columns:

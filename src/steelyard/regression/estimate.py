@@ -39,7 +39,7 @@ _ARRAYS = (
 )
 _NAMES = ("base_names", "base_expressions", "joint_names", "parameter_names", "remarks")
 _NUMBERS = {"relative_error": np.nan, "condition_number": np.inf}  # the meaning of null in a file
-_LATER = ("rotor_inertia", "offset", "elastic_joints")  # not in the files of the first version
+_LATER = ("rotor_inertia", "offset", "elastic_joints", "elastic_model")  # not in the files of the first version
 _OPTIONAL = (*_ARRAYS[2:], "consistency", "certificate", "optimality_gap")
 
 
@@ -106,6 +106,9 @@ class Estimate:
     elastic_joints : tuple of mapping
         Stiffness, damping and second encoder of elastic joints as plain data, see
         `steelyard.estimators.JointStiffness`; empty where that was not asked.
+    elastic_model : mapping
+        Where a stiffness was measured: the parameters of the model with the coordinates of links and of motors (see
+        `steelyard.dynamics.elastic_robot`), and the proof that they are feasible together, as plain data.
 
     Examples
     --------
@@ -146,6 +149,7 @@ class Estimate:
     rotor_inertia: Array | None = None
     offset: Array | None = None
     elastic_joints: tuple[Mapping[str, Any], ...] = ()
+    elastic_model: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def covariance(self) -> Array:
@@ -416,7 +420,7 @@ def _read(name: str, value: Any, where: str) -> Any:
         expected, good = "a number", isinstance(value, (int, float)) and not isinstance(value, bool)
     elif name == "filtered_torque":
         expected, good = "true or false", isinstance(value, bool)
-    elif name in ("certificate", "description"):
+    elif name in ("certificate", "description", "elastic_model"):
         expected, good = "an object", isinstance(value, dict)
     else:
         expected, good = "a string", isinstance(value, str)

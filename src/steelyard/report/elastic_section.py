@@ -14,8 +14,7 @@ def elastic_joints(identification: Identification) -> Markup:
     if not identification.elastic_joints:
         return Markup("")
     heads, rows = identification.elastic_table()
-    told = "".join(f"<p>{escape(one.sentence)}</p>" for one in identification.elastic_joints)
-    return Markup(
-        table("Stiffness with its interval of 95 %, SI units", heads, rows, identifier="elastic-joints", texts=[1])
-        + told
-    )
+    sentences = [*(one.sentence for one in identification.elastic_joints), *identification.elastic_sentences]
+    told = "".join(f"<p>{escape(one)}</p>" for one in sentences)
+    caption = "Stiffness with its interval of 95 %, on the joint side of the gears"
+    return Markup(table(caption, heads, rows, identifier="elastic-joints", texts=[1, 5]) + told)

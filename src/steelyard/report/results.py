@@ -14,7 +14,7 @@ from steelyard.identification import Identification
 from steelyard.identification.saved_result import RECORD, RECORD_FORMAT
 from steelyard.recording.formats import hashed_log
 from steelyard.robot import Robot
-from steelyard.robot.description import URDF, description_format
+from steelyard.robot.description import DESCRIPTION_FORMATS, URDF, description_format
 
 from .html import write_report
 from .sections import hashed_file, versions
@@ -22,7 +22,8 @@ from .sections import hashed_file, versions
 __all__ = ["require_apart", "require_folder", "save_results"]
 
 TABLE = "parameters.csv"
-FILES = ("estimate.json", "report.html", "robot.urdf", RECORD, TABLE)
+ELASTIC = "robot_elastic.xml"
+FILES = ("estimate.json", "report.html", "robot.urdf", ELASTIC, RECORD, TABLE)
 DESCRIPTION = r"robot\.(?!toml$)\w+"
 
 
@@ -80,7 +81,8 @@ def save_results(
     """Write ``estimate.json``, ``parameters.csv``, ``report.html``, ``run.json`` and the description.
 
     The description, such as ``robot.urdf``, is left out where the model does not predict the robot, so that nobody
-    takes it for one.
+    takes it for one. Beside an MJCF of a robot with elastic joints stands ``robot_elastic.xml``, in which motors drive
+    them through springs.
 
     They appear together, see :func:`steelyard.files.replaced_folder`.
 
@@ -114,10 +116,17 @@ def save_results(
             name = _described(source, identification.model.robot)
             if name is not None:
                 identification.estimate.write_description(source, made / name)
+                elastic = identification.elastic_model
+                if elastic is not None and elastic.is_proved and _is_mjcf(source):
+                    elastic.write_mjcf(identification.estimate, source, made / ELASTIC)
         write_report(identification, made / "report.html")
         names = sorted([RECORD, *(path.name for path in made.iterdir())])
         write_json({**run_record(identification), "files": names}, made / RECORD)
     return tuple(folder / name for name in names)
+
+
+def _is_mjcf(source: Path) -> bool:
+    return description_format(source) is DESCRIPTION_FORMATS.get("mjcf")
 
 
 def _described(source: Path, robot: Robot) -> str | None:

@@ -21,7 +21,7 @@ from .mjcf_tree import MjcfTree, read_mjcf_tree
 from .robot import Robot
 from .xml_edit import attribute_text, number_text, tag_text
 
-__all__ = ["DRIVE_ATTRIBUTES", "write_mjcf"]
+__all__ = ["DRIVE_ATTRIBUTES", "MjcfWriter", "write_mjcf"]
 
 DRIVE_ATTRIBUTES = {"damping": "damping", "friction": "frictionloss", "rotor_inertia": "armature"}
 OWN = "steelyard:{}:{}"
@@ -116,7 +116,7 @@ def write_mjcf(
         return
     read = read_mjcf_tree(source)
     require_robot(source, robot, "MJCF", read.tree.links, read.tree.joints, "body")
-    writer = _Writer(read, changes)
+    writer = MjcfWriter(read, changes)
     writer.set_own({name: value for name, value in own.items() if not math.isnan(value)})
     writer.set_springs_and_powers(robot, drives)
     if not changes and not any(file.edit.edited for file in read.document.files):
@@ -127,7 +127,16 @@ def write_mjcf(
     write_bytes(data, target)
 
 
-class _Writer:
+class MjcfWriter:
+    """The edits of an MJCF, and the file with all of them, which may stand in another folder.
+
+    Parameters
+    ----------
+    read : MjcfTree
+    changes : DescriptionChanges
+        Of links and joints.
+    """
+
     def __init__(self, read: MjcfTree, changes: DescriptionChanges) -> None:
         self.read, self.document, self.changes = read, read.document, changes
         self.rows = dict(zip(read.body_names, read.compiled.bodies, strict=True))

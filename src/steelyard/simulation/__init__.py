@@ -15,6 +15,9 @@ if TYPE_CHECKING:
     from .events import Status as Status
     from .events import at_time as at_time
     from .events import joint_limits as joint_limits
+    from .motors import MotorControl as MotorControl
+    from .motors import at_rest as at_rest
+    from .motors import motor_coordinates as motor_coordinates
     from .sensors import Sensors as Sensors
     from .simulate import simulate as simulate
     from .simulation_result import Measured as Measured

@@ -24,6 +24,7 @@ from steelyard.graph import (
     cos,
     evaluate_over,
     exp,
+    gradient,
     jacobian,
     log,
     sign,
@@ -228,7 +229,8 @@ class MotionFunctions:
     def _energy(scene: _Composer, step: Node) -> dict[str, Nodes]:
         rows = scene.outputs("energy_regressor", {"q": scene.q, "dq": scene.dq}, exact=True)
         kinetic, potential = (sum((x * p for x, p in zip(row, scene.parameters, strict=True)), 0.0) for row in rows)
-        friction = sum(t * v for t, v in zip(scene.friction(scene.q, scene.dq), scene.dq, strict=True))
+        torques = [t - s for t, s in zip(scene.friction(scene.q, scene.dq), scene.stored(potential), strict=True)]
+        friction = sum(t * v for t, v in zip(torques, scene.dq, strict=True))
         rest = scene.friction(scene.q, np.zeros(len(scene.q)))
         return {"energy": np.array([kinetic, potential, friction, *rest], dtype=object)}
 
@@ -262,6 +264,17 @@ class _Composer:
         """Return the torques of the terms at zero acceleration."""
         still = [self._recorder.zero] * len(q)
         return self.outputs("drive_torque", {"q": q, "dq": dq, "ddq": still})[0]
+
+    def stored(self, potential: Any) -> list[Any]:
+        """Return the torques of the terms that store energy, such as springs: what they take they give back."""
+        robot, zero = self._functions.model.robot, self._recorder.zero
+        places = np.linspace(0.3, 0.7, robot.dof).tolist()
+        energies = (e for term in robot.terms for k in range(robot.dof) for e in term.potential(k, places, np))
+        if not any(np.any(np.asarray(energy) != 0.0) for energy in energies):
+            return [zero] * robot.dof
+        gravity = self.outputs("gravity", {"q": self.q}, exact=True)[0]
+        slopes = gradient(self._recorder.node(potential), list(self.q))
+        return [slope - g for slope, g in zip(slopes, gravity, strict=True)]
 
     def damped(self, q: Nodes, dq: Nodes, factor: Node) -> tuple[Nodes, Callable[[Any], Nodes]]:
         count = len(q)
