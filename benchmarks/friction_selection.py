@@ -13,6 +13,7 @@ that law alone is chosen (joints that move too little for it may go without), an
 """
 
 import argparse
+import json
 import sys
 import time
 from collections import Counter
@@ -31,12 +32,16 @@ from believable_answers import description
 import steelyard as sy
 from steelyard.estimators.friction_candidates import CANDIDATES
 from steelyard.estimators.friction_selection import FrictionData, select_friction
-from steelyard.identification.chosen_friction import is_term, memory_of, samples_of, terms_with
+from steelyard.identification.chosen_friction import confirmed_terms, laws_for, memory_of, samples_of
 from steelyard.identification.given import given_robot
 from steelyard.identification.log_reader import LogReader
 
 ARMS = ("ur5", "z1")
 RATE, DURATION, MEMORY = 100.0, 40.0, 0.95
+SLOW, ROUND = 0.05, 20.0
+"""Of the speed of the series, the slowest, and how often it is slow, s. Where all is fast, joints turn around so fast
+that the log cannot tell how far LuGre's friction rises before it falls: the least standard error of any unbiased
+estimator of that ratio is 15 % then, and 3.6 % with slow reversals."""
 ENCODER = 3e-5  # rad, white
 NOISE = 0.005  # of the root mean square of the torque of a joint: that which lasts; as much is white
 FINER = 20
@@ -54,6 +59,15 @@ def arm(name):
 
 
 def motion(model, random, t):
+    """A random Fourier series of each joint that slows down and reverses slowly, too, (S, N) each."""
+    rate = 2.0 * np.pi / ROUND
+    speed = SLOW + 0.5 * (1.0 - SLOW) * (1.0 + np.cos(rate * t))
+    slowing = -0.5 * (1.0 - SLOW) * rate * np.sin(rate * t)
+    q, dq, ddq = series(model, random, SLOW * t + 0.5 * (1.0 - SLOW) * (t + np.sin(rate * t) / rate))
+    return q, dq * speed[:, None], ddq * speed[:, None] ** 2 + dq * slowing[:, None]
+
+
+def series(model, random, t):
     """A random Fourier series of each joint: (S, N) positions, velocities and accelerations."""
     base = 2.0 * np.pi * 0.1
     q, dq, ddq = np.zeros((3, len(t), model.nv))
@@ -110,7 +124,8 @@ def friction(law, random, q, dq, load, t):
         speed = pick(0.04, 0.12) * fastest
         return torque + coulomb * (np.tanh(dq / speed) - np.sign(dq)), {"velocity": speed}, [coulomb]
     if law == "friction_polynomial":
-        square, cube = -pick(0.7, 0.9) * viscous / fastest, pick(0.5, 0.7) * viscous / fastest**2
+        # That of a real TX40: grease that rubs ever less.
+        square, cube = -pick(1.2, 1.4) * viscous / fastest, pick(0.6, 0.75) * viscous / fastest**2
         return torque + square * dq * np.abs(dq) + cube * dq**3, {}, [square, cube]
     if law == "friction_piecewise":
         speed, more = pick(0.25, 0.45) * fastest, -pick(0.7, 0.95) * viscous
@@ -163,10 +178,11 @@ class Experiment:
         data, t = described.createData(), np.arange(0.0, DURATION, 1.0 / RATE)
         q, dq, ddq = motion(described, random, t)
         loads = np.array([pinocchio.rnea(described, data, *row) for row in zip(q, dq, ddq, strict=True)])
-        self.truth, torque = [], loads.copy()
+        self.truth, torque, planted = [], loads.copy(), np.zeros_like(loads)
         for joint in range(described.nv):
             own, shape, numbers = friction(law, random, q[:, joint], dq[:, joint], loads[:, joint], t)
             torque[:, joint] += own
+            planted[:, joint] = own
             self.truth.append((shape, numbers))
         sizes = NOISE * np.sqrt(np.mean(torque**2, axis=0))
         lasting = lfilter([np.sqrt(1.0 - MEMORY**2)], [1.0, -MEMORY], random.normal(size=torque.shape), axis=0)
@@ -175,76 +191,152 @@ class Experiment:
             t=t, q=q + ENCODER * random.normal(size=q.shape), torque=torque, joint_names=self.model.robot.joint_names
         )
         self.samples = self.recording.process(model=self.model)
+        first = round(float(self.samples.t[0]) * RATE)
+        self.planted = planted[first : first + self.samples.count]
+
+    def friction_error(self, joint, chosen):
+        """Of the whole friction of a joint along the log, relative, constant torques apart."""
+        viscous, coulomb = chosen[0].beside
+        motion = FrictionData.of(self.model, self.samples).joint_motion(joint)
+        found = viscous * motion.dq + coulomb * np.sign(motion.dq)
+        for one in chosen:
+            law = next(law for law in CANDIDATES if law.kind == one.kind)
+            found = found + law.columns(motion, [tuple(one.shape.values())])[0] @ np.array(one.coefficients)
+        used = slice(None) if self.samples.mask is None else self.samples.mask[:, joint]
+        true, found = self.planted[used, joint], found[used]
+        return float(np.std(found - true) / np.std(true))
 
 
-def planted(laws, seeds, first):
-    heads = f"{'law':22s} right  missed  other  joints  within 5 %  median error  held-out error  time"
-    print(heads)
+def trial(law, seed):
+    """What is chosen for one robot, and how far off it is, as plain numbers."""
+    experiment = Experiment(law, seed)
+    began = time.process_time()
+    found = select_friction(experiment.model, experiment.samples)
+    spent = time.process_time() - began
+    errors, curves = [], []
+    for one in [one for one in found.chosen if one.kind == law]:
+        shape, numbers = experiment.truth[one.joint]
+        errors.extend(abs(one.shape[name] / value - 1.0) for name, value in shape.items())
+        scale = np.linalg.norm(numbers) if law == "cogging" else 0.0
+        errors.extend(abs(a - b) / (scale or abs(b)) for a, b in zip(one.coefficients, numbers, strict=True))
+        curves.append(experiment.friction_error(one.joint, [two for two in found.chosen if two.joint == one.joint]))
+    return {
+        "law": law,
+        "seed": seed,
+        "kinds": found.kinds,
+        "joints": len({one.joint for one in found.chosen if one.kind == law}) / experiment.model.dof,
+        "numbers": list(map(float, errors)),
+        "torques": curves,
+        "held_out": [float(x) for x in found.errors / found.plain_errors],
+        "seconds": spent,
+    }
+
+
+def planted(laws, seeds, first, results):
+    """Try robots that were not tried before, by turns of the laws, and print the table of all."""
+    done = [json.loads(line) for line in results.read_text().splitlines()] if results and results.exists() else []
+    known = {(one["law"], one["seed"]) for one in done}
+    for seed in range(first, first + seeds):
+        for law in laws:
+            if (law, seed) not in known:
+                done.append(trial(law, seed))
+                if results:
+                    with results.open("a") as file:
+                        file.write(json.dumps(done[-1]) + "\n")
+    print(
+        f"{'law':22s}robots  right  missed  other  joints  numbers within 5 %  median  torque within 5 %  median  time"
+    )
+    changes = {}
     for law in laws:
-        right, missed, other, joints, errors, changes, spent = 0, 0, Counter(), [], [], [], 0.0
-        for seed in range(first, first + seeds):
-            experiment = Experiment(law, seed)
-            began = time.process_time()
-            found = select_friction(experiment.model, experiment.samples)
-            spent += time.process_time() - began
-            wanted = () if law == "none" else (law,)
-            right += found.kinds == wanted
-            missed += law not in found.kinds and law != "none"
-            other.update(kind for kind in found.kinds if kind != law)
-            changes.append(np.exp(np.mean(np.log(found.errors / found.plain_errors))) - 1.0)
-            own = [one for one in found.chosen if one.kind == law]
-            joints.append(len(own) / experiment.model.dof)
-            for one in own:
-                shape, numbers = experiment.truth[one.joint]
-                errors.extend(abs(one.shape[name] / value - 1.0) for name, value in shape.items())
-                scale = np.linalg.norm(numbers) if law == "cogging" else 0.0
-                errors.extend(abs(a - b) / (scale or abs(b)) for a, b in zip(one.coefficients, numbers, strict=True))
-        told = np.array(errors or [np.nan])
+        own = [one for one in done if one["law"] == law and first <= one["seed"] < first + seeds]
+        wanted = [] if law == "none" else [law]
+        others = Counter(kind for one in own for kind in one["kinds"] if kind != law)
+        numbers = np.array([x for one in own for x in one["numbers"]] or [np.nan])
+        torques = np.array([x for one in own for x in one["torques"]] or [np.nan])
+        changes[law] = [float(np.exp(np.mean(np.log(one["held_out"]))) - 1.0) for one in own]
         print(
-            f"{law:22s} {right:4d}  {missed:6d}  {dict(other)!s}  {np.mean(joints):.0%}   {np.mean(told < 0.05):.0%}  "
-            f"{np.median(told):.1%}  {np.median(changes):+.0%} ({max(changes):+.1%} at most)  {spent / seeds:.2f} s",
-            flush=True,
+            f"{law:22s}{len(own):6d}  {sum(list(one['kinds']) == wanted for one in own):5d}  "
+            f"{sum(bool(wanted) and law not in one['kinds'] for one in own):6d}  {dict(others)!s}  "
+            f"{np.mean([one['joints'] for one in own]):.0%}  {np.mean(numbers < 0.05):.0%}  {np.median(numbers):.1%}  "
+            f"{np.mean(torques < 0.05):.0%}  {np.median(torques):.1%}  {np.mean([one['seconds'] for one in own]):.2f} s"
         )
+    print("held-out error of each joint by itself, geometric mean over the joints: median and worst robot, worst joint")
+    for law in laws:
+        worst = max(x for one in done if one["law"] == law for x in one["held_out"]) - 1.0
+        print(f"{law:22s} {np.median(changes[law]):+.1%}  {max(changes[law]):+.1%}  {worst:+.1%}")
+    print(
+        "asked: right in 90 of 100, numbers within 5 %, nothing added ('none' right) in 95 of 100; held-out error at "
+        "least 15 % lower in the median and never more than 2 % higher"
+    )
 
 
 def recordings(folder):
     """Errors on stretches of real logs of which neither the choice nor the fit knows anything, least squares."""
     examples = Path(__file__).resolve().parent.parent / "examples"
     tx40 = "+".join(str(folder / "staubli_tx40" / f"raw_{what}_motor_5khz.csv") for what in ("q", "tau"))
+    gen3 = [str(folder / "kinova_gen3" / f"opti_traj_testing{number}.csv") for number in (1, 2)]
     logs = {
-        "staubli_tx40.toml": tx40,
-        "ur10.toml": folder / "ur10_unisa" / "exciting.csv",
-        "kinova_gen3.toml": folder / "kinova_gen3" / "opti_traj_testing1.csv",
+        "staubli_tx40.toml": [tx40],
+        "ur10.toml": [str(folder / "ur10_unisa" / "exciting.csv")],
+        "kinova_gen3.toml": gen3,
     }
-    for name, log in logs.items():
+    totals = []
+    for name, files in logs.items():
         file, model = given_robot(examples / name)
         reader = LogReader(file, model, 200_000)
-        reader.decide([str(log)], lambda _: None)
-        whole = samples_of(reader, str(log), model)
-        ends = np.linspace(0, whole.count, 6).astype(int)
+        reader.decide(files, lambda _: None)
         squares, told = np.zeros((2, model.dof)), Counter()
-        for start, stop in pairwise(ends):
-            training = [whole.rows(a, b) for a, b in ((0, start), (stop, whole.count)) if b > a]
-            data = FrictionData.of(model, training, memory_of(reader, whole))
-            found = select_friction(model, data, candidates=[one for one in CANDIDATES if is_term(one.kind)])
-            told.update(found.kinds or ["nothing"])
-            models = [model]
-            if found.chosen:
-                models.append(sy.Model(model.robot.with_terms(*terms_with(model.robot.terms, found.chosen, data))))
-            errors = []
-            for one in models:
-                rows = samples_of(reader, str(log), one)
-                parts = [rows.rows(a, b) for a, b in ((0, start), (stop, rows.count)) if b > a]
-                base = sy.least_squares(sy.Information.from_chunks(one, parts), "joint").base
-                test = sy.Information.from_samples(one, rows.rows(start, stop), batch_means=False)
-                errors.append([factor.residual2(base) for factor in test.factors])
-            squares += [errors[0], errors[-1]]
+        for pieces in left_out(reader, files, model):
+            train, _ = pieces(model)
+            data = FrictionData.of(model, train, memory_of(reader, train[0]))
+            found = select_friction(model, data, candidates=laws_for(data))
+            terms = model.robot.terms
+            _, _, kept, named = confirmed_terms(
+                lambda terms, robot=model.robot: sy.Model(robot.with_terms(*terms)),
+                terms,
+                found.chosen,
+                data,
+                model,
+                train,
+                lambda other, pieces=pieces: pieces(other)[0],
+            )
+            told.update([f"{one.kind} {one.joint + 1}" for one in kept] or ["nothing"])
+            for place, one in enumerate([model, sy.Model(model.robot.with_terms(*named)) if kept else model]):
+                train, test = pieces(one)
+                base = sy.least_squares(sy.Information.from_chunks(one, train), "joint").base
+                factors = sy.Information.from_chunks(one, test, batch_means=False).factors
+                squares[place] += [factor.residual2(base) for factor in factors]
         ratio = np.sqrt(squares[1] / squares[0])
+        totals.append(float(np.sqrt(squares[1].sum() / squares[0].sum())) - 1.0)
         print(
-            f"{name}: held-out error {np.sqrt(squares[1].sum() / squares[0].sum()) - 1.0:+.1%}, of the joints "
+            f"{name}: held-out error {totals[-1]:+.1%}, geometric mean over the joints "
+            f"{np.exp(np.mean(np.log(ratio))) - 1.0:+.1%}, of the joints "
             f"{', '.join(f'{one - 1.0:+.1%}' for one in ratio)}; laws {dict(told)}",
             flush=True,
         )
+    print(f"median {np.median(totals):+.1%}, worst {max(totals):+.1%}; asked: -15 % in the median, +2 % at most")
+
+
+def left_out(reader, files, model):
+    """For each fifth of a log, or each log of several, a function: model -> samples of the rest, and of it."""
+
+    def whole_log(number):
+        return lambda one: (
+            [samples_of(reader, log, one) for k, log in enumerate(files) if k != number],
+            [samples_of(reader, files[number], one)],
+        )
+
+    def stretch(start, stop):
+        def pieces(one):
+            rows = samples_of(reader, files[0], one)
+            return [rows.rows(a, b) for a, b in ((0, start), (stop, rows.count)) if b > a], [rows.rows(start, stop)]
+
+        return pieces
+
+    if len(files) > 1:
+        return [whole_log(number) for number in range(len(files))]
+    ends = np.linspace(0, samples_of(reader, files[0], model).count, 6).astype(int)
+    return [stretch(int(start), int(stop)) for start, stop in pairwise(ends)]
 
 
 def main():
@@ -252,12 +344,13 @@ def main():
     parser.add_argument("--laws", default=",".join(LAWS))
     parser.add_argument("--seeds", type=int, default=100)
     parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--results", type=Path, help="where results are kept, so that a run can go on later")
     parser.add_argument("--recordings", type=Path)
     given = parser.parse_args()
     if given.recordings is not None:
         recordings(given.recordings)
     else:
-        planted(given.laws.split(","), given.seeds, given.first)
+        planted(given.laws.split(","), given.seeds, given.first, given.results)
 
 
 if __name__ == "__main__":

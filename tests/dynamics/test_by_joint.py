@@ -48,6 +48,24 @@ def test_torques_are_those_of_each_joint():
     np.testing.assert_allclose(found, np.column_stack([first, second, third]), atol=1e-12)
 
 
+def test_a_law_has_its_channel_where_it_acts():
+    heated = ChannelFriction(channel="heat", range=[0.0, 60.0], reference=20.0, joints=[2])
+    model = sy.Model(sy.Robot.from_dh(ROWS).with_terms(ByJoint([heated, Coulomb(), Viscous()])))
+    values = {"Fc": 2.0, "Fv": 0.5, "Fcs": 0.1, "Fvs": 0.01}
+    delta = np.zeros(len(model.parameter_names))
+    for place, name in enumerate(model.parameter_names):
+        delta[place] = values.get(name.split("j")[0], 0.0)
+    q, dq, heat = np.random.default_rng(1).uniform(1.0, 1.5, (3, 20, 3)) * [[[1.0]], [[-1.0]], [[30.0]]]
+    heat[:, 0] = 90.0  # beyond the range, at a joint where the law does not act
+    found = model.inverse_dynamics(q, dq, 0.0 * q, delta, channels={"heat": heat})
+    beyond = np.where([False, True, False], heat - 20.0, 0.0)
+    np.testing.assert_allclose(found, (2.0 + 0.1 * beyond) * np.sign(dq) + (0.5 + 0.01 * beyond) * dq, atol=1e-12)
+    plain = model.without_channels.inverse_dynamics(q, dq, 0.0 * q, delta)
+    np.testing.assert_allclose(plain, 2.0 * np.sign(dq) + 0.5 * dq, atol=1e-12)
+    with pytest.raises(sy.InputError, match="beyond the range"):
+        model.inverse_dynamics(q, dq, 0.0 * q, delta, channels={"heat": heat + 60.0})
+
+
 def test_it_comes_back_from_its_table():
     term = ByJoint(LAWS)
     again = term_from_dict(term.to_dict())
@@ -64,7 +82,5 @@ def test_laws_are_tables():
 def test_two_laws_with_one_parameter_at_a_joint_are_refused():
     with pytest.raises(sy.InputError, match="'Ts1j' at joint 1"):
         sy.Robot.from_dh(ROWS).with_terms(ByJoint([Cogging([6]), Cogging([9], joints=[1])]))
-    with pytest.raises(sy.InputError, match="needs the channel"):
-        sy.Robot.from_dh(ROWS).with_terms(ByJoint([ChannelFriction(channel="heat", range=[0.0, 60.0])]))
     with pytest.raises(sy.InputError, match="must be a list of terms"):
         ByJoint([])

@@ -80,7 +80,7 @@ def test_laws_are_put_before_those_that_a_stated_term_has_at_other_joints():
 def test_laws_that_are_not_added_are_told_as_taken_back():
     law = ChosenFriction(0, "stribeck", {"velocity": 0.1}, (0.5,), 1e-9, 0.3)
     trial = FrictionTrial(0, "stribeck", "Stribeck's", ("joint1",), 1e-9, 0.3, "chosen")
-    selection = FrictionSelection(("joint1",), (law,), (trial,), np.array([0.7]), np.array([1.0])).without_laws()
+    selection = FrictionSelection(("joint1",), (law,), (trial,), np.array([0.7]), np.array([1.0])).with_laws(())
     told = selection.to_dict()
     assert told["chosen"] == []
     assert [one["verdict"] for one in told["trials"]] == ["taken back"]

@@ -7,10 +7,14 @@ from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from steelyard.errors import InputError
 from steelyard.files import shown
 from steelyard.robot import Condition, Joint, Robot, Term, TermParameter
 
+from .layout import columns_of
 from .terms import term_from_dict
 
 __all__ = ["ByJoint"]
@@ -85,6 +89,22 @@ class ByJoint(Term):
         """Those of all the laws."""
         return tuple(speed for law in self.laws for speed in law.speeds)
 
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """What the laws need of a log."""
+        return tuple(dict.fromkeys(name for law in self.laws for name in law.channels))
+
+    def without_channels(self) -> Term:
+        """Return the same with laws that need no channels."""
+        plain = [law.without_channels() for law in self.laws]
+        return ByJoint([law for law in plain if law is not None]) if self.channels else self
+
+    def check_channel(self, name: str, values: NDArray[np.float64]) -> None:
+        """Refuse values for which a law that needs them was not made, at the joints where it acts."""
+        for law in self.laws:
+            if name in law.channels:
+                law.check_channel(name, values[..., [k for k in range(values.shape[-1]) if law.acts_at(k)]])
+
     def on(self, robot: Robot) -> Term:
         """Return the same with laws that know the robot."""
         laws = tuple(law.on(robot) for law in self.laws)
@@ -106,12 +126,19 @@ class ByJoint(Term):
         return tuple(found)
 
     def columns(
-        self, k: int, q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any], algebra: Any
+        self,
+        k: int,
+        q: Sequence[Any],
+        dq: Sequence[Any],
+        ddq: Sequence[Any],
+        algebra: Any,
+        channels: Mapping[str, Sequence[Any]] | None = None,
     ) -> tuple[dict[int, Any], ...]:
         """Return the columns of the laws that act at the joint."""
         given: dict[str, dict[int, Any]] = {}
         for law in self.at_joint(k):
-            for parameter, column in zip(law.parameters, law.columns(k, q, dq, ddq, algebra), strict=True):
+            columns = columns_of(law, k, (q, dq, ddq), algebra, channels or {})
+            for parameter, column in zip(law.parameters, columns, strict=True):
                 given.setdefault(parameter.symbol, column)
         return tuple(given.get(parameter.symbol, {}) for parameter in self.parameters)
 
@@ -143,11 +170,6 @@ class ByJoint(Term):
         """Refuse laws that do not fit the robot, and two at a joint with the same parameter."""
         for law in self.laws:
             law.check(robot)
-            if law.channels:
-                raise InputError(
-                    f"A law of a term of kind 'by_joint' is of kind {law.kind!r}, which needs the channel "
-                    f"{law.channels[0]!r} of the log; give it as a term of its own."
-                )
         for k in range(robot.dof):
             symbols = [parameter.symbol for law in self.at_joint(k) for parameter in law.parameters]
             twice = next((symbol for symbol in symbols if symbols.count(symbol) > 1), None)

@@ -419,6 +419,10 @@ class LoadFriction(ShapedTerm):
         1 as a rule, or 2.
     largest : float, optional
         The largest torque of gravity, N·m or N; any without it.
+    moments : sequence of float, optional
+        By which the loads are computed, in the place of the inertias of the description: four numbers for each link in
+        its frame, the first moment (kg m) and the mass (kg), as a fit to logs found them. Only the torques of gravity
+        that follow from them count, so that they need not be those of a body.
     joints : sequence of int, optional
         Numbers of the joints, from 1, where it acts; all where it is not given.
 
@@ -449,8 +453,14 @@ class LoadFriction(ShapedTerm):
     )
     one_number = ("power", "largest")
 
-    def __init__(self, power: float = 1.0, largest: float | None = None, joints: JointNumbers = None) -> None:
-        super().__init__(power=power, largest=largest, joints=joints)
+    def __init__(
+        self,
+        power: float = 1.0,
+        largest: float | None = None,
+        moments: Sequence[float] | None = None,
+        joints: JointNumbers = None,
+    ) -> None:
+        super().__init__(power=power, largest=largest, moments=moments, joints=joints)
         if self.shape["power"] not in (1.0, 2.0):
             raise InputError(f"The power of a friction by the load must be 1 or 2, got {shown(power)}.")
         self.require_positive("largest")
@@ -464,7 +474,13 @@ class LoadFriction(ShapedTerm):
         InputError
             If the inertia of a link is not known.
         """
-        unknown = next((link.name for link in robot.links if link.inertia is None), None)
+        moments = self.shape["moments"]
+        if moments is not None and (not isinstance(moments, tuple) or len(moments) != 4 * len(robot.links)):
+            raise InputError(
+                f"The moments of the term {self.kind!r} must be four numbers for each of the {len(robot.links)} links "
+                f"of {robot.name}, the first moment and the mass, got {shown(moments)}."
+            )
+        unknown = next((link.name for link in robot.links if link.inertia is None), None) if moments is None else None
         if unknown is not None:
             raise InputError(
                 f"The term {self.kind!r} needs the torques of gravity, but the inertia of {unknown} is not known; "
@@ -478,7 +494,10 @@ class LoadFriction(ShapedTerm):
     def identity(self) -> Mapping[str, Any]:
         """The shape, and the inertias that make the load."""
         robot = self._robot
-        inertias = [] if robot is None else [one.inertia.parameters.tolist() for one in robot.links if one.inertia]
+        plain = robot is None or self.shape["moments"] is not None
+        inertias = (
+            [] if robot is None or plain else [one.inertia.parameters.tolist() for one in robot.links if one.inertia]
+        )
         return {**self.to_dict(), "inertias": inertias}
 
     def load(self, k: int, q: Sequence[Any], algebra: Any) -> Any:
@@ -489,7 +508,11 @@ class LoadFriction(ShapedTerm):
         robot = self._robot
         if robot is None:
             raise InputError(f"The term {self.kind!r} has no loads; give it to a robot with `with_terms`.")
-        links = [list(map(float, link.inertia.parameters)) for link in robot.links if link.inertia is not None]
+        given = self.shape["moments"]
+        if given is not None:
+            links = [[0.0] * 6 + [float(x) for x in given[i : i + 4]] for i in range(0, len(given), 4)]
+        else:
+            links = [list(map(float, link.inertia.parameters)) for link in robot.links if link.inertia is not None]
         x, y, z = (float(value) for value in robot.gravity)
         still = [0.0 * value for value in q]
         torque = inverse_dynamics(joint_frames(robot, q, algebra), still, still, links, (x, y, z))[k]

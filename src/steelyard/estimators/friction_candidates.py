@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["CANDIDATES", "FrictionCandidate", "JointMotion", "bristle_states", "lugre_is_passive"]
+__all__ = [
+    "BY_GRAVITY",
+    "CANDIDATES",
+    "FrictionCandidate",
+    "JointMotion",
+    "bristle_states",
+    "by_channel",
+    "lugre_is_passive",
+]
 
 Array = NDArray[np.float64]
 Shape = tuple[float, ...]
@@ -35,12 +43,18 @@ class JointMotion(NamedTuple):
         (S,) N·m or N: what the links alone ask of the joint, by a preliminary fit.
     starts : tuple of int
         Rows at which a log begins, so that nothing is remembered from the row before.
+    gravity : ndarray, optional
+        (S,) N·m or N: the part of it that the joint feels at rest; zero where it is not given.
+    channels : mapping
+        (S,) of each name, what was logged beside the motion.
     """
 
     q: Array
     dq: Array
     load: Array
     starts: tuple[int, ...] = (0,)
+    gravity: Array | None = None
+    channels: Mapping[str, Array] = {}
 
     @property
     def speed(self) -> float:
@@ -67,16 +81,14 @@ class FrictionCandidate:
         Which of its linear parameters cannot be negative, since friction would then drive the joint.
     replaces : str
         Kind of the term that it stands in place of; empty where it is added.
-    changes : str
-        Kind of the term of which it is another form; one law at a joint changes each at most.
+    changes : tuple of str
+        Kinds of the terms of which it is another form; one law at a joint changes each at most.
     has_state : bool
         Whether its columns remember the motion, so that no term of a model can be evaluated sample by sample.
     is_friction : bool
         Whether it must dissipate, with the viscous and the Coulomb friction of the joint.
     steps : tuple of (str, tuple of float)
         Shapes that take these values alone.
-    contains : tuple of str
-        Kinds of which it is another for some shape.
     """
 
     kind: str
@@ -86,11 +98,10 @@ class FrictionCandidate:
     nonnegative: tuple[bool, ...]
     shape_names: tuple[str, ...] = ()
     replaces: str = ""
-    changes: str = ""
+    changes: tuple[str, ...] = ()
     has_state: bool = False
     is_friction: bool = True
     steps: tuple[tuple[str, tuple[float, ...]], ...] = ()
-    contains: tuple[str, ...] = ()
 
     @property
     def parameter_count(self) -> int:
@@ -241,7 +252,7 @@ CANDIDATES: tuple[FrictionCandidate, ...] = (
         _plain(lambda motion: [np.abs(motion.dq)]),
         _no_shape,
         (False,),
-        changes="viscous",
+        changes=("viscous",),
     ),
     FrictionCandidate(
         "spring",
@@ -266,7 +277,7 @@ CANDIDATES: tuple[FrictionCandidate, ...] = (
         (True,),
         ("velocity",),
         replaces="coulomb",
-        changes="coulomb",
+        changes=("coulomb",),
     ),
     FrictionCandidate(
         "friction_polynomial",
@@ -274,7 +285,7 @@ CANDIDATES: tuple[FrictionCandidate, ...] = (
         _plain(lambda motion: [motion.dq * np.abs(motion.dq), motion.dq**3]),
         _no_shape,
         (False, False),
-        changes="viscous",
+        changes=("viscous",),
     ),
     FrictionCandidate(
         "friction_piecewise",
@@ -283,7 +294,7 @@ CANDIDATES: tuple[FrictionCandidate, ...] = (
         _speeds,
         (False,),
         ("speed",),
-        changes="viscous",
+        changes=("viscous",),
     ),
     FrictionCandidate(
         "stribeck",
@@ -293,7 +304,7 @@ CANDIDATES: tuple[FrictionCandidate, ...] = (
         (False,),
         ("velocity", "exponent"),
         steps=(("exponent", (1.0, 2.0)),),
-        changes="coulomb",
+        changes=("coulomb",),
     ),
     FrictionCandidate(
         "cogging",
@@ -313,7 +324,7 @@ CANDIDATES: tuple[FrictionCandidate, ...] = (
         ("displacement",),
         replaces="coulomb",
         has_state=True,
-        changes="coulomb",
+        changes=("coulomb",),
     ),
     FrictionCandidate(
         "lugre",
@@ -324,8 +335,54 @@ CANDIDATES: tuple[FrictionCandidate, ...] = (
         ("displacement", "ratio", "velocity"),
         replaces="coulomb",
         has_state=True,
-        contains=("dahl",),
-        changes="coulomb",
+        changes=("coulomb",),
     ),
 )
 """In the order in which, of equally good ones, the first is taken: fewest parameters first."""
+
+
+def _by_gravity(motion: JointMotion) -> list[Array]:
+    return [(np.abs(motion.gravity) if motion.gravity is not None else np.zeros_like(motion.dq)) * np.sign(motion.dq)]
+
+
+BY_GRAVITY = FrictionCandidate(
+    "friction_by_load",
+    "Coulomb friction that grows with the torque of gravity",
+    _plain(_by_gravity),
+    _no_shape,
+    (True,),
+    changes=("coulomb", "viscous"),
+)
+"""What the term of that name is, where friction by the torque of all links would need their accelerations."""
+
+
+def by_channel(name: str) -> FrictionCandidate:
+    """Friction that changes with what was logged beside the motion, such as a temperature.
+
+    Parameters
+    ----------
+    name : str
+        Of the channel.
+
+    Examples
+    --------
+    >>> still, speeds = np.zeros(3), np.array([-1.0, 1.0, 1.0])
+    >>> motion = JointMotion(still, speeds, still, channels={"temperature": np.array([20.0, 30.0, 40.0])})
+    >>> by_channel("temperature").columns(motion, [()])[0][:, 0].tolist()
+    [10.0, 0.0, 10.0]
+    """
+
+    def columns(motion: JointMotion) -> list[Array]:
+        signal = motion.channels.get(name, np.zeros_like(motion.dq))
+        beyond = signal - (float(np.mean(signal)) if len(signal) else 0.0)
+        return [beyond * np.sign(motion.dq), beyond * motion.dq]
+
+    return FrictionCandidate(
+        f"friction_by_channel {name}",
+        f"friction that changes with {name}",
+        _plain(columns),
+        _no_shape,
+        (False, False),
+        changes=("coulomb", "viscous"),
+        is_friction=False,
+    )

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steelyard.dynamics import (
     ByJoint,
+    ChannelFriction,
     Cogging,
     Coulomb,
+    LoadFriction,
     Model,
     PiecewiseFriction,
     PolynomialFriction,
@@ -21,8 +24,14 @@ from steelyard.dynamics import (
     Viscous,
     ViscousByDirection,
 )
-from steelyard.estimators.friction_candidates import CANDIDATES
-from steelyard.estimators.friction_selection import ChosenFriction, FrictionData, FrictionSelection, select_friction
+from steelyard.estimators.friction_candidates import BY_GRAVITY, CANDIDATES, FrictionCandidate, by_channel
+from steelyard.estimators.friction_selection import (
+    ChosenFriction,
+    FrictionData,
+    FrictionSelection,
+    falls_surely,
+    select_friction,
+)
 from steelyard.recording import Recording, Samples
 from steelyard.regression import Information
 from steelyard.regression.factor import solve
@@ -34,10 +43,25 @@ from .correction import toml_value
 from .given import GivenLog
 from .log_reader import LogReader, Progress
 
-__all__ = ["FrictionChoice", "choose_friction", "is_term", "memory_of", "samples_of", "terms_with"]
+__all__ = [
+    "FrictionChoice",
+    "choose_friction",
+    "confirmed_terms",
+    "is_term",
+    "laws_for",
+    "memory_of",
+    "samples_of",
+    "terms_with",
+]
 
 MOST_LOGS, MOST_ROWS = 12, 60_000
 """Logs, and rows of each, by which the friction is chosen: they stand in memory."""
+STRETCHES = 8
+"""That are left out in turn of the fit of all joints together."""
+MOST_RISE = 1.02
+"""Factor by which the error of a joint on such stretches may rise because of the laws of others."""
+WIDER = 0.2
+"""Part of what a channel went through by which its range is taken wider, so that other logs are not refused."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +79,9 @@ class FrictionChoice:
     remarks : tuple of str
     untried : tuple of str
         What the laws are that were not tried, since other terms have their parameters.
+    presliding : tuple of ChosenFriction
+        Laws with a state that the logs call for, Dahl's or LuGre's. They are told, not added: a term gives the torque
+        of one instant.
     """
 
     selection: FrictionSelection
@@ -63,12 +90,14 @@ class FrictionChoice:
     plain_error: float
     remarks: tuple[str, ...] = ()
     untried: tuple[str, ...] = ()
+    presliding: tuple[ChosenFriction, ...] = ()
 
     @property
     def sentences(self) -> tuple[str, ...]:
         """What is to be said of the choice."""
         told = (*self.selection.remarks, *self.remarks)
-        told = told or ("The logs call for no friction beyond that of the terms.",)
+        if not self.selection.chosen and not any("were not added" in one for one in self.remarks):
+            told = (*told, "The logs call for no friction beyond that of the terms.")
         if not self.untried:
             return told
         return (*told, f"Not tried, since the stated terms have their parameters: {'; '.join(self.untried)}.")
@@ -90,6 +119,16 @@ class FrictionChoice:
             "error": self.error,
             "plain_error": self.plain_error,
             "remarks": [*self.selection.remarks, *self.remarks],
+            "presliding": [
+                {
+                    "joint": self.selection.joint_names[one.joint],
+                    "kind": one.kind,
+                    "shape": one.shape,
+                    "coefficients": list(one.coefficients),
+                    "gain": one.gain,
+                }
+                for one in self.presliding
+            ],
         }
 
 
@@ -118,33 +157,134 @@ def choose_friction(
     held = {
         parameter.symbol for term in terms for law in term.laws if not _is_plain(law) for parameter in law.parameters
     }
-    terms_of_laws = [one for one in CANDIDATES if is_term(one.kind)]
-    candidates = [one for one in terms_of_laws if not _symbols(one.kind) & held]
-    untried = tuple(one.words for one in terms_of_laws if one not in candidates)
-    selection = select_friction(wider, data, candidates=candidates)
-    plain = _held_out(wider, samples)
+    laws = laws_for(data)
+    candidates = [one for one in laws if not _symbols(one.kind) & held]
+    untried = tuple(one.words for one in laws if one not in candidates)
+    with_state = [] if "Fcj" in held else [one for one in CANDIDATES if one.has_state]
+    selection = select_friction(wider, data, candidates=[*candidates, *with_state])
+    remarks, presliding = [], tuple(one for one in selection.chosen if one.kind not in {law.kind for law in candidates})
+    if presliding:
+        selection = select_friction(wider, data, candidates=candidates)
+        remarks.append(_told(presliding, selection))
     if not selection.chosen:
-        return FrictionChoice(selection, terms, plain, plain, untried=untried)
-    named = terms_with(terms, selection.chosen, data)
+        plain = _relative(_held_out(wider, samples))
+        return FrictionChoice(selection, terms, plain, plain, tuple(remarks), untried, presliding)
     others = tuple(term for term in wider.robot.terms if term not in terms)
-    further = Model(model.robot.with_terms(*named, *others))
-    error = _held_out(further, [_processed(reader, one, further) for one in middles])
-    if error > plain:
-        remark = (
-            f"Further laws of friction were not added: joint by joint they lower the error on stretches that are left "
-            f"out, but in a fit of all joints together it rises from {plain:.2%} to {error:.2%}."
+    before, errors, kept, named = confirmed_terms(
+        lambda terms: Model(model.robot.with_terms(*terms, *others)),
+        terms,
+        selection.chosen,
+        data,
+        wider,
+        samples,
+        lambda further: [_processed(reader, one, further) for one in middles],
+    )
+    plain, error = _relative(before), _relative(errors)
+    dropped = [one for one in selection.chosen if one not in kept]
+    if dropped:
+        told = dict.fromkeys(f"{_name(one.kind)} at {selection.joint_names[one.joint]}" for one in dropped)
+        remarks.append(
+            f"Laws that were not added: {', '.join(told)}. Each joint by itself they lower the error on stretches "
+            "that are left out; in a fit of all joints together they do not do so for sure."
         )
-        return FrictionChoice(selection.without_laws(), terms, plain, plain, (remark,), untried)
+        selection = selection.with_laws(kept)
+    if not kept:
+        remarks[-1] = remarks[-1].replace("Laws that were", "Further laws of friction were", 1)
+        return FrictionChoice(selection, terms, plain, plain, tuple(remarks), untried, presliding)
+    names = selection.joint_names
     words = ", ".join(
-        f"{kind} at {', '.join(selection.joint_names[one.joint] for one in selection.chosen if one.kind == kind)}"
+        f"{_name(kind)} at {', '.join(names[one.joint] for one in kept if one.kind == kind)}"
         for kind in selection.kinds
     )
-    remark = (
+    remarks.insert(
+        0,
         f"The logs call for more than the friction that was stated, and the model has it: {words}. By least squares "
         f"the errors of the joints on stretches that are left out (root mean square of the relative ones) fall from "
-        f"{plain:.2%} to {error:.2%}."
+        f"{plain:.2%} to {error:.2%}.",
     )
-    return FrictionChoice(selection, named, error, plain, (remark,), untried)
+    return FrictionChoice(selection, named, error, plain, tuple(remarks), untried, presliding)
+
+
+def laws_for(data: FrictionData) -> list[FrictionCandidate]:
+    """Return the laws that can be terms of the model of some logs: also by gravity, and by what was logged beside."""
+    laws = [one for one in CANDIDATES if is_term(one.kind)]
+    if float(np.linalg.norm(data.model.robot.gravity)) > 0.0:
+        laws.insert(1, BY_GRAVITY)
+    return laws + [by_channel(name) for name in data.motion.channels or {}]
+
+
+def confirmed_terms(
+    model_with: Callable[[Sequence[Term]], Model],
+    terms: Sequence[Term],
+    chosen: Sequence[ChosenFriction],
+    data: FrictionData,
+    plain: Model,
+    samples: Sequence[Samples],
+    samples_for: Callable[[Model], Sequence[Samples]],
+) -> tuple[Errors, Errors, tuple[ChosenFriction, ...], tuple[Term, ...]]:
+    """Keep the laws of those joints whose error falls for sure in a fit of all joints together.
+
+    Each joint is judged by stretches that are left out of least squares in turn. The laws of a joint whose error does
+    not fall by more than one standard error go, and where that of any joint rises by more than that and `MOST_RISE`,
+    those of the joint that gains least.
+
+    Parameters
+    ----------
+    model_with : callable
+        Model by its terms.
+    terms : sequence of Term
+        As they were.
+    chosen : sequence of ChosenFriction
+    data : FrictionData
+    plain : Model
+        Without the laws.
+    samples : sequence of Samples
+    samples_for : callable
+        The same logs for another model.
+
+    Returns
+    -------
+    plain, errors : pair of ndarray
+        Squared errors (stretches, N), and what the torques are; without the laws and with those that were kept.
+    kept : tuple of ChosenFriction
+    terms : tuple of Term
+        With the laws that were kept.
+    """
+    before = after = _held_out(plain, samples)
+    kept, named = tuple(chosen), tuple(terms)
+    while kept:
+        named = terms_with(terms, kept, data)
+        further = model_with(named)
+        after = _held_out(further, samples_for(further))
+        if len(before[0]) < 2:
+            break
+        joints = sorted({one.joint for one in kept})
+        bad = {k for k in joints if not falls_surely(before[0][:, k], after[0][:, k], 1.0)}
+        ratios = np.sqrt(after[0].sum(axis=0) / np.maximum(before[0].sum(axis=0), 1e-300))
+        risen = [k for k in np.flatnonzero(ratios > MOST_RISE) if falls_surely(after[0][:, k], before[0][:, k], 1.0)]
+        if not bad and risen:
+            bad = {max(joints, key=lambda k: float(ratios[k]))}
+        if not bad:
+            break
+        kept = tuple(one for one in kept if one.joint not in bad)
+    return (before, after, kept, named) if kept else (before, before, (), tuple(terms))
+
+
+def _told(presliding: Sequence[ChosenFriction], selection: FrictionSelection) -> str:
+    """Say that friction remembers where a joint was."""
+    laws = ", ".join(
+        f"{_name(one.kind)} at {selection.joint_names[one.joint]} (over {one.shape['displacement']:.3g} rad or m, "
+        f"{one.gain:.0%} less error)"
+        for one in presliding
+    )
+    return (
+        f"Friction remembers where joints were before they slid: {laws}. No term has such a state, so that the model "
+        "goes without; numbers are in estimate.json and in the report, for a simulation or a controller that has one."
+    )
+
+
+def _name(kind: str) -> str:
+    return {"dahl": "Dahl's", "lugre": "LuGre's"}.get(kind, kind)
 
 
 def samples_of(reader: LogReader, log: GivenLog, model: Model) -> Samples:
@@ -164,17 +304,31 @@ def memory_of(reader: LogReader, samples: Samples) -> float:
     return max(1.0, 0.5 / (float(cutoff) * float(np.median(np.diff(samples.t)))))
 
 
-def _held_out(model: Model, samples: Sequence[Samples]) -> float:
-    """Relative error of least squares on stretches of the samples that are left out in turn."""
+Errors = tuple[NDArray[np.float64], NDArray[np.float64]]
+
+
+def _held_out(model: Model, samples: Sequence[Samples]) -> Errors:
+    """Squared errors of least squares on stretches of the samples that are left out in turn, and squared torques.
+
+    Both are (stretches, N); of no stretches where the logs are too short.
+    """
     blocks = TimeBlocks(empty_factors(model))
     information = Information.from_chunks(model, samples, batch_means=False, blocks=blocks)
-    stretches = information.stretches(blocks)
+    stretches = information.stretches(blocks, STRETCHES)
     if len(stretches) < 2:
-        return float("nan")
-    squares = Information.held_out_squares(stretches, lambda others: solve(others.reduced("joint")))
-    total = np.sum([[factor.norm2 for factor in one.measured] for one in stretches], axis=0)
+        return np.zeros((0, model.dof)), np.zeros((0, model.dof))
+    squares = []
+    for left_out, others in zip(stretches, Information.without_each(stretches), strict=True):
+        base = solve(others.reduced("joint"))
+        squares.append([factor.residual2(base) for factor in left_out.measured])
+    return np.array(squares), np.array([[factor.norm2 for factor in one.measured] for one in stretches])
+
+
+def _relative(errors: Errors) -> float:
+    """Root mean square over the joints of their relative errors."""
+    squares, total = (one.sum(axis=0) for one in errors)
     told = total > 0.0
-    return float(np.sqrt(np.mean(squares[told] / total[told])))
+    return float(np.sqrt(np.mean(squares[told] / total[told]))) if told.any() else float("nan")
 
 
 _TERMS: dict[str, Term] = {
@@ -185,17 +339,19 @@ _TERMS: dict[str, Term] = {
     "friction_piecewise": PiecewiseFriction([1.0, 2.0]),
     "stribeck": Stribeck(1.0),
     "cogging": Cogging([1.0]),
+    "friction_by_load": LoadFriction(),
+    "friction_by_channel": ChannelFriction("signal", range=[0.0, 1.0]),
 }
 """The terms of the laws that may be added, with any shape; their parameters do not depend on it."""
 
 
 def is_term(kind: str) -> bool:
     """Whether a law of this kind is a term of models: one with a state is not, whose torque depends on the past."""
-    return kind in _TERMS
+    return kind.split()[0] in _TERMS
 
 
 def _symbols(kind: str) -> set[str]:
-    return {parameter.symbol for parameter in _TERMS[kind].parameters}
+    return {parameter.symbol for parameter in _TERMS[kind.split()[0]].parameters}
 
 
 def _is_plain(term: Term) -> bool:
@@ -246,11 +402,30 @@ def terms_with(terms: Sequence[Term], chosen: Sequence[ChosenFriction], data: Fr
     own, joints = of("spring")
     if own:
         laws.append(Spring(joints=joints))
+    own, joints = of("friction_by_load")
+    if own:
+        laws.append(LoadFriction(moments=_moments(data), joints=joints))
+    for kind in dict.fromkeys(one.kind for one in chosen if one.kind.startswith("friction_by_channel ")):
+        joints = of(kind)[1]
+        signal = (data.motion.channels or {})[kind.split()[1]][:, [k - 1 for k in joints]]
+        low, high = float(signal.min()), float(signal.max())
+        room = WIDER * (high - low)
+        ends = [_rounded(low - room), _rounded(high + room)]
+        laws.append(
+            ChannelFriction(kind.split()[1], range=ends, reference=_rounded(float(signal.mean())), joints=joints)
+        )
     laws.extend(Cogging([_rounded(one.shape["harmonic"])], joints=[one.joint + 1]) for one in of("cogging")[0])
     # Laws that differ from joint to joint keep their order: those that stand last give way.
     kept = [term for term in terms if _is_plain(term) or isinstance(term, ByJoint)]
     others = [term for term in terms if term not in kept]
     return (ByJoint([*laws, *(law for term in kept for law in term.laws)]), *others)
+
+
+def _moments(data: FrictionData) -> list[float]:
+    """First moments and masses of the links by which the loads of friction are computed, as the logs tell them."""
+    values = dict(zip(map(str, data.model.parameter_names), data.parameters, strict=True))
+    links = range(1, len(data.model.robot.links) + 1)
+    return [float(f"{values[f'{name}{link}']:.6g}") for link in links for name in ("lx", "ly", "lz", "m")]
 
 
 def _rounded(value: float) -> float:
