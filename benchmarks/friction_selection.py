@@ -5,9 +5,12 @@ NumPy those of friction, with the formulas below and a state of presliding that 
 a sample: nothing is shared with what is measured. Encoders and torques are noisy, and the noise of the torques lasts
 for twenty samples; speeds and accelerations come from the encoders, through the filter that the log chooses. Each robot
 has one law at all joints beside Coulomb and viscous friction, with sizes and shapes of its own. Counted is how often
-that law alone is chosen (joints that move too little for it may go without), and how far its numbers are off.
+that law alone is chosen (joints that move too little for it may go without), how far its numbers are off, and how far
+the whole friction is, along the log: coefficients of a polynomial are nearly collinear, so that their errors say
+little of the friction. The motion slows down and reverses slowly in turn, as an experimenter would let it. Of real
+recordings a fifth of the log, or one log of several, is predicted by all the rest.
 
-    python benchmarks/friction_selection.py                                   # every law and none, 100 robots each
+    python benchmarks/friction_selection.py --results friction.jsonl          # every law and none, 100 robots each
     python benchmarks/friction_selection.py --laws stribeck,none --seeds 20
     python benchmarks/friction_selection.py --recordings ../shared/data       # the Staubli TX40, the UR10 and the Gen3
 """

@@ -178,3 +178,18 @@ def test_a_signal_is_held_within_its_range():
         WARM.columns(0, [0.0], [1.0], [0.0], np)
     with pytest.raises(sy.InputError, match=r"The held of .* must be one number, got \[20, 30\]"):
         WARM.with_shape(held=[20, 30])
+
+
+def test_loads_by_moments_are_those_of_links_with_these_moments():
+    moments = [0.0, 0.0, 0.0, 0.0, 1.5, 0.2, 0.0, 3.0]
+    rows = [("pi/2", 0, 0.3, "q"), (0, 0.4, 0, "q")]
+    robot = sy.Robot.from_dh(rows)  # without inertias
+    model, bare = sy.Model(robot.with_terms(LoadFriction(moments=moments))), sy.Model(robot)
+    values = dict.fromkeys(bare.parameter_names, 0.0) | {"lx2": 1.5, "ly2": 0.2, "m2": 3.0}
+    q, dq = np.random.default_rng(0).uniform(-2.0, 2.0, (2, 50, 2))
+    load = np.abs(bare.gravity(q, [values[name] for name in bare.parameter_names]))
+    delta = [{"Flj2": 0.1}.get(name, 0.0) for name in model.parameter_names]
+    expected = 0.1 * load * np.sign(dq) * [0.0, 1.0]
+    np.testing.assert_allclose(model.inverse_dynamics(q, dq, 0.0 * q, delta), expected, atol=1e-12)
+    with pytest.raises(sy.InputError, match="four numbers for each of the 2 links"):
+        robot.with_terms(LoadFriction(moments=[1.0]))

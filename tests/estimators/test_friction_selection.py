@@ -92,3 +92,36 @@ def test_the_condition_of_passivity_is_where_energy_begins_to_be_made():
         dissipated = worst + viscous * v**2
         assert bool(np.all(dissipated >= 0.0)) == lugre_is_passive(damping, viscous, ratio)
     assert speed < v.min()
+
+
+def test_what_a_bristle_remembers_of_before_the_log_does_not_count():
+    """A log that begins where a joint is slow, with LuGre friction that began long before."""
+    t = np.arange(4500) / 100.0
+    rate = np.cos(0.2 * t) ** 2 + 0.05
+    phase = np.cumsum(rate) / 100.0
+    q = 0.8 * np.sin(phase) + 0.4 * np.sin(2.3 * phase)
+    dq, ddq = np.gradient(q, t), np.gradient(np.gradient(q, t), t)
+    d, ratio, speed = 0.05, 0.8, 0.08
+    v = np.interp(np.arange(len(t) * 10) / 10.0, np.arange(len(t)), dq)
+    states, u = np.zeros(len(t)), 0.0
+    for k, now in enumerate(v.tolist()):
+        slope = (now - abs(now) * u / (1.0 + ratio * np.exp(-((now / speed) ** 2)))) / d
+        u += 1e-3 * slope
+        if k % 10 == 0:
+            states[k // 10] = u
+    torque = 0.8 * ddq + 5.0 * np.cos(q) + 0.6 * dq + 1.2 * states
+    torque += 0.01 * np.random.default_rng(2).normal(size=len(t))
+    robot = sy.Robot.from_dh([(0, 0.5, 0, "q")], gravity=(0, -9.81, 0))
+    model = sy.Model(robot.with_terms(sy.Viscous(), sy.Coulomb(), sy.Offset()))
+    columns = [one[740:, None] for one in (q, dq, ddq, torque)]
+    found = select_friction(model, sy.Samples(*columns, t=t[740:]), candidates=CANDIDATES[-2:])
+    (law,) = found.chosen
+    assert law.kind == "lugre"
+    assert list(law.shape.values()) == pytest.approx([d, ratio, speed], rel=0.05)
+    assert law.coefficients[0] == pytest.approx(1.2, rel=0.05)
+
+
+def test_a_velocity_at_the_end_of_those_that_are_tried_is_no_law():
+    model, samples = pendulum(lambda dq: 1.5 * np.sign(dq) * np.exp(-((dq / 0.03) ** 2)), seed=1, noise=0.005)
+    found = select_friction(model, samples, candidates=[one for one in FEW if one.kind == "stribeck"])
+    assert found.chosen == ()

@@ -48,6 +48,60 @@ def test_the_answer_has_the_law_and_can_be_run_again(tmp_path):
     np.testing.assert_allclose(again.base, result.base, rtol=1e-6)
 
 
+PENDULUM = sy.Robot.from_dh([(0, 0.5, 0, "q")], gravity=(0, -9.81, 0), name="pendulum")
+
+
+@pytest.mark.slow
+def test_friction_that_grows_with_gravity_has_loads_by_the_logs():
+    samples = samples_of(lambda dq: 0.0 * dq)
+    q, dq = samples.q, samples.dq
+    result = sy.identify(
+        PENDULUM, replace(samples, torque=samples.torque + 0.5 * np.abs(np.cos(q)) * np.sign(dq)), friction="auto"
+    )
+    assert result.friction.selection.kinds == ("friction_by_load",)
+    values = dict(zip(result.parameter_names, result.estimate.parameters, strict=True))
+    assert values["Flj1"] == pytest.approx(0.1, rel=0.1)  # of 5 N m
+    assert values["Fcj1"] == pytest.approx(1.2, rel=0.05)
+    assert model_of_estimate(result.estimate, RobotFile.of(PENDULUM)).parameter_names == result.parameter_names
+    assert "moments = [" in result.friction.toml
+
+
+@pytest.mark.slow
+def test_friction_that_falls_with_a_logged_temperature_is_found():
+    samples = samples_of(lambda dq: 0.0 * dq)
+    temperature = 30.0 + 8.0 * np.sin(0.35 * samples.t)[:, None]
+    torque = samples.torque + (temperature - 30.0) * (-0.02 * samples.dq - 0.03 * np.sign(samples.dq))
+    heated = replace(samples, torque=torque, channels={"temperature": temperature})
+    result = sy.identify(PENDULUM, heated, friction="auto")
+    assert result.friction.selection.kinds == ("friction_by_channel temperature",)
+    values = dict(zip(result.parameter_names, result.estimate.parameters, strict=True))
+    assert values["Fcsj1"] == pytest.approx(-0.03, rel=0.1)
+    assert values["Fvsj1"] == pytest.approx(-0.02, rel=0.1)
+    assert 'channel = "temperature"' in result.friction.toml
+    cold = sy.identify(PENDULUM, replace(samples, channels={"temperature": temperature}), friction="auto")
+    assert cold.friction.selection.chosen == ()
+
+
+@pytest.mark.slow
+def test_presliding_is_told_and_not_added():
+    samples, fine = samples_of(lambda dq: 0.0 * dq), 20
+    dq = np.interp(np.arange((samples.count - 1) * fine + 1) / fine, np.arange(samples.count), samples.dq[:, 0])
+    states = np.zeros(samples.count)
+    u = 0.0
+    for k, rate in enumerate(dq.tolist()):
+        u += 0.01 / fine * (rate - abs(rate) * u) / 0.08
+        if k % fine == 0:
+            states[k // fine] = u
+    torque = samples.torque + 1.2 * (states - np.sign(samples.dq[:, 0]))[:, None]
+    result = sy.identify(PENDULUM, replace(samples, torque=torque), friction="auto")
+    (law,) = result.friction.presliding
+    assert law.kind == "dahl"
+    assert law.shape["displacement"] == pytest.approx(0.08, rel=0.05)
+    assert law.coefficients[0] == pytest.approx(1.2, rel=0.05)
+    assert "Friction remembers where joints were before they slid" in result.report()
+    assert result.to_dict()["friction"]["presliding"][0]["kind"] == "dahl"
+
+
 @pytest.mark.slow
 def test_nothing_is_added_to_a_sound_model():
     robot = sy.Robot.from_dh([(0, 0.5, 0, "q")], gravity=(0, -9.81, 0), name="pendulum")
