@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
 from .choices import AllowExtensions, Quiet, RobotArgument, numbers
-from .terminal import echo, progress, show_excitation
+from .terminal import echo, progress, show_excitation, show_on_the_fly
 
 __all__ = ["excite"]
 
 
 def excite(
+    context: typer.Context,
     robot: RobotArgument,
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the trajectory.")],
     limits: Annotated[
@@ -51,6 +52,17 @@ def excite(
     time_limit: Annotated[
         float | None, typer.Option(help="s, after which the best motion so far is taken; so does Ctrl-C.")
     ] = None,
+    on_the_fly: Annotated[
+        bool,
+        typer.Option(
+            "--on-the-fly",
+            help="Simulate a controller that learns the robot, whose masses it is not told, while it moves it.",
+        ),
+    ] = False,
+    accuracy: Annotated[
+        float, typer.Option(help="Expected relative torque error at which a motion on the fly ends.", min=1e-6)
+    ] = 0.02,
+    longest: Annotated[float, typer.Option(help="s, after which a motion on the fly ends.", min=5.0)] = 60.0,
     quiet: Quiet = False,
     allow_extensions: AllowExtensions = False,
 ) -> None:
@@ -60,6 +72,7 @@ def excite(
     Examples:
       steelyard excite robot.toml --output motion
       steelyard excite robot.toml --limits limits.toml --subset payload --output motion
+      steelyard excite robot.toml --limits limits.toml --on-the-fly --output motion
     """
     from steelyard.excitation import ExcitationObjective, SearchOptions
     from steelyard.identification import excite as run
@@ -68,7 +81,26 @@ def excite(
     from steelyard.robot import RobotFile
 
     deviations = None if noise is None else numbers(noise, "--noise", "0.5 or 2,2,1,0.3")
+    _require_meaning(context, on_the_fly)
     require_folder(output)
+    if on_the_fly:
+        named = _named(context)
+        _on_the_fly(
+            robot,
+            output,
+            quiet,
+            allow_extensions,
+            limits=limits,
+            estimate=estimate,
+            accuracy=accuracy,
+            longest=longest,
+            criterion=criterion if "criterion" in named else "prediction",
+            noise=deviations,
+            rate=rate,
+            seed=seed,
+            **({"starts": starts} if "starts" in named else {}),
+        )
+        return
     with progress(quiet=quiet) as say:
         file = RobotFile.load(robot, allow_extensions=allow_extensions)
         design = run(
@@ -96,4 +128,53 @@ def excite(
         echo(f"The motion is {', '.join(path.name for path in written[:-1])} in {output}")
         echo(f"Look at {written[-1]}")
     if not design.identifies:
+        raise typer.Exit(3)
+
+
+_DESIGN_ALONE = (
+    "family", "subset", "nuisance", "harmonics", "points", "period", "periods", "ramp_time", "margin",
+    "prior_information", "time_limit",
+)  # fmt: skip
+_ON_THE_FLY_ALONE = ("accuracy", "longest")
+
+
+def _named(context: typer.Context) -> set[str]:
+    """Return the options that were given, rather than left as they are."""
+    return {name for name in context.params if str(context.get_parameter_source(name)).endswith("COMMANDLINE")}
+
+
+def _require_meaning(context: typer.Context, on_the_fly: bool) -> None:
+    """Refuse options that would be passed over in silence."""
+    from steelyard.errors import InputError
+
+    named = _named(context)
+    for name in _DESIGN_ALONE if on_the_fly else _ON_THE_FLY_ALONE:
+        if name in named:
+            kind = "the design of a motion beforehand; leave out" if on_the_fly else "a motion on the fly; add"
+            raise InputError(f"--{name.replace('_', '-')} is of {kind} --on-the-fly.")
+    if on_the_fly and "criterion" in named and context.params["criterion"] == "condition":
+        raise InputError(
+            "--criterion condition is of the design of a motion beforehand; a motion on the fly takes d or a, and "
+            "without --criterion makes the expected error of torques small."
+        )
+
+
+def _on_the_fly(robot: Path, output: Path, quiet: bool, allow_extensions: bool, **options: Any) -> None:
+    """Simulate an excitation on the fly, save it and print it: exit 3 where it did not reach its accuracy."""
+    from steelyard.online import excite_on_the_fly
+    from steelyard.report.on_the_fly_page import save_on_the_fly
+    from steelyard.robot import RobotFile
+
+    with progress(quiet=quiet) as say:
+        file = RobotFile.load(robot, allow_extensions=allow_extensions)
+        done = excite_on_the_fly(file, progress=say, **options)
+        say("writing the motion")
+        written = save_on_the_fly(done, file, output)
+    if quiet:
+        echo(repr(done.excitation))
+    else:
+        show_on_the_fly(done)
+        echo(f"The motion is {', '.join(path.name for path in written[:4])}, what was measured log.csv, in {output}")
+        echo(f"Look at {written[-1]}")
+    if not done.reached:
         raise typer.Exit(3)

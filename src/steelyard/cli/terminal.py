@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from steelyard.excitation import ExcitationDesign
     from steelyard.identification import Identification
     from steelyard.identification.preflight import Preflight
+    from steelyard.online import SimulatedExcitation
 
 SECTIONS = ("log", "processing", "constraints", "payload", "elastic", "controller")
 """Sections of robot.toml for which the command line may speak; the others are part of the robot."""
@@ -41,6 +42,7 @@ __all__ = [
     "show_excitation",
     "show_identification",
     "show_model",
+    "show_on_the_fly",
     "show_preflight",
 ]
 
@@ -556,3 +558,37 @@ def show_excitation(design: ExcitationDesign) -> None:
     for remark in design.remarks:
         if remark not in design.warnings:
             _say(console, f"Note: {remark}")
+
+
+def show_on_the_fly(done: SimulatedExcitation) -> None:
+    """Print what an excitation on the fly knew when, how good that is, and what went wrong."""
+    from rich.console import Console
+
+    console = Console(highlight=False)
+    excitation = done.excitation
+    _say(console, f"{excitation.model.robot.name}, simulated; the robot is {done.truth}.")
+    for gap in excitation.unchecked:
+        _say(console, gap)
+    rows = [
+        (
+            f"{step.time:.1f}",
+            step.stage,
+            f"{step.expected_error:.2%}",
+            f"{np.max(step.joint_errors):.2%}",
+            f"{np.mean(step.bandwidth):.3g}",
+            f"{np.max(step.tracking_error):.3f}",
+        )
+        for step in excitation.steps
+    ]
+    heads = ("at s", "stage", "expected error", "worst joint", "bandwidth rad/s", "tracking rad or m")
+    _bounded(console, heads, rows, "excite.json has all")
+    for when, reason in excitation.interruptions[:_MOST_ROWS]:
+        _say(console, f"Broken off at {when:.1f} s: {reason}.")
+    used = ", ".join(f"{part:.0%} of {name}" for name, part in done.use.items())
+    _say(console, f"Largest use of limits by the true motion: {used}.")
+    end = "reached" if done.reached else f"not reached within {excitation.longest:g} s (--longest)"
+    _say(
+        console,
+        f"Expected error {excitation.expected_error:.2%} after {excitation.steps[-1].time:.1f} s, asked for "
+        f"{excitation.accuracy:.2%}: {end}. True error of torques over random motions {done.torque_error:.2%}.",
+    )

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from .pick_up import PickUpRun as PickUpRun
     from .pick_up import simulated_pick_up as simulated_pick_up
     from .pick_up import watch_pick_up as watch_pick_up
+    from .simulated_excitation import SimulatedExcitation as SimulatedExcitation
+    from .simulated_excitation import excite_on_the_fly as excite_on_the_fly
     from .source_project import generate_online as generate_online
 
 __all__ = import_at_first_use(__name__, __file__)

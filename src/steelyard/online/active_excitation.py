@@ -266,7 +266,7 @@ class ActiveExcitation:
             if not np.isfinite([self.limits.velocity[k], self.limits.acceleration[k]]).all():
                 raise InputError(
                     f"{name} has no limit of velocity or acceleration, without which a robot of unknown masses is not "
-                    'moved; give both: limits={"velocity": 1.0, "acceleration": 2.0}.'
+                    'moved; give both: limits={"velocity": 1.0, "acceleration": 2.0}, or these names in a limits file.'
                 )
         if criterion not in ("prediction", "d", "a"):
             raise InputError(f"criterion must be prediction, d or a, got {criterion!r}.")
@@ -378,9 +378,14 @@ class ActiveExcitation:
     # What was learnt
 
     @property
+    def end(self) -> float:
+        """Time at which the robot is at rest after the last motion, s; infinite while it is not known."""
+        return self._reference.end if self._stage == "done" and self._reference is not None else np.inf
+
+    @property
     def finished(self) -> bool:
         """Whether the robot is at rest after the last motion."""
-        return self._stage == "done" and self._reference is not None and self._last_time >= self._reference.end
+        return self._last_time >= self.end
 
     @property
     def expected_error(self) -> float:

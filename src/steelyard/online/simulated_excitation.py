@@ -1,0 +1,246 @@
+"""Excitation on the fly, tried in the simulator on the robot of a file whose masses the controller is not told."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from steelyard.dynamics import Model
+from steelyard.errors import InputError, SteelyardError
+from steelyard.excitation import MotionConstraint, MotionLimits, limits_from_file
+from steelyard.identification.default_terms import model_of_estimate
+from steelyard.identification.saved import parameters_of_description, parameters_of_estimate
+from steelyard.regression import Estimate
+from steelyard.robot import RobotFile
+from steelyard.simulation import Event, Measurement, Sensors, SimulationResult, simulate
+
+from .active_excitation import ActiveExcitation
+from .credible_robots import CredibleRobots, random_motions
+
+__all__ = ["SimulatedExcitation", "excite_on_the_fly"]
+
+Array = NDArray[np.float64]
+
+ENCODER = 2.0 * np.pi / 2**17  # rad or m between two readings, as of the usual encoders of 17 bits
+NOISE = 0.01  # of the root mean square torque of each joint, where nothing else is said
+LAST_MOTION = 15.0
+"""s of simulation beyond `longest`: the last plan, of 8 s, is played to its end, and a stop may come in between."""
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedExcitation:
+    """What :func:`excite_on_the_fly` did and learned.
+
+    Attributes
+    ----------
+    excitation : ActiveExcitation
+        The controller, with `steps`, `interruptions` and `recording`.
+    result : SimulationResult
+        The true motion.
+    estimate : Estimate
+        Of all that was measured, proved to be possible.
+    truth : str
+        Which robot was simulated, in words.
+    torque_error : float
+        Root mean square error of the torques that the estimate predicts for random motions within the limits, relative
+        to the true torques.
+    noise : ndarray
+        (N,) standard deviation of the noise of the torques, N·m or N.
+    options : dict
+    """
+
+    excitation: ActiveExcitation
+    result: SimulationResult
+    estimate: Estimate
+    truth: str
+    torque_error: float
+    noise: Array
+    options: dict[str, Any]
+
+    @property
+    def reached(self) -> bool:
+        """Whether the expected error came down to the accuracy that was asked for."""
+        return self.excitation.expected_error <= self.excitation.accuracy
+
+    @property
+    def use(self) -> dict[str, float]:
+        """The largest part of each limit that the true motion used, 1 at the limit."""
+        limits, result = self.excitation.limits, self.result
+        middle, half = 0.5 * (limits.lower + limits.upper), 0.5 * (limits.upper - limits.lower)
+        found = {
+            "position": np.abs(result.q - np.where(np.isfinite(middle), middle, 0.0)) / half,
+            "velocity": np.abs(result.dq) / limits.velocity,
+            "torque": np.abs(result.torque) / limits.torque,
+        }
+        return {name: float(np.nanmax(part)) for name, part in found.items() if np.isfinite(part).any()}
+
+
+def excite_on_the_fly(
+    robot: str | Path | RobotFile,
+    limits: str | Path | None = None,
+    *,
+    estimate: str | Path | None = None,
+    accuracy: float = 0.02,
+    longest: float = 60.0,
+    criterion: Literal["prediction", "d", "a"] = "prediction",
+    noise: ArrayLike | None = None,
+    rate: float = 1000.0,
+    starts: int = 2,
+    seed: int = 0,
+    progress: Callable[[str], None] | None = None,
+) -> SimulatedExcitation:
+    """Let a simulated robot be excited on the fly by a controller that knows its kinematics, shapes and limits alone.
+
+    The masses and the friction of the description belong to the simulated robot; :class:`ActiveExcitation` is not told
+    of them. Where the description has no masses, the simulated robot is one of those that its kinematics make credible.
+
+    Parameters
+    ----------
+    robot : str, Path or RobotFile
+    limits : str or Path, optional
+        A limits file (TOML), with obstacles; what it does not name is taken from the robot.
+    estimate : str or Path, optional
+        ``estimate.json``, whose parameters the simulated robot has.
+    accuracy, longest, criterion, starts, seed
+        See :class:`ActiveExcitation`.
+    noise : float or (N,), optional
+        Standard deviation of the noise of the measured torques, N·m or N; one per cent of the torques of random motions
+        where not given.
+    rate : float
+        Of the control loop, Hz.
+    progress : callable, optional
+        Called with a few words after every five seconds of motion.
+
+    Returns
+    -------
+    SimulatedExcitation
+
+    Raises
+    ------
+    InputError
+        If a file or an option cannot be used, or a joint has no limit of velocity or acceleration.
+    SteelyardError
+        If the simulated motion diverged, or ended before anything was learned.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import steelyard as sy
+    >>> arm = sy.Robot.from_dh([(0, 0.5, 0, "q")], name="arm")
+    >>> excite_on_the_fly(sy.robot.RobotFile.of(arm))
+    Traceback (most recent call last):
+    steelyard.errors.InputError: joint1 has no limit of velocity or acceleration, ...
+    """
+    say = progress or (lambda _: None)
+    file = RobotFile.load(robot)
+    whole = model_of_estimate(estimate, file).without_channels
+    bounds = MotionLimits.from_robot(whole.robot)
+    constraints: tuple[MotionConstraint, ...] = ()
+    if limits is not None:
+        asked, sections = limits_from_file(limits)
+        bounds = bounds.updated(asked, str(limits))
+        if sections:
+            from steelyard.collision import geometry_from_dict
+
+            constraints = tuple(geometry_from_dict(sections, whole.robot, Path(limits).parent, where=str(limits)))
+    if not (np.isfinite(rate) and rate >= 100.0):
+        raise InputError(f"rate must be at least 100 Hz for a control loop, got {rate:g} Hz.")
+    links = tuple(replace(link, inertia=None, own_inertia=None) for link in whole.robot.links)
+    model = Model(replace(whole.robot, links=links))
+    excitation = ActiveExcitation(
+        model,
+        bounds,
+        accuracy=accuracy,
+        longest=longest,
+        criterion=criterion,
+        constraints=constraints,
+        sample_time=1.0 / rate,
+        starts=starts,
+        seed=seed,
+    )
+    truth, words = _truth(whole, model, bounds, estimate, seed)
+    motions = random_motions(bounds, 400, 1)
+    torques = np.asarray(model.inverse_dynamics(*motions, truth))
+    deviations = _deviations(noise, torques)
+    lower, upper = bounds.ranges
+    # The feedback catches the robot where it stands; a zero position may be a stretched arm at the end of a range.
+    begin = 0.5 * (lower + upper)
+    at_rest = Event(lambda t, q, dq: max(t - excitation.end - 0.1, -1.0), "the excitation has finished", direction=1)
+    result = simulate(
+        model,
+        truth,
+        begin,
+        np.zeros(model.dof),
+        longest + LAST_MOTION,
+        _Told(excitation, say),
+        sensors=Sensors(encoder_resolution=ENCODER, velocity="none", torque_noise=deviations),
+        events=(at_rest,),
+        seed=seed,
+    )
+    if result.status == "diverged":
+        raise SteelyardError(f"The simulated robot went out of control: {result.message}; give it lower limits.")
+    found = excitation.estimate
+    if found is None or found.parameters is None:
+        why = "; ".join(f"at {t:.1f} s {reason}" for t, reason in excitation.interruptions[-2:]) or "no motion was made"
+        raise SteelyardError(f"Nothing was learned: {why}; widen the limits, or give more time with --longest.")
+    predicted = np.asarray(model.inverse_dynamics(*motions, found.parameters))
+    error = float(np.linalg.norm(predicted - torques) / np.linalg.norm(torques))
+    options = {
+        "accuracy": accuracy,
+        "longest": longest,
+        "criterion": criterion,
+        "rate": rate,
+        "starts": starts,
+        "seed": seed,
+        "limits": bounds.to_dict(),
+    }
+    return SimulatedExcitation(excitation, result, found, words, error, deviations, options)
+
+
+def _truth(
+    whole: Model, model: Model, bounds: MotionLimits, estimate: str | Path | None, seed: int
+) -> tuple[Array, str]:
+    """Return the parameters (n,) of the simulated robot, and whose they are."""
+    if estimate is not None:
+        return parameters_of_estimate(whole, estimate), f"that of {estimate}"
+    if not np.isnan(whole.robot.parameters[np.concatenate([np.asarray(c) for c in whole.link_columns])]).any():
+        return parameters_of_description(whole), "that of the description; the controller was not told its masses"
+    drawn = CredibleRobots.of(model, bounds).drawn
+    return drawn[seed % len(drawn)], (
+        "a random one with these kinematics, since the description does not give the inertia of every link; another "
+        "with another --seed"
+    )
+
+
+def _deviations(noise: ArrayLike | None, torques: Array) -> Array:
+    if noise is None:
+        return np.asarray(NOISE * np.sqrt(np.mean(torques**2, axis=0)))
+    values = np.asarray(noise, dtype=np.float64)
+    count = torques.shape[1]
+    if values.size not in (1, count) or not np.isfinite(values).all() or (values < 0.0).any():
+        raise InputError(f"noise must be one number, or {count} for the joints, none below zero, got {noise!r}.")
+    return np.broadcast_to(values, (count,)).copy()
+
+
+class _Told:
+    """The controller, with a word about every five seconds of motion."""
+
+    def __init__(self, excitation: ActiveExcitation, say: Callable[[str], None]) -> None:
+        self.sample_time = excitation.sample_time
+        self._excitation, self._say, self._next = excitation, say, 0.0
+
+    def start(self, measurement: Measurement) -> None:
+        """Begin."""
+        self._excitation.start(measurement)
+
+    def torque(self, measurement: Measurement) -> Array:
+        """Return the torques (N,)."""
+        if measurement.t >= self._next:
+            self._next += 5.0
+            self._say(f"{measurement.t:.0f} s of motion, expected error {self._excitation.expected_error:.2%}")
+        return self._excitation.torque(measurement)

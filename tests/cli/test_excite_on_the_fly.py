@@ -1,0 +1,78 @@
+"""``steelyard excite --on-the-fly``: what it learns, writes, prints and refuses."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+
+import steelyard as sy
+
+LIMITS = "acceleration = 8\nvelocity = 2.5\n"
+
+
+@pytest.mark.slow
+def test_masses_that_the_controller_is_not_told_are_learned_within_the_limits(run, place):
+    (place / "limits.toml").write_text(LIMITS)
+    code, out, err = run(
+        "excite", place / "robot.toml", "--limits", place / "limits.toml", "--on-the-fly", "-o", place / "out"
+    )
+    assert code == 0, err
+    assert "the controller was not told its masses" in out
+    assert len(out.splitlines()) <= 25
+    assert sorted(path.name for path in (place / "out").iterdir()) == [
+        "estimate.json", "excite.html", "excite.json", "log.csv",
+        "trajectory.csv", "trajectory.json", "trajectory.parquet", "trajectory.yaml",
+    ]  # fmt: skip
+    model = sy.Model.load(place / "robot.toml")
+    found = sy.Estimate.load(place / "out" / "estimate.json")
+    random = np.random.default_rng(5)
+    motion = [random.uniform(-size, size, (300, 2)) for size in (2.5, 2.0, 6.0)]
+    true = model.inverse_dynamics(*motion, np.nan_to_num(model.robot.parameters))
+    error = np.linalg.norm(model.inverse_dynamics(*motion, found.parameters) - true) / np.linalg.norm(true)
+    assert error < 0.04  # twice the accuracy that was asked for
+    assert sy.FeasibleSet(model).contains(found.parameters)
+    t, q, dq, _ = sy.load_trajectory(place / "out" / "trajectory.csv").sample(1000.0)
+    assert np.abs(q).max() <= 3.0
+    assert np.abs(dq).max() <= 2.5
+    record = json.loads((place / "out" / "excite.json").read_text())
+    assert record["reached"]
+    assert record["duration"] == pytest.approx(t[-1], abs=0.02)
+    errors = [step["expected_error"] for step in record["steps"]]
+    assert errors == sorted(errors, reverse=True)
+    assert errors[-1] <= 0.02 < errors[-2]
+    log = sy.Recording.read(place / "out" / "log.csv")
+    assert log.q[-1] == pytest.approx(q[-1], abs=1e-3)
+
+
+@pytest.mark.slow
+def test_without_any_mass_a_robot_is_drawn_and_too_little_time_exits_with_3(run, place):
+    urdf = (place / "pair.urdf").read_text()
+    (place / "pair.urdf").write_text(re.sub(r"<inertial>.*?</inertial>", "", urdf, flags=re.DOTALL))
+    (place / "limits.toml").write_text(LIMITS)
+    options = ("--on-the-fly", "--limits", place / "limits.toml", "--longest", 5, "-o", place / "out")
+    code, out, err = run("excite", place / "robot.toml", *options)
+    assert code == 3, err
+    assert "a random one with these kinematics" in out
+    assert "not reached within 5 s" in out
+    assert sy.Estimate.load(place / "out" / "estimate.json").parameters is not None
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (("--on-the-fly",), "shoulder has no limit of velocity or acceleration"),
+        (("--on-the-fly", "--period", 3), "--period is of the design of a motion beforehand"),
+        (("--on-the-fly", "--criterion", "condition"), "--criterion condition is of the design"),
+        (("--longest", 30), "--longest is of a motion on the fly; add --on-the-fly"),
+        (("--on-the-fly", "--limits", "limits.toml", "--noise", "1,2,3"), "noise must be one number, or 2 for the"),
+        (("--on-the-fly", "--limits", "limits.toml", "--rate", 20), "rate must be at least 100 Hz"),
+    ],
+)
+def test_what_cannot_be_done_is_one_sentence_and_nothing_is_written(run, place, monkeypatch, options, told):
+    monkeypatch.chdir(place)
+    (place / "limits.toml").write_text(LIMITS)
+    code, out, err = run("excite", "robot.toml", *options, "-o", "out")
+    assert (code, out) == (2, "")
+    assert told in err
+    assert not list(place.glob("out/*"))
