@@ -121,7 +121,7 @@ def test_a_log_that_was_sent_on_is_filtered_with_the_model(frame: pl.DataFrame, 
     frame.head(6_000).write_csv(tmp_path / "log.csv")
     model = sy.Model(sy.Robot.from_dh([("pi/2", 0, 0.3, "q")]))
     options = Processing(cutoff=8.0, torque_cutoff=20.0, velocity_threshold=None)
-    opened = chunks.OpenedLog(tmp_path / "log.csv", {}, options, 1, model, None)
+    opened = chunks.OpenedLog(chunks.LogStream(tmp_path / "log.csv", {}, 1), options, model, None)
     sent = pickle.loads(pickle.dumps(pickle.loads(pickle.dumps(opened))))
     sent.use_model(model)
     (here, *_), (there, *_) = (one.samples(0, chunks.SeenRows()) for one in (opened, sent))

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import steelyard as sy
+from steelyard.dynamics import ByJoint, Stribeck
 from steelyard.identification.prediction_verdict import white_noise
 from steelyard.regression import reduction
 from steelyard.regression.batch_means import BATCH_LENGTHS
@@ -22,7 +23,7 @@ def model() -> sy.Model:
     return sy.Model(robot.with_terms(sy.Viscous(), sy.Coulomb()))
 
 
-def motion(model: sy.Model, noise: float, masks: bool) -> sy.Samples:
+def motion(model: sy.Model, noise: float, masks: bool, cutoff: float | None = 5.0) -> sy.Samples:
     """Return reversals of both joints, with a jump of friction at each, and a gap in time."""
     random = np.random.default_rng(4)
     t = np.arange(ROWS)[:, None] / RATE
@@ -36,7 +37,7 @@ def motion(model: sy.Model, noise: float, masks: bool) -> sy.Samples:
     if masks:
         mask = np.abs(dq) > 0.2
         mask[20_000:20_100, 1] = random.random(100) < 0.5
-    return sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque, mask=mask)
+    return sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque, mask=mask, cutoff=cutoff)
 
 
 def truth(model: sy.Model) -> np.ndarray:
@@ -79,11 +80,11 @@ def test_few_rows_are_kept(model: sy.Model) -> None:
     samples = motion(model, 0.5, True)
     widths = [len(columns) for columns in model.base_columns.joints]
     entries = model.base_columns.entries(samples.q, samples.dq, samples.ddq)
-    from steelyard.regression.neighbors import NeighborCombinations
+    from steelyard.regression.neighbors import NeighborCombinations, RegressorSource
 
     combinations = NeighborCombinations(widths, np.mean(entries**2, axis=0))
     part = slice(0, 40_960)
-    found = combinations.combined(lambda rows: entries[rows], samples.torque[part], samples.mask[part])
+    found = combinations.combined(RegressorSource(lambda rows: entries[rows]), samples.torque[part], samples.mask[part])
     for joint, one in enumerate(found):
         assert one.count == samples.mask[part, joint].sum()
         assert len(one.rows) < 0.15 * one.count
@@ -91,9 +92,37 @@ def test_few_rows_are_kept(model: sy.Model) -> None:
         np.testing.assert_allclose(one.sums[:, -1], used.reshape(-1, 64).sum(axis=1), atol=1e-9)
 
 
-def test_rough_rows_are_all_kept(model: sy.Model) -> None:
+def test_columns_that_may_jump_are_known() -> None:
+    robot = sy.Robot.from_dh([("pi/2", 0.0, 0.2, "q"), (0, 0.5, 0, "q")], gravity=(0, 0, -9.81))
+    model = sy.Model(robot.with_terms(sy.Viscous(), ByJoint([Stribeck(velocity=0.1, joints=[1]), sy.Coulomb()])))
+    columns, base = model.base_columns, model.base_parameters()
+    names = np.concatenate([np.array(base.names)[own] for own in columns.joints])
+    assert sorted(names[columns.uneven]) == ["Fcj1", "Fcj2", "Fsj1"]
+    q, dq, ddq = np.random.default_rng(2).standard_normal((3, 50, 2))
+    uneven = columns.uneven_kernel(q, dq, ddq)
+    np.testing.assert_array_equal(uneven, columns.entries(q, dq, ddq)[:, columns.uneven])
+    still = sy.Model(robot).base_columns
+    assert still.uneven.size == 0
+    assert still.uneven_kernel(q, dq, ddq).shape == (50, 0)
+
+
+@pytest.mark.parametrize("masks", [False, True])
+def test_few_places_tell_all_rows(model: sy.Model, masks: bool) -> None:
+    filtered, as_given = (motion(model, 0.5, masks, cutoff) for cutoff in (5.0, None))
+    found, expected = (sy.Information.from_samples(model, one) for one in (filtered, as_given))
+    for a, b in zip((found.factors, *found.batch_means), (expected.factors, *expected.batch_means), strict=True):
+        for x, y in zip(a, b, strict=True):
+            assert x.count == y.count
+            lengths = np.linalg.norm(y.triangle, axis=0)
+            lengths = np.maximum(lengths, 1e-9 * lengths.max())  # rounding errors are no column
+            errors = x.triangle.T @ x.triangle - y.triangle.T @ y.triangle
+            np.testing.assert_allclose(errors / np.outer(lengths, lengths), 0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize("cutoff", [None, 5.0])
+def test_rough_rows_are_all_kept(model: sy.Model, cutoff: float | None) -> None:
     q, dq, ddq, torque = np.random.default_rng(1).standard_normal((4, 20_000, 2))
-    samples = sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque)
+    samples = sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque, cutoff=cutoff)
     for joint, factor in enumerate(sy.Information.from_samples(model, samples).factors):
         rows = all_rows(model, samples, joint)[:, [*factor.columns, -1]]
         found, square = factor.triangle, rows.T @ rows

@@ -17,6 +17,7 @@ from steelyard import graph
 from steelyard.errors import InputError
 from steelyard.files import shown, suggestion
 from steelyard.graph import Argument, Function, Graph, Kernel, Node, Output, operation_count
+from steelyard.graph.expression import reachable
 
 from .base_parameters import BaseParameters
 from .catalogue import CATALOGUE, Entry, Scene, forward_dynamics_function
@@ -84,10 +85,18 @@ class BaseColumns:
         Reads q, dq, ddq (S, N) each; writes the entries of each sample side by side.
     joints : tuple of ndarray
         For each joint, the base parameters on which its torque depends; the kernel's outputs follow in this order.
+    uneven_kernel : Kernel
+        Computes those outputs alone that may jump or bend while the motion is smooth, see `uneven`.
     """
 
     kernel: Kernel
     joints: tuple[NDArray[np.intp], ...]
+    uneven_kernel: Kernel
+
+    @cached_property
+    def uneven(self) -> NDArray[np.intp]:
+        """Which entries are more than polynomials, sines and cosines of the motion, such as those of friction, (U,)."""
+        return np.searchsorted(self.kernel.places, self.uneven_kernel.places)
 
     def entries(
         self,
@@ -106,7 +115,8 @@ class BaseColumns:
         self, dq: NDArray[np.float64], ddq: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return velocities and accelerations without what rounding leaves of a joint at rest."""
-        return np.where(np.abs(dq) < RESIDUE_VELOCITY, 0.0, dq), np.where(np.abs(ddq) < RESIDUE_ACCELERATION, 0.0, ddq)
+        still, even = np.abs(dq) < RESIDUE_VELOCITY, np.abs(ddq) < RESIDUE_ACCELERATION
+        return np.where(still, 0.0, dq) if still.any() else dq, np.where(even, 0.0, ddq) if even.any() else ddq
 
     def of_motion(
         self,
@@ -170,8 +180,14 @@ class ModelFunctions:
             identity=self._identity("regressor", True, "fixed", "exact"),
             compact=True,
         )
+        identity = self._identity("regressor", True, "fixed", "exact")
+        uneven = Kernel(
+            lambda: _uneven_part(self.function("regressor", base=True)),
+            identity=None if identity is None else f"uneven {identity}",
+            compact=True,
+        )
         rows, columns = np.divmod(kernel.places, self.base_parameters().count)
-        return BaseColumns(kernel, tuple(columns[rows == joint] for joint in range(self.robot.dof)))
+        return BaseColumns(kernel, tuple(columns[rows == joint] for joint in range(self.robot.dof)), uneven)
 
     def function(
         self,
@@ -389,6 +405,25 @@ _MOTION_UNITS = {
     "ddq": ("acceleration", "rad/s²", "m/s²"),
     "tau": ("torque", "N·m", "N"),
 }
+
+
+def _uneven_part(function: Function) -> Function:
+    """Return a function with zeros for all elements that are polynomials, sines and cosines of the motion."""
+    uneven: set[int] = set()
+    for node in reachable(function.nodes):  # arguments first
+        if node.operation == "input":
+            own = str(node.value).partition("[")[0] not in _MOTION_UNITS
+        elif node.operation == "div":
+            own = node.arguments[1].operation != "constant"
+        else:
+            own = node.operation not in ("constant", "add", "sub", "mul", "neg", "sin", "cos")
+        if own or any(argument.index in uneven for argument in node.arguments):
+            uneven.add(node.index)
+    outputs = [
+        replace(output, nodes=tuple(n if n.index in uneven else n.graph.zero for n in output.nodes))
+        for output in function.outputs
+    ]
+    return replace(function, name=f"uneven_{function.name}", outputs=tuple(outputs))
 
 
 def _operations(outputs: tuple[Output, ...]) -> int:

@@ -28,6 +28,10 @@ def one_thread() -> Iterator[int]:
     The factorisation of a narrow block has hundreds of points at which threads wait for each other. On a machine that
     is busy with anything else each of them can cost a time slice: together two hundred times the work itself.
     """
+    outside = _ALLOWED.get()
+    if outside is not None:  # to set the limit again takes as long as the work on a small block
+        yield outside
+        return
     controller = _controller(len(sys.modules))
     allowed = _allowed(controller)
     token = _ALLOWED.set(allowed)
@@ -64,9 +68,6 @@ def in_threads(function: Callable[[Item], Result], items: Sequence[Item]) -> lis
 
 def _allowed(controller: Any) -> int:
     """How many threads BLAS may use, outside of all limits of ours."""
-    outside = _ALLOWED.get()
-    if outside is not None:
-        return outside
     counts = [library["num_threads"] for library in controller.info() if library["user_api"] == "blas"]
     return max(counts, default=1)
 

@@ -24,7 +24,6 @@ from steelyard.recording import (
     chunks,
     decide,
     process_chunks,
-    read_middle,
 )
 from steelyard.recording.automatic import DECISION_ROWS
 from steelyard.recording.diagnosis import DETECTORS, faulty_rows
@@ -34,7 +33,7 @@ from steelyard.recording.survey import LogSurvey
 from steelyard.regression import Information
 from steelyard.regression.batch_means import BatchMeans, BatchMeansTree, BatchSums
 from steelyard.regression.factor import solve
-from steelyard.regression.reduction import CHUNK, empty_factors, narrowed, reduce_by_joint, residuals
+from steelyard.regression.reduction import FEWEST_EXACT, empty_factors, narrowed, reduce_by_joint, residuals
 from steelyard.regression.time_blocks import MOST, TimeBlocks
 from steelyard.robot import Robot, RobotFile
 
@@ -214,6 +213,7 @@ class LogReader:
         self.units_are_suspect = False
         self.cutoff_choices: list[tuple[str, CutoffChoice]] = []
         self.layouts: dict[str, Layout] = {}
+        self._streams: dict[str | int, chunks.LogStream] = {}
 
     def decide(self, given: Sequence[GivenLog], say: Progress) -> None:
         """Decide what [processing] leaves to the data, once for all logs, so that all have the same filter."""
@@ -224,9 +224,7 @@ class LogReader:
         chosen = [logs[int(i)] for i in np.linspace(0, len(logs) - 1, count).round()]
         rows = min(DECISION_ROWS, max(_FEWEST_ROWS, _DECIDING_ROWS // count))
         say(f"choosing the filter by {count} log{'s' * (count > 1)}")
-        recordings = [
-            read_middle(log, self.columns, self.stated, rows, list(self.model.robot.joint_names)) for log in chosen
-        ]
+        recordings = [chunks.middle_of(self._open(log), self.stated, rows) for log in chosen]
         if not any(one.torque.size and np.ptp(one.torque, axis=0).any() for one in recordings):
             raise InputError(
                 f"{recordings[0].source}: no torque changes within {recordings[0].count} rows; check `torque` in "
@@ -296,9 +294,7 @@ class LogReader:
         if isinstance(task.log, GivenSamples) or self.processing.needs_whole_log:
             return None
         own = self._unwritten()
-        joints = list(self.model.robot.joint_names)
-        look = partial(own._look, task.log)
-        opened = chunks.OpenedLog(task.log, self.columns, self.processing, joints, model, look)
+        opened = chunks.OpenedLog(self._open(task.log), self.processing, model, partial(own._look, task.log))
         return SectionedLog(task, opened, tuple(own.remarks), next(iter(own.layouts.values()), None))
 
     def reduced_section(self, log: SectionedLog, section: int, model: Model) -> ReducedSection:
@@ -306,7 +302,7 @@ class LogReader:
         opened, task = log.opened, log.task
         opened.use_model(model)
         seen, thinned = chunks.SeenRows(), ThinnedSamples(task.points, opened.count(), opened.count(section))
-        exact = None if section == 0 else CHUNK
+        exact = None if section == 0 else FEWEST_EXACT
         kept = _kept_of(opened.samples(section, seen), task, model, thinned, opened.sections, exact)
         return ReducedSection(
             information=kept.information,
@@ -390,7 +386,17 @@ class LogReader:
         if isinstance(log, GivenSamples):
             start = max(0, (log.samples.count - rows) // 2)
             return log.samples.rows(start, start + rows)
-        return read_middle(log, self.columns, self.processing, rows, list(self.model.robot.joint_names))
+        return chunks.middle_of(self._open(log), self.processing, rows)
+
+    def _open(self, log: str | Path | LogFile) -> chunks.LogStream:
+        """Open a log whose rows are counted and timed, once for all that is read of it; the last few stay open."""
+        found = self._streams.pop(id(log) if isinstance(log, LogFile) else str(log), None)
+        if found is None:
+            found = chunks.LogStream(log, self.columns, list(self.model.robot.joint_names))
+        while len(self._streams) >= _DECIDING_LOGS:
+            del self._streams[next(iter(self._streams))]
+        self._streams[id(log) if isinstance(log, LogFile) else str(log)] = found
+        return found
 
     def dense(self, log: GivenLog, rows: int) -> Samples | None:
         """Return samples of the middle of a log at its own rate; None where it is hardly longer than half of that."""

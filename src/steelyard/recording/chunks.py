@@ -41,7 +41,17 @@ from .survey import LogSurvey
 if TYPE_CHECKING:
     from steelyard.dynamics import Model
 
-__all__ = ["Chunk", "OpenedLog", "SeenRows", "ahead", "process_chunks", "read_chunks"]
+__all__ = [
+    "Chunk",
+    "LogStream",
+    "OpenedLog",
+    "SeenRows",
+    "ahead",
+    "middle_of",
+    "process_chunks",
+    "read_chunks",
+    "read_middle",
+]
 
 Item = TypeVar("Item")
 
@@ -272,9 +282,13 @@ def read_middle(
     InputError
         As in `Recording.read`.
     """
-    stream = LogStream(source, columns, joints)
+    return middle_of(LogStream(source, columns, joints), Processing() if processing is None else processing, rows)
+
+
+def middle_of(stream: LogStream, processing: Processing, rows: int = DECISION_ROWS) -> Recording:
+    """Return what `read_middle` reads, of a log that is open."""
     check_period(stream.clock.period, stream.files.name)
-    return stream.middle(stream.even(Processing() if processing is None else processing), _positive_rows(rows))
+    return stream.middle(stream.even(processing), _positive_rows(rows))
 
 
 def process_chunks(
@@ -323,7 +337,12 @@ def process_chunks(
     if model is not None and processing.filters_torque:
         rows = min(rows, PIECE_ROWS)  # samples with their regressors take ten times the memory
     survey = LogSurvey() if survey is None else survey
-    opened = OpenedLog(source, columns, processing, joints, model, look)
+    if processing.needs_whole_log:
+        raise InputError(
+            f"the filter {processing.filter.kind!r} in [processing] needs the log whole, in memory; read it with "
+            "Recording.read and process it, or use another filter."
+        )
+    opened = OpenedLog(LogStream(source, columns, joints), processing, model, look)
     seen = SeenRows(survey)
     pieces = itertools.chain.from_iterable(opened.samples(section, seen) for section in range(opened.sections))
     last: Samples | None = None
@@ -362,7 +381,9 @@ class OpenedLog:
 
     Parameters
     ----------
-    source, columns, processing, joints, model, look
+    stream : LogStream
+        The log.
+    processing, model, look
         As in `process_chunks`.
 
     Attributes
@@ -373,20 +394,13 @@ class OpenedLog:
 
     def __init__(
         self,
-        source: Source,
-        columns: LogColumns | dict[str, Any] | None,
+        stream: LogStream,
         processing: Processing,
-        joints: int | Sequence[str] | None,
         model: Model | None,
         look: Callable[[Recording], object] | None,
     ) -> None:
-        if processing.needs_whole_log:
-            raise InputError(
-                f"the filter {processing.filter.kind!r} in [processing] needs the log whole, in memory; read it with "
-                "Recording.read and process it, or use another filter."
-            )
         self.processing = processing
-        self.stream = stream = LogStream(source, columns, joints)
+        self.stream = stream
         check_period(stream.clock.period, stream.files.name)
         head = next(stream.spans([(0, min(CHOICE_ROWS, stream.count))]))
         LogSurvey.of(head).velocity_remarks()  # what is sure to be wrong is refused at once

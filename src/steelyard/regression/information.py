@@ -204,7 +204,7 @@ class Information:
         blocks : TimeBlocks, optional
             Keeps stretches of the data apart, for cross-validation; see `stretches`.
         exact : int, optional
-            Samples, a multiple of 8192, of which each row is reduced by itself; 131 072 by default. Neighbouring rows
+            Samples, a multiple of 1024, of which each row is reduced by itself; 131 072 by default. Neighbouring rows
             of those that follow are combined where they say the same.
 
         Returns

@@ -13,7 +13,7 @@ from steelyard.graph.block_projection import project_blocks
 
 from .batch_means import LONG
 
-__all__ = ["LENGTH", "CombinedRows", "NeighborCombinations"]
+__all__ = ["LENGTH", "PLACES", "CombinedRows", "NeighborCombinations", "RegressorSource"]
 
 Array = NDArray[np.float64]
 
@@ -39,6 +39,15 @@ AT_ONCE = 8
 """Groups of neighbours whose regressor stands in memory together: one megabyte for seven joints, so that the
 processor's cache holds it until it is combined."""
 
+PLACES = (0, 4, 13, 25, 38, 50, 59, 63)
+"""Of `LENGTH` neighbours those at which the even columns are computed: Lobatto's points, rounded, so that what lies
+beyond degree 7 hardly shows in the projections, and a jump between any two rows does. They are at most 13 rows apart,
+two gaps of a log at least 30."""
+
+LARGEST_TAIL = 1e-8
+"""Share of the mean square of a column that its two highest degrees may have, so that eight places tell all of it: what
+lies beyond is then some 1e-5 of the column. A motion filtered at 5 Hz has 1e-11, the noise of an encoder a quarter."""
+
 
 @dataclass(frozen=True, eq=False)
 class CombinedRows:
@@ -59,6 +68,31 @@ class CombinedRows:
     sums: Array
 
 
+@dataclass(frozen=True)
+class RegressorSource:
+    """What computes the base regressor of some samples, all of it or what suffices where the motion is smooth.
+
+    An array that one of these returns is overwritten by the next call of the same one.
+
+    Attributes
+    ----------
+    entries : callable
+        Returns all entries of a slice of the samples, (samples, C).
+    at_places : callable or None
+        Returns for a slice of the groups of neighbours the entries at `PLACES`, (groups * places, C); None where it
+        would save nothing.
+    uneven_entries : callable
+        Returns the entries that may jump or bend where the motion is smooth, of a slice of the samples, (samples, U).
+    uneven : ndarray of int
+        Which these are, (U,).
+    """
+
+    entries: Callable[[slice], Array]
+    at_places: Callable[[slice], Array] | None = None
+    uneven_entries: Callable[[slice], Array] | None = None
+    uneven: NDArray[np.intp] | None = None
+
+
 class NeighborCombinations:
     """Combines neighbouring rows, 64 to four, where these say the same of the parameters.
 
@@ -66,8 +100,12 @@ class NeighborCombinations:
     polynomials, and all that the rows tell of the parameters is in their projections on an orthonormal basis of those.
     It is a linear map of the whole regression, so that it biases nothing; white noise stays white, with the same
     variance; and the squares of the torques stay the same, since what the projections lack of them, which is noise, is
-    one further row. Neighbours of which some are masked have polynomials over the others. Where a column is no
-    polynomial, as at a jump of friction or a gap in time, all rows are kept.
+    one further row. Neighbours of which some are masked have polynomials over the others, and where a column jumps, as
+    by friction, there are polynomials before and behind the jump. Where a column is still no polynomial, all rows are
+    kept.
+
+    Columns that are polynomials, sines and cosines of the motion are computed at eight of the neighbours only, unless
+    they turn out not to be polynomials of degree 7 there.
 
     Parameters
     ----------
@@ -83,55 +121,167 @@ class NeighborCombinations:
         self.squares = squares
         self._owner = np.repeat(np.arange(len(widths)), widths)
         self._sums, self._counts = np.zeros_like(squares), np.zeros(len(widths))
+        self._held: tuple[Array, Array, Array, Array] | None = None
 
-    def combined(
-        self, entries: Callable[[slice], Array], torque: Array, mask: NDArray[np.bool_] | None
-    ) -> list[CombinedRows]:
+    def combined(self, source: RegressorSource, torque: Array, mask: NDArray[np.bool_] | None) -> list[CombinedRows]:
         """Combine the rows of each joint.
 
         Parameters
         ----------
-        entries : callable
-            The entries of the base regressor for a slice of the samples, (samples, C).
+        source : RegressorSource
         torque, mask : ndarray
             (S, N), S a multiple of `LENGTH`.
         """
         joints, groups = len(self.starts), len(torque) // LENGTH
-        torque = torque.reshape(groups, LENGTH, joints)
-        used = None if mask is None else mask.reshape(torque.shape)
-        counts = np.full((groups, joints), LENGTH) if used is None else used.sum(axis=1)
-        whole, limits = counts == LENGTH, self._limits()
-        basis, projected = _basis(0, LENGTH), np.empty((groups, ORDERS, len(limits)))
-        left, simple = np.empty((groups, len(limits))), np.empty((groups, joints), bool)
-        others: list[list[Array]] = [[] for _ in range(joints)]  # neighbours that are not whole, or rough
-        for start in range(0, groups, AT_ONCE):
-            part = slice(start, min(start + AT_ONCE, groups))
-            rows = entries(slice(part.start * LENGTH, part.stop * LENGTH)).reshape(-1, LENGTH, len(limits))
-            project_blocks(basis, rows, projected[part], left[part])
-            rough = np.logical_or.reduceat(left[part] > LENGTH * limits, self.starts, axis=1)
-            simple[part] = whole[part] & ~rough
-            for group, joint in np.argwhere(~simple[part] & (counts[part] > 0)).tolist():
-                others[joint].append(rows[group, :, self.starts[joint] : self.ends[joint]].copy())
-        means = projected[:, 0]
-        self._sums += np.einsum("gc,gc,gc->c", means, means, whole[:, self._owner].astype(float))
-        self._counts += LENGTH * np.count_nonzero(whole, axis=0)
-        forces = np.matmul(basis, torque)
-        found = []
+        used = None if mask is None else np.ascontiguousarray(mask.T).reshape(joints, groups, LENGTH)
+        counts = np.full((groups, joints), LENGTH) if used is None else used.sum(axis=2).T
+        found = self._projections(source, counts)
+        means = found.projected[:, 0]
+        whole = counts == LENGTH
+        squares = means**2 if whole.all() else means**2 * whole[:, self._owner]
+        self._sums += squares.sum(axis=0)
+        self._counts += np.count_nonzero(whole, axis=0) * LENGTH
+        result = []
         for joint, (begin, end) in enumerate(zip(self.starts, self.ends, strict=True)):
-            result = _Combination(torque[:, :, joint], None if used is None else used[:, :, joint], counts[:, joint])
-            places = np.flatnonzero(simple[:, joint])
-            result.combine(places, projected[places, :, begin:end], forces[places, :, joint])
-            if others[joint]:
-                places = np.flatnonzero(~simple[:, joint] & (counts[:, joint] > 0))
-                result.add_others(places, np.stack(others[joint]), whole[places, joint], limits[begin:end])
-            found.append(result.result(end - begin + 1))
+            one = _Combination(torque[:, joint].reshape(groups, LENGTH), None if used is None else used[joint])
+            one.combine_whole(np.flatnonzero(found.simple[:, joint]), found.projected[:, :, begin:end])
+            if found.even[joint]:
+                groups_of, *parts = zip(*found.even[joint], strict=True)
+                coefficients, left, uneven = (np.stack(part) for part in parts)
+                one.add_even(np.array(groups_of), coefficients, left, uneven, found, joint)
+            if found.others[joint]:
+                groups_of, rows = zip(*found.others[joint], strict=True)
+                one.add_others(np.array(groups_of), np.stack(rows), found, joint)
+            result.append(one.result(end - begin + 1))
+        return result
+
+    def _projections(self, source: RegressorSource, counts: NDArray[np.intp]) -> _Projections:
+        """Project the regressor of all groups, of which each joint uses so many rows, (groups, N)."""
+        groups = len(counts)
+        found = _Projections(groups, self._limits(), self.starts, self.ends, source.uneven)
+        step = AT_ONCE if source.at_places is None else AT_ONCE * LENGTH // len(PLACES)
+        for start in range(0, groups, step):
+            part = slice(start, min(start + step, groups))
+            if source.at_places is None:
+                self._project_all(source, part, counts, found)
+            else:
+                self._project_places(source, part, counts, found)
         return found
+
+    def _project_all(self, source: RegressorSource, part: slice, counts: NDArray[np.intp], found: _Projections) -> None:
+        """Project the regressor of some groups, computed at all of their rows."""
+        rows = source.entries(slice(part.start * LENGTH, part.stop * LENGTH)).reshape(-1, LENGTH, len(found.limits))
+        left = np.empty((len(rows), len(found.limits)))
+        project_blocks(_basis(0, LENGTH), rows, found.projected[part], left)
+        for group, joint in self._judged(part, left, counts, found):
+            own = rows[group - part.start, :, self.starts[joint] : self.ends[joint]]
+            found.others[joint].append((group, own.copy()))
+
+    def _project_places(
+        self, source: RegressorSource, part: slice, counts: NDArray[np.intp], found: _Projections
+    ) -> None:
+        """Project the regressor of some groups, computed at few of their rows where these tell all the others."""
+        assert source.at_places is not None
+        assert source.uneven_entries is not None
+        assert source.uneven is not None
+        groups, width = part.stop - part.start, len(found.limits)
+        values = source.at_places(part).reshape(groups, len(PLACES), width)
+        lower, higher = _interpolation()
+        beyond, squares, left, tail = self._room(groups, len(higher), width)
+        project_blocks(lower, values, found.projected[part], left)
+        project_blocks(higher, values, beyond, left)
+        np.square(beyond, out=squares)
+        np.add(squares[:, -2], squares[:, -1], out=tail)
+        tail[:, source.uneven] = 0.0
+        np.sum(squares, axis=1, out=left)
+        uneven = source.uneven_entries(slice(part.start * LENGTH, part.stop * LENGTH))
+        uneven = uneven.reshape(groups, LENGTH, len(source.uneven))
+        if len(source.uneven):
+            own, own_left = np.empty((groups, ORDERS, len(source.uneven))), np.empty((groups, len(source.uneven)))
+            project_blocks(_basis(0, LENGTH), uneven, own, own_left)
+            found.projected[part][:, :, source.uneven] = own
+            left[:, source.uneven] = own_left
+        told = np.all(tail <= LENGTH / LARGEST_SHARE * LARGEST_TAIL * found.limits, axis=1)
+        rows: dict[int, Array] = {}
+        for at in np.flatnonzero(~told).tolist():
+            group = part.start + at
+            rows[at] = source.entries(slice(group * LENGTH, (group + 1) * LENGTH)).copy()
+            project_blocks(_basis(0, LENGTH), rows[at][None], found.projected[group : group + 1], left[at : at + 1])
+        for group, joint in self._judged(part, left, counts, found):
+            at, columns = group - part.start, slice(self.starts[joint], self.ends[joint])
+            if at in rows:
+                found.others[joint].append((group, rows[at][:, columns]))
+                continue
+            coefficients = np.concatenate([found.projected[group, :, columns], beyond[at, :, columns]])
+            own = (source.uneven >= columns.start) & (source.uneven < columns.stop)
+            found.even[joint].append((group, coefficients, left[at, columns], uneven[at][:, own]))
+
+    def _room(self, groups: int, orders: int, width: int) -> tuple[Array, Array, Array, Array]:
+        """Return arrays that are used again and again: new ones take longer to be given than to be filled."""
+        if self._held is None or len(self._held[0]) < groups:
+            whole, one = (groups, orders, width), (groups, width)
+            self._held = np.empty(whole), np.empty(whole), np.empty(one), np.empty(one)
+        beyond, squares, left, tail = (array[:groups] for array in self._held)
+        return beyond, squares, left, tail
+
+    def _judged(self, part: slice, left: Array, counts: NDArray[np.intp], found: _Projections) -> list[tuple[int, int]]:
+        """Note of some groups what is told by the projections; return the group and joint of what is used besides."""
+        rough = np.logical_or.reduceat(left > LENGTH * found.limits, self.starts, axis=1)
+        found.simple[part] = (counts[part] == LENGTH) & ~rough
+        others = np.argwhere(~found.simple[part] & (counts[part] > 0))
+        return [(part.start + group, joint) for group, joint in others.tolist()]
 
     def _limits(self) -> Array:
         """Return the mean square that each column may lose, (C,)."""
         squares = np.maximum(self.squares, self._sums / np.maximum(self._counts, 1.0)[self._owner])
         largest = np.maximum.reduceat(squares, self.starts)
         return np.asarray(LARGEST_SHARE * np.maximum(squares, ROUNDING * largest[self._owner]))
+
+
+class _Projections:
+    """The projected regressor of all groups, and what is known of those which that does not tell.
+
+    Attributes
+    ----------
+    projected : ndarray
+        (groups, `ORDERS`, C).
+    simple : ndarray of bool
+        (groups, N), where projections take the place of the rows.
+    even : list
+        For each joint the groups that are used and not simple, and whose regressor was computed at `PLACES`: the number
+        of each, coefficients of the polynomials (places, c), squares of what four of these leave (c,), and the uneven
+        columns (`LENGTH`, u).
+    others : list
+        The number and the rows (`LENGTH`, c) of all the others that are used and not simple.
+    limits : ndarray
+        (C,) mean square that may be lost.
+    """
+
+    def __init__(
+        self,
+        groups: int,
+        limits: Array,
+        starts: NDArray[np.intp],
+        ends: NDArray[np.intp],
+        uneven: NDArray[np.intp] | None,
+    ) -> None:
+        self.limits = limits
+        self.projected = np.empty((groups, ORDERS, len(limits)))
+        self.simple = np.zeros((groups, len(starts)), bool)
+        self.even: list[list[tuple[int, Array, Array, Array]]] = [[] for _ in starts]
+        self.others: list[list[tuple[int, Array]]] = [[] for _ in starts]
+        self._columns = [slice(start, end) for start, end in zip(starts, ends, strict=True)]
+        self._uneven = np.empty(0, np.intp) if uneven is None else uneven
+
+    def limits_of(self, joint: int) -> Array:
+        """Return the limits of the columns of a joint, (c,)."""
+        return self.limits[self._columns[joint]]
+
+    def uneven_of(self, joint: int) -> NDArray[np.intp]:
+        """Return which columns of a joint are uneven."""
+        columns = self._columns[joint]
+        own = (self._uneven >= columns.start) & (self._uneven < columns.stop)
+        return np.asarray(self._uneven[own] - columns.start)
 
 
 class _Combination:
@@ -141,77 +291,169 @@ class _Combination:
     ----------
     torque, used : ndarray
         (groups, `LENGTH`).
-    counts : ndarray
-        (groups,) how many are used.
     """
 
-    def __init__(self, torque: Array, used: NDArray[np.bool_] | None, counts: NDArray[np.intp]) -> None:
-        self.used = None if used is None else np.ascontiguousarray(used)
-        self.torque = np.ascontiguousarray(torque) if self.used is None else torque * self.used
-        self.counts = counts
+    def __init__(self, torque: Array, used: NDArray[np.bool_] | None) -> None:
+        self.used = np.ones(torque.shape, bool) if used is None else used
+        self.torque = np.ascontiguousarray(torque) if used is None else torque * used
+        self.count = torque.size if used is None else int(np.count_nonzero(used))
         self.rows: list[Array] = []
         self.sums: list[tuple[NDArray[np.intp], Array]] = []
         self.rest = float(np.vdot(self.torque, self.torque))
 
-    def combine(self, places: NDArray[np.intp], projected: Array, forces: Array) -> None:
-        """Take the projections of these neighbours, (groups, `ORDERS`, c) and (groups, `ORDERS`)."""
-        rows = np.concatenate([projected, forces[:, :, None]], axis=2)
-        self.rows.append(rows.reshape(-1, rows.shape[2]))
-        self.sums.append((places, rows[:, 0] * np.sqrt(self.counts[places])[:, None]))
-        self.rest -= float(np.vdot(forces, forces))
+    def combine_whole(self, places: NDArray[np.intp], projected: Array) -> None:
+        """Take the projections (groups, `ORDERS`, c) of these groups, which are used as a whole."""
+        rows = np.empty((len(places), ORDERS, projected.shape[2] + 1))
+        rows[:, :, :-1] = projected if len(places) == len(projected) else projected[places]
+        torque = self.torque if len(places) == len(projected) else self.torque[places]
+        rows[:, :, -1] = torque @ _basis(0, LENGTH).T
+        self._take(rows, places, rows[:, 0] * np.sqrt(LENGTH))
 
-    def add_others(self, places: NDArray[np.intp], regressor: Array, whole: NDArray[np.bool_], limits: Array) -> None:
-        """Take neighbours (groups, `LENGTH`, c) that are not whole, or rough."""
-        left = np.ones(len(places), bool)
-        if self.used is not None:
-            runs, which = _runs(self.used[places], whole)
-            if len(which):
-                bases = np.stack([_basis(*run) for run in runs])
-                own = regressor[which] * self.used[places[which], :, None]
-                projected = np.matmul(bases, own)
-                squares = np.einsum("gkc,gkc->gc", own, own) - np.einsum("gmc,gmc->gc", projected, projected)
-                good = np.all(squares <= self.counts[places[which], None] * limits, axis=1)
-                which = which[good]
-                forces = np.einsum("gmk,gk->gm", bases[good], self.torque[places[which]])
-                self.combine(places[which], projected[good], forces)
-                left[which] = False
-        if not left.any():
-            return
-        places = places[left]
-        rows = np.concatenate([regressor[left], self.torque[places, :, None]], axis=2)
+    def _take(self, rows: Array, places: NDArray[np.intp], sums: Array) -> None:
+        """Take rows (groups, r, c + 1) in the place of those of these groups, and the sums of those."""
+        self.rows.append(rows.reshape(-1, rows.shape[2]))
+        self.sums.append((places, sums))
         self.rest -= float(np.vdot(rows[:, :, -1], rows[:, :, -1]))
-        if self.used is None:
-            self.rows.append(rows.reshape(-1, rows.shape[2]))
-        else:
-            rows *= self.used[places, :, None]
-            self.rows.append(rows[self.used[places]])
-        self.sums.append((places, np.einsum("gkc->gc", rows)))
+
+    def add_even(
+        self, places: NDArray[np.intp], coefficients: Array, left: Array, uneven: Array, found: _Projections, joint: int
+    ) -> None:
+        """Take neighbours that are not whole, or jump, by what `_Projections.even` tells of them."""
+        limits, own = found.limits_of(joint), found.uneven_of(joint)
+        polynomials, used = _all_polynomials(), self.used[places]
+        rows = np.concatenate([uneven * used[:, :, None], self.torque[places, :, None]], axis=2)
+        sums = np.empty((len(places), len(limits) + 1))
+        sums[:, :-1] = np.matmul((used @ polynomials.T)[:, None], coefficients)[:, 0]
+        sums[:, [*own, -1]] = rows.sum(axis=1)
+        # Polynomials over a part of the rows leave less than those over all.
+        count = used.sum(axis=1)
+        even = left <= count[:, None] * limits
+        even[:, own] = True
+        remaining = np.ones(len(places), bool)
+        for runs in (_one_run, _two_runs):
+            at = np.flatnonzero(remaining & even.all(axis=1))
+            chosen, bases = runs(used[at], uneven[at], limits[own])
+            at = at[chosen]
+            if not len(at):
+                continue
+            jumping = np.matmul(bases, rows[at])
+            squares = np.einsum("gkc,gkc->gc", rows[at], rows[at]) - np.einsum("gmc,gmc->gc", jumping, jumping)
+            good = np.all(squares[:, :-1] <= count[at, None] * limits[own], axis=1)
+            projected = np.empty((int(good.sum()), bases.shape[1], len(limits) + 1))
+            projected[:, :, :-1] = np.matmul(bases[good] @ polynomials.T, coefficients[at[good]])
+            projected[:, :, [*own, -1]] = jumping[good]
+            self._take(projected, places[at[good]], sums[at[good]])
+            remaining[at[good]] = False
+        if remaining.any():
+            regressor = polynomials.T @ coefficients[remaining]
+            regressor[:, :, own] = uneven[remaining]
+            self.add_others(places[remaining], regressor, found, joint)
+
+    def add_others(self, places: NDArray[np.intp], regressor: Array, found: _Projections, joint: int) -> None:
+        """Take neighbours (groups, `LENGTH`, c) that are not whole, or rough."""
+        used, limits = self.used[places], found.limits_of(joint)
+        rows = np.concatenate([regressor, self.torque[places, :, None]], axis=2)
+        rows[:, :, :-1] *= used[:, :, None]
+        sums = rows.sum(axis=1)
+        left = np.ones(len(places), bool)
+        # First as one run of rows, then as two, with a jump between them.
+        for runs in (_one_run, _two_runs):
+            at = np.flatnonzero(left)
+            chosen, bases = runs(used[at], regressor[at], limits)
+            at = at[chosen]
+            if not len(at):
+                continue
+            own = rows[at]
+            projected = np.matmul(bases, own)
+            squares = np.einsum("gkc,gkc->gc", own, own) - np.einsum("gmc,gmc->gc", projected, projected)
+            good = np.all(squares[:, :-1] <= used[at].sum(axis=1)[:, None] * limits, axis=1)
+            self._take(projected[good], places[at[good]], sums[at[good]])
+            left[at[good]] = False
+        if left.any():
+            kept = rows[left]
+            self.rest -= float(np.vdot(kept[:, :, -1], kept[:, :, -1]))
+            self.rows.append(kept[used[left]])
+            self.sums.append((places[left], sums[left]))
 
     def result(self, width: int) -> CombinedRows:
         """Return what was taken."""
-        last, sums = np.zeros((1, width)), np.zeros((len(self.counts), width))
+        last, sums = np.zeros((1, width)), np.zeros((len(self.torque), width))
         last[0, -1] = np.sqrt(max(self.rest, 0.0))
         for places, own in self.sums:
             sums[places] = own
-        return CombinedRows(np.concatenate([*self.rows, last]), int(self.counts.sum()), sums)
+        return CombinedRows(np.concatenate([*self.rows, last]), self.count, sums)
 
 
-def _runs(used: NDArray[np.bool_], whole: NDArray[np.bool_]) -> tuple[list[tuple[int, int]], NDArray[np.intp]]:
-    """Return the rows start:stop that are used of neighbours that are not whole, and of which: all others apart."""
-    starts, stops = used.argmax(axis=1), LENGTH - used[:, ::-1].argmax(axis=1)
-    chosen = ~whole & (stops - starts == used.sum(axis=1)) & (stops - starts > FEWEST)
-    return list(zip(starts[chosen].tolist(), stops[chosen].tolist(), strict=True)), np.flatnonzero(chosen)
+def _one_run(used: NDArray[np.bool_], regressor: Array, limits: Array) -> tuple[NDArray[np.intp], Array]:
+    """Return which neighbours use one run of rows but not all, and polynomials over it.
+
+    (groups, `ORDERS`, `LENGTH`)
+    """
+    starts, stops = _ends(used)
+    count = used.sum(axis=1)
+    chosen = np.flatnonzero((stops - starts == count) & (count > FEWEST) & (count < LENGTH))
+    return chosen, _bases([(starts[k], stops[k]) for k in chosen.tolist()])
+
+
+def _two_runs(used: NDArray[np.bool_], regressor: Array, limits: Array) -> tuple[NDArray[np.intp], Array]:
+    """Return which neighbours use two runs of rows, or one that jumps within, and polynomials over each of both.
+
+    (groups, 2 `ORDERS`, `LENGTH`)
+    """
+    starts, stops = _ends(used)
+    count = used.sum(axis=1)
+    steps = np.diff(regressor, axis=1)
+    # Rows that are not used separate two runs; else the largest step does.
+    inner = ~used & (np.arange(LENGTH) >= starts[:, None]) & (np.arange(LENGTH) < stops[:, None])
+    steps = np.einsum("gkc,gkc,c->gk", steps, steps, 1.0 / limits) * (used[:, 1:] & used[:, :-1])
+    jumps = np.argmax(steps, axis=1) + 1
+    first = np.where(inner.any(axis=1), inner.argmax(axis=1), jumps)
+    second = np.where(inner.any(axis=1), LENGTH - inner[:, ::-1].argmax(axis=1), jumps)
+    chosen = np.flatnonzero((first - starts + stops - second == count) & (count > 2 * FEWEST))
+    before = _bases([(starts[k], first[k]) for k in chosen.tolist()])
+    behind = _bases([(second[k], stops[k]) for k in chosen.tolist()])
+    return chosen, np.concatenate([before, behind], axis=1)
+
+
+def _ends(used: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the first row that is used of each group, and the one behind the last."""
+    return used.argmax(axis=1), LENGTH - used[:, ::-1].argmax(axis=1)
+
+
+def _bases(runs: Sequence[tuple[int, int]]) -> Array:
+    return np.stack([_basis(int(start), int(stop)) for start, stop in runs]) if runs else np.empty((0, ORDERS, LENGTH))
 
 
 @cache
 def _basis(start: int, stop: int) -> Array:
     """Return orthonormal polynomials over rows start:stop of `LENGTH`, (`ORDERS`, `LENGTH`), zero elsewhere."""
-    times = np.linspace(-1.0, 1.0, stop - start)
     found = np.zeros((ORDERS, LENGTH))
-    for order in range(ORDERS):
-        values = times**order
-        for lower in found[:order, start:stop]:
-            values = values - (lower @ values) * lower
-        found[order, start:stop] = values / np.sqrt(values @ values)
+    count = min(ORDERS, stop - start)
+    found[:count, start:stop] = _polynomials(stop - start, count)
     found.flags.writeable = False
     return found
+
+
+def _polynomials(length: int, orders: int) -> Array:
+    """Return orthonormal polynomials of degree 0, 1, ... over so many rows, (orders, length)."""
+    times, found = np.linspace(-1.0, 1.0, length), np.empty((orders, length))
+    for order in range(orders):
+        values = times * found[order - 1] if order else np.ones(length)
+        for _ in range(2):  # the second time for what rounding leaves
+            for lower in found[:order]:
+                values = values - (lower @ values) * lower
+        found[order] = values / np.sqrt(values @ values)
+    return found
+
+
+@cache
+def _all_polynomials() -> Array:
+    """Return orthonormal polynomials over `LENGTH` rows, as many as there are `PLACES`, (places, `LENGTH`)."""
+    return _polynomials(LENGTH, len(PLACES))
+
+
+@cache
+def _interpolation() -> tuple[Array, Array]:
+    """Return what makes coefficients of values at `PLACES`: of the first `ORDERS` polynomials, and of the others."""
+    inverse = np.linalg.inv(_all_polynomials()[:, PLACES].T)
+    return np.ascontiguousarray(inverse[:ORDERS]), np.ascontiguousarray(inverse[ORDERS:])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -20,11 +20,12 @@ from .time_blocks import TimeBlocks
 if TYPE_CHECKING:
     from steelyard.dynamics import Model
 
-    from .neighbors import NeighborCombinations
+    from .neighbors import NeighborCombinations, RegressorSource
 
 __all__ = [
     "BLOCK",
     "CHUNK",
+    "FEWEST_EXACT",
     "JointReduction",
     "MarginalWhitening",
     "WhitenedReduction",
@@ -46,11 +47,14 @@ Array = NDArray[np.float64]
 BLOCK = 2048
 """Samples that are factored at a time: their regressor stays in the processor's cache."""
 
-CHUNK = 8192
-"""Samples that are handed over at a time."""
+CHUNK = 32768
+"""Samples that are handed over at a time: so many that what each call costs by itself hardly counts."""
+
+FEWEST_EXACT = 8192
+"""Samples from which on neighbouring rows are combined in what follows other samples of the same log."""
 
 EXACT = 2**17
-"""Samples from which on neighbouring rows are combined, a multiple of `CHUNK`: two minutes at 1 kHz. Up to there every
+"""Samples from which on neighbouring rows are combined, a multiple of 1024: two minutes at 1 kHz. Up to there every
 row goes into the factors as it is."""
 
 WHOLE_BLOCK = 1024
@@ -143,7 +147,7 @@ class JointReduction:
     blocks : TimeBlocks, optional
         Keeps stretches of the rows apart.
     exact : int, optional
-        In the place of `EXACT`, a multiple of `CHUNK`.
+        In the place of `EXACT`, a multiple of 1024.
     """
 
     def __init__(
@@ -160,12 +164,17 @@ class JointReduction:
         self._exact = EXACT if exact is None else exact
         self._squares, self._seen = np.zeros(sum(self._widths)), 0
         self._neighbors: NeighborCombinations | None = None
+        self._rooms: dict[int, Array] = {}
 
     def add(self, samples: Samples, scales: Array | None = None) -> None:
         """Add samples, perhaps with factors (S, N) of their rows, the square roots of weights.
 
         With sums each call but the last must bring a multiple of 1024 samples, and from `exact` samples on always.
         """
+        if scales is None and self._seen < self._exact < self._seen + samples.count:
+            exact = self._exact - self._seen
+            self.add(samples.rows(0, exact))
+            samples = samples.rows(exact, samples.count)
         if self._seen >= self._exact and scales is None:
             whole = samples.count - samples.count % BATCH_LENGTHS[-1]
             if whole:
@@ -190,28 +199,48 @@ class JointReduction:
 
             self._neighbors = NeighborCombinations(self._widths, self._squares / self._seen)
         with one_thread():
-            combined = self._neighbors.combined(self._entries_of_parts(samples), samples.torque, samples.mask)
+            combined = self._neighbors.combined(self._source(samples), samples.torque, samples.mask)
         self.blocks.add_combined([one.rows for one in combined], [one.count for one in combined], samples.count)
         if self.sums is not None:
             self.sums.add_combined([one.sums for one in combined])
 
-    def _entries_of_parts(self, samples: Samples) -> Callable[[slice], Array]:
-        """Return what computes the entries of the base regressor for a part; each is used up before the next."""
+    def _source(self, samples: Samples) -> RegressorSource:
+        """Return what computes the base regressor of some samples; each of its arrays is used up before the next."""
+        from .neighbors import LENGTH, PLACES, RegressorSource
+
         model, columns = self.model, self.model.base_columns
         regressor = samples.regressor if samples.regressor_model is model else None
         if regressor is not None:
-            return lambda part: regressor[part]
-        dq, ddq = columns.moving(samples.dq, samples.ddq)
-        memory = np.empty((0, len(self._squares)))
+            return RegressorSource(lambda part: regressor[part])
+        motion = samples.q, samples.dq, samples.ddq
 
         def entries(part: slice) -> Array:
-            nonlocal memory
-            if len(memory) != part.stop - part.start:  # the same again and again, so that the cache holds it
-                memory = np.empty((part.stop - part.start, len(self._squares)))
+            q, dq, ddq = (one[part] for one in motion)
             logged = samples.channels_for(model, part)
-            return columns.of_motion(samples.q[part], dq[part], ddq[part], logged, out=memory)
+            return columns.of_motion(q, *columns.moving(dq, ddq), logged, out=self._room(len(q), len(self._squares)))
 
-        return entries
+        # What no filter has made smooth may change anywhere between a few rows.
+        if samples.cutoff is None or model.robot.channels or 4 * len(columns.uneven) > len(self._squares):
+            return RegressorSource(entries)
+        grouped = [one.reshape(-1, LENGTH, one.shape[1]) for one in motion]
+
+        def at_places(part: slice) -> Array:
+            q, dq, ddq = (one[part, PLACES].reshape(-1, one.shape[2]) for one in grouped)
+            return columns.of_motion(q, *columns.moving(dq, ddq), out=self._room(len(q), len(self._squares)))
+
+        def uneven_entries(part: slice) -> Array:
+            q, dq, ddq = (one[part] for one in motion)
+            out = self._room(len(q), len(columns.uneven))
+            return columns.uneven_kernel(q, *columns.moving(dq, ddq), out=out)
+
+        return RegressorSource(entries, at_places, uneven_entries, columns.uneven)
+
+    def _room(self, rows: int, width: int) -> Array:
+        """Return an array that is used again and again, so that the cache holds it."""
+        held = self._rooms.get(width)
+        if held is None or len(held) < rows:
+            held = self._rooms[width] = np.empty((rows, width))
+        return held[:rows]
 
     def factors(self) -> tuple[Factor, ...]:
         """One for each joint."""

@@ -1,0 +1,40 @@
+"""Compiled filters of columns beside SciPy's."""
+
+import numpy as np
+import pytest
+from scipy.signal import butter, sosfilt, sosfiltfilt
+
+from steelyard.graph.column_filter import filter_columns
+from steelyard.recording.filters import zero_phase
+
+
+@pytest.mark.parametrize("width", [1, 3, 4, 7, 8, 9, 17])
+@pytest.mark.parametrize("order", [1, 3, 6])
+def test_columns_are_filtered_as_by_scipy(width: int, order: int) -> None:
+    random = np.random.default_rng(width)
+    given = random.standard_normal((200, width))
+    guarded = np.full((202, width), np.nan)  # what is written beyond the rows would show
+    sections = butter(order, 0.2, output="sos")
+    states = random.standard_normal((len(sections), 2, width))
+    for backwards in (False, True):
+        guarded[1:-1] = given
+        filter_columns(sections, states, guarded[1:-1], backwards)
+        rows = given[::-1] if backwards else given
+        expected, _ = sosfilt(sections, rows, axis=0, zi=np.moveaxis(states, 1, 1))
+        np.testing.assert_allclose(guarded[1:-1], expected[::-1] if backwards else expected, atol=1e-12)
+        assert np.isnan(guarded[[0, -1]]).all()
+
+
+def test_no_rows_and_other_arrays() -> None:
+    sections = butter(3, 0.2, output="sos")
+    filter_columns(sections, np.zeros((2, 2, 2)), np.empty((0, 2)))
+    with pytest.raises(ValueError, match="C-contiguous"):
+        filter_columns(sections, np.zeros((2, 2, 2)), np.zeros((2, 5)).T)
+
+
+@pytest.mark.parametrize(("order", "cutoff"), [(1, 3.0), (3, 4.8), (4, 60.0)])
+def test_long_tables_are_filtered_as_short_ones(order: int, cutoff: float) -> None:
+    values = np.cumsum(np.random.default_rng(1).standard_normal((zero_phase.LONG, 7)), axis=0)
+    found = zero_phase.low_pass(values, 1000.0, cutoff, order, "log")
+    expected = sosfiltfilt(butter(order, cutoff / 500.0, output="sos"), values, axis=0)
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-12 * np.abs(values).max())
