@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -121,7 +122,8 @@ class NeighborCombinations:
         self.squares = squares
         self._owner = np.repeat(np.arange(len(widths)), widths)
         self._sums, self._counts = np.zeros_like(squares), np.zeros(len(widths))
-        self._held: tuple[Array, Array, Array, Array] | None = None
+        self._found: _Projections | None = None
+        self._squares: Array | None = None
 
     def combined(self, source: RegressorSource, torque: Array, mask: NDArray[np.bool_] | None) -> list[CombinedRows]:
         """Combine the rows of each joint.
@@ -145,20 +147,25 @@ class NeighborCombinations:
         for joint, (begin, end) in enumerate(zip(self.starts, self.ends, strict=True)):
             one = _Combination(torque[:, joint].reshape(groups, LENGTH), None if used is None else used[joint])
             one.combine_whole(np.flatnonzero(found.simple[:, joint]), found.projected[:, :, begin:end])
-            if found.even[joint]:
-                groups_of, *parts = zip(*found.even[joint], strict=True)
-                coefficients, left, uneven = (np.stack(part) for part in parts)
-                one.add_even(np.array(groups_of), coefficients, left, uneven, found, joint)
-            if found.others[joint]:
-                groups_of, rows = zip(*found.others[joint], strict=True)
-                one.add_others(np.array(groups_of), np.stack(rows), found, joint)
+            others = ~found.simple[:, joint] & (counts[:, joint] > 0)
+            places = np.flatnonzero(others & found.told)
+            if len(places):
+                one.add_even(places, found, slice(begin, end))
+            places = np.flatnonzero(others & ~found.told)
+            if len(places):
+                one.add_others(places, found.rows_of(places, slice(begin, end)), found.limits[begin:end])
             result.append(one.result(end - begin + 1))
         return result
 
     def _projections(self, source: RegressorSource, counts: NDArray[np.intp]) -> _Projections:
         """Project the regressor of all groups, of which each joint uses so many rows, (groups, N)."""
         groups = len(counts)
-        found = _Projections(groups, self._limits(), self.starts, self.ends, source.uneven)
+        if (
+            self._found is None or len(self._found.left) < groups
+        ):  # new arrays take longer to be given than to be filled
+            uneven = 0 if source.uneven is None else len(source.uneven)
+            self._found = _Projections.empty(groups, len(self.starts), len(self.squares), uneven)
+        found = self._found.first(groups, self._limits(), source.uneven)
         step = AT_ONCE if source.at_places is None else AT_ONCE * LENGTH // len(PLACES)
         for start in range(0, groups, step):
             part = slice(start, min(start + step, groups))
@@ -171,11 +178,12 @@ class NeighborCombinations:
     def _project_all(self, source: RegressorSource, part: slice, counts: NDArray[np.intp], found: _Projections) -> None:
         """Project the regressor of some groups, computed at all of their rows."""
         rows = source.entries(slice(part.start * LENGTH, part.stop * LENGTH)).reshape(-1, LENGTH, len(found.limits))
-        left = np.empty((len(rows), len(found.limits)))
-        project_blocks(_basis(0, LENGTH), rows, found.projected[part], left)
-        for group, joint in self._judged(part, left, counts, found):
-            own = rows[group - part.start, :, self.starts[joint] : self.ends[joint]]
-            found.others[joint].append((group, own.copy()))
+        project_blocks(_basis(0, LENGTH), rows, found.projected[part], found.left[part])
+        self._judge(part, counts, found)
+        found.told[part] = False
+        others = ~found.simple[part] & (counts[part] > 0)
+        for at in np.flatnonzero(others.any(axis=1)).tolist():
+            found.rows[part.start + at] = rows[at].copy()
 
     def _project_places(
         self, source: RegressorSource, part: slice, counts: NDArray[np.intp], found: _Projections
@@ -187,49 +195,35 @@ class NeighborCombinations:
         groups, width = part.stop - part.start, len(found.limits)
         values = source.at_places(part).reshape(groups, len(PLACES), width)
         lower, higher = _interpolation()
-        beyond, squares, left, tail = self._room(groups, len(higher), width)
+        left, beyond = found.left[part], found.beyond[part]
         project_blocks(lower, values, found.projected[part], left)
         project_blocks(higher, values, beyond, left)
-        np.square(beyond, out=squares)
-        np.add(squares[:, -2], squares[:, -1], out=tail)
+        if self._squares is None or len(self._squares) < groups:
+            self._squares = np.empty(beyond.shape)
+        squares = np.square(beyond, out=self._squares[:groups])
+        tail = squares[:, -2] + squares[:, -1]
         tail[:, source.uneven] = 0.0
         np.sum(squares, axis=1, out=left)
-        uneven = source.uneven_entries(slice(part.start * LENGTH, part.stop * LENGTH))
-        uneven = uneven.reshape(groups, LENGTH, len(source.uneven))
+        rows = source.uneven_entries(slice(part.start * LENGTH, part.stop * LENGTH))
         if len(source.uneven):
+            uneven = found.uneven_rows[part]
+            uneven[...] = rows.reshape(uneven.shape)
             own, own_left = np.empty((groups, ORDERS, len(source.uneven))), np.empty((groups, len(source.uneven)))
             project_blocks(_basis(0, LENGTH), uneven, own, own_left)
             found.projected[part][:, :, source.uneven] = own
             left[:, source.uneven] = own_left
-        told = np.all(tail <= LENGTH / LARGEST_SHARE * LARGEST_TAIL * found.limits, axis=1)
-        rows: dict[int, Array] = {}
-        for at in np.flatnonzero(~told).tolist():
+        found.told[part] = np.all(tail <= LENGTH / LARGEST_SHARE * LARGEST_TAIL * found.limits, axis=1)
+        for at in np.flatnonzero(~found.told[part]).tolist():
             group = part.start + at
-            rows[at] = source.entries(slice(group * LENGTH, (group + 1) * LENGTH)).copy()
-            project_blocks(_basis(0, LENGTH), rows[at][None], found.projected[group : group + 1], left[at : at + 1])
-        for group, joint in self._judged(part, left, counts, found):
-            at, columns = group - part.start, slice(self.starts[joint], self.ends[joint])
-            if at in rows:
-                found.others[joint].append((group, rows[at][:, columns]))
-                continue
-            coefficients = np.concatenate([found.projected[group, :, columns], beyond[at, :, columns]])
-            own = (source.uneven >= columns.start) & (source.uneven < columns.stop)
-            found.even[joint].append((group, coefficients, left[at, columns], uneven[at][:, own]))
+            own = source.entries(slice(group * LENGTH, (group + 1) * LENGTH)).reshape(1, LENGTH, width)
+            project_blocks(_basis(0, LENGTH), own, found.projected[group : group + 1], left[at : at + 1])
+            found.rows[group] = own[0].copy()
+        self._judge(part, counts, found)
 
-    def _room(self, groups: int, orders: int, width: int) -> tuple[Array, Array, Array, Array]:
-        """Return arrays that are used again and again: new ones take longer to be given than to be filled."""
-        if self._held is None or len(self._held[0]) < groups:
-            whole, one = (groups, orders, width), (groups, width)
-            self._held = np.empty(whole), np.empty(whole), np.empty(one), np.empty(one)
-        beyond, squares, left, tail = (array[:groups] for array in self._held)
-        return beyond, squares, left, tail
-
-    def _judged(self, part: slice, left: Array, counts: NDArray[np.intp], found: _Projections) -> list[tuple[int, int]]:
-        """Note of some groups what is told by the projections; return the group and joint of what is used besides."""
-        rough = np.logical_or.reduceat(left > LENGTH * found.limits, self.starts, axis=1)
+    def _judge(self, part: slice, counts: NDArray[np.intp], found: _Projections) -> None:
+        """Note of which of some groups the projections take the place of the rows."""
+        rough = np.logical_or.reduceat(found.left[part] > LENGTH * found.limits, self.starts, axis=1)
         found.simple[part] = (counts[part] == LENGTH) & ~rough
-        others = np.argwhere(~found.simple[part] & (counts[part] > 0))
-        return [(part.start + group, joint) for group, joint in others.tolist()]
 
     def _limits(self) -> Array:
         """Return the mean square that each column may lose, (C,)."""
@@ -238,50 +232,66 @@ class NeighborCombinations:
         return np.asarray(LARGEST_SHARE * np.maximum(squares, ROUNDING * largest[self._owner]))
 
 
+@dataclass(frozen=True, eq=False)
 class _Projections:
     """The projected regressor of all groups, and what is known of those which that does not tell.
 
     Attributes
     ----------
-    projected : ndarray
-        (groups, `ORDERS`, C).
+    projected, beyond : ndarray
+        (groups, `ORDERS`, C) and (groups, places - `ORDERS`, C), coefficients of the polynomials; the second where the
+        regressor was computed at `PLACES`.
+    left : ndarray
+        (groups, C), squares of what the first leave.
     simple : ndarray of bool
         (groups, N), where projections take the place of the rows.
-    even : list
-        For each joint the groups that are used and not simple, and whose regressor was computed at `PLACES`: the number
-        of each, coefficients of the polynomials (places, c), squares of what four of these leave (c,), and the uneven
-        columns (`LENGTH`, u).
-    others : list
-        The number and the rows (`LENGTH`, c) of all the others that are used and not simple.
+    told : ndarray of bool
+        (groups,), where `PLACES` tell all but the uneven columns.
+    uneven_rows : ndarray
+        (groups, `LENGTH`, U).
+    rows : dict
+        (`LENGTH`, C) of groups that are not told.
     limits : ndarray
         (C,) mean square that may be lost.
+    uneven : ndarray of int
+        (U,) columns.
     """
 
-    def __init__(
-        self,
-        groups: int,
-        limits: Array,
-        starts: NDArray[np.intp],
-        ends: NDArray[np.intp],
-        uneven: NDArray[np.intp] | None,
-    ) -> None:
-        self.limits = limits
-        self.projected = np.empty((groups, ORDERS, len(limits)))
-        self.simple = np.zeros((groups, len(starts)), bool)
-        self.even: list[list[tuple[int, Array, Array, Array]]] = [[] for _ in starts]
-        self.others: list[list[tuple[int, Array]]] = [[] for _ in starts]
-        self._columns = [slice(start, end) for start, end in zip(starts, ends, strict=True)]
-        self._uneven = np.empty(0, np.intp) if uneven is None else uneven
+    projected: Array
+    beyond: Array
+    left: Array
+    simple: NDArray[np.bool_]
+    told: NDArray[np.bool_]
+    uneven_rows: Array
+    rows: dict[int, Array]
+    limits: Array
+    uneven: NDArray[np.intp]
 
-    def limits_of(self, joint: int) -> Array:
-        """Return the limits of the columns of a joint, (c,)."""
-        return self.limits[self._columns[joint]]
+    @classmethod
+    def empty(cls, groups: int, joints: int, width: int, uneven: int) -> _Projections:
+        """Return room for so many groups."""
+        beyond = np.empty((groups, len(PLACES) - ORDERS, width))
+        return cls(
+            np.empty((groups, ORDERS, width)),
+            beyond,
+            np.empty((groups, width)),
+            np.empty((groups, joints), bool),
+            np.empty(groups, bool),
+            np.empty((groups, LENGTH, uneven)),
+            {},
+            np.empty(0),
+            np.empty(0, np.intp),
+        )
 
-    def uneven_of(self, joint: int) -> NDArray[np.intp]:
-        """Return which columns of a joint are uneven."""
-        columns = self._columns[joint]
-        own = (self._uneven >= columns.start) & (self._uneven < columns.stop)
-        return np.asarray(self._uneven[own] - columns.start)
+    def first(self, groups: int, limits: Array, uneven: NDArray[np.intp] | None) -> _Projections:
+        """Return the room for the first groups, of which nothing is known."""
+        names = ("projected", "beyond", "left", "simple", "told", "uneven_rows")
+        cut: dict[str, Any] = {name: getattr(self, name)[:groups] for name in names}
+        return _Projections(**cut, rows={}, limits=limits, uneven=self.uneven if uneven is None else uneven)
+
+    def rows_of(self, places: NDArray[np.intp], columns: slice) -> Array:
+        """Return some columns of groups that are not told, (groups, `LENGTH`, c)."""
+        return np.stack([self.rows[place][:, columns] for place in places.tolist()])
 
 
 class _Combination:
@@ -315,11 +325,13 @@ class _Combination:
         self.sums.append((places, sums))
         self.rest -= float(np.vdot(rows[:, :, -1], rows[:, :, -1]))
 
-    def add_even(
-        self, places: NDArray[np.intp], coefficients: Array, left: Array, uneven: Array, found: _Projections, joint: int
-    ) -> None:
-        """Take neighbours that are not whole, or jump, by what `_Projections.even` tells of them."""
-        limits, own = found.limits_of(joint), found.uneven_of(joint)
+    def add_even(self, places: NDArray[np.intp], found: _Projections, columns: slice) -> None:
+        """Take neighbours of which `PLACES` tell the even columns, and that are not whole, or jump."""
+        limits = found.limits[columns]
+        mine = np.flatnonzero((found.uneven >= columns.start) & (found.uneven < columns.stop))
+        own = found.uneven[mine] - columns.start
+        coefficients = np.concatenate([found.projected[places, :, columns], found.beyond[places, :, columns]], axis=1)
+        left, uneven = found.left[places, columns], found.uneven_rows[places][:, :, mine]
         polynomials, used = _all_polynomials(), self.used[places]
         rows = np.concatenate([uneven * used[:, :, None], self.torque[places, :, None]], axis=2)
         sums = np.empty((len(places), len(limits) + 1))
@@ -347,11 +359,11 @@ class _Combination:
         if remaining.any():
             regressor = polynomials.T @ coefficients[remaining]
             regressor[:, :, own] = uneven[remaining]
-            self.add_others(places[remaining], regressor, found, joint)
+            self.add_others(places[remaining], regressor, limits)
 
-    def add_others(self, places: NDArray[np.intp], regressor: Array, found: _Projections, joint: int) -> None:
+    def add_others(self, places: NDArray[np.intp], regressor: Array, limits: Array) -> None:
         """Take neighbours (groups, `LENGTH`, c) that are not whole, or rough."""
-        used, limits = self.used[places], found.limits_of(joint)
+        used = self.used[places]
         rows = np.concatenate([regressor, self.torque[places, :, None]], axis=2)
         rows[:, :, :-1] *= used[:, :, None]
         sums = rows.sum(axis=1)
