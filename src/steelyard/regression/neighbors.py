@@ -47,7 +47,8 @@ two gaps of a log at least 30."""
 
 LARGEST_TAIL = 1e-8
 """Share of the mean square of a column that its two highest degrees may have, so that eight places tell all of it: what
-lies beyond is then some 1e-5 of the column. A motion filtered at 5 Hz has 1e-11, the noise of an encoder a quarter."""
+lies beyond is then some 1e-5 of the column. Motions of the WAM filtered at 4.8 Hz have 3e-12 in the median and 2e-9 at
+most; white noise has a quarter."""
 
 
 @dataclass(frozen=True, eq=False)
