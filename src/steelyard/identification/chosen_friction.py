@@ -225,8 +225,8 @@ def confirmed_terms(
     """Keep the laws of those joints whose error falls for sure in a fit of all joints together.
 
     Each joint is judged by stretches that are left out of least squares in turn. The laws of a joint whose error does
-    not fall by more than one standard error go, and where that of any joint rises by more than that and `MOST_RISE`,
-    those of the joint that gains least.
+    not fall for sure go, and where that of any joint rises for sure and by more than `MOST_RISE`, those of the joint
+    that gains least.
 
     Parameters
     ----------
@@ -259,9 +259,9 @@ def confirmed_terms(
         if len(before[0]) < 2:
             break
         joints = sorted({one.joint for one in kept})
-        bad = {k for k in joints if not falls_surely(before[0][:, k], after[0][:, k], 1.0)}
+        bad = {k for k in joints if not falls_surely(before[0][:, k], after[0][:, k])}
         ratios = np.sqrt(after[0].sum(axis=0) / np.maximum(before[0].sum(axis=0), 1e-300))
-        risen = [k for k in np.flatnonzero(ratios > MOST_RISE) if falls_surely(after[0][:, k], before[0][:, k], 1.0)]
+        risen = [k for k in np.flatnonzero(ratios > MOST_RISE) if falls_surely(after[0][:, k], before[0][:, k])]
         if not bad and risen:
             bad = {max(joints, key=lambda k: float(ratios[k]))}
         if not bad:
