@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import polars as pl
 import pytest
+from dask_cluster import dask_workers, disturbed
 
 import steelyard as sy
 from steelyard.cli import main
@@ -156,6 +160,43 @@ def test_logs_are_reduced_on_the_way(arms: Arms) -> None:
     assert fleet.failed == ()
     [reduced] = sy.fleet.reduce_data_sets([sy.fleet.DataSet(arms.folder / "robot.toml", [arms.folder / "log1.csv"])])
     assert np.array_equal(fleet.rows[1].values["base"], sy.least_squares(reduced.information).base)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(os.name != "posix", reason="processes are stopped by signals of POSIX")
+def test_a_cluster_with_a_killed_and_a_slow_worker_writes_the_same_bytes(arms: Arms, tmp_path: Path) -> None:
+    """The command, with a scheduler and two workers of Dask as processes; some robots come of logs."""
+    pytest.importorskip("distributed")
+    rows = []
+    t = np.arange(0.0, 8.0, 0.01)
+    for number in range(6):
+        arms.information(number).save(arms.folder / f"{number}.json")
+        rows.append(f"R{number},,{number}.json,")
+    w = 2 * np.pi * np.array([0.2, 0.31, 0.43])
+    for number in range(6, 9):
+        q = np.sin(w * t[:, None] + number)
+        torque = arms.model.inverse_dynamics(q, w * np.cos(w * t[:, None] + number), -(w**2) * q, arms.usual)
+        torque = torque + np.random.default_rng(number).normal(0.0, 0.1, torque.shape)
+        sy.Recording(t=t, q=q, torque=torque, source="log").save(arms.folder / f"log{number}.csv")
+        rows.append(f"R{number},,,log{number}.csv")
+    manifest = arms.manifest(rows)
+    (arms.folder / "robots.csv").write_text("\n".join(["id,date,informations,logs", *rows]) + "\n", encoding="utf-8")
+
+    def told(name: str, *options: str) -> dict[str, bytes]:
+        command = [sys.executable, "-m", "steelyard", "fleet", str(manifest), "-q", "-o", str(arms.folder / name)]
+        ended = subprocess.run([*command, *options], capture_output=True, text=True, timeout=300)
+        assert ended.returncode in (0, 1), ended.stderr
+        return {path.name: path.read_bytes() for path in (arms.folder / name).iterdir()}
+
+    expected = told("one")
+    assert len(pl.read_parquet(arms.folder / "one" / "robots.parquet")) == 9
+    place = tmp_path / "dask"
+    place.mkdir()
+    with dask_workers(place, 2) as (address, workers):
+        assert told("cluster", "--cluster", address) == expected
+        with disturbed(workers, 4.0, 0.2):
+            assert told("disturbed", "--cluster", address) == expected
+        assert workers[0].poll() is not None
 
 
 def test_the_manifest_is_not_replaced_by_results(arms: Arms, called: Called) -> None:

@@ -144,3 +144,42 @@ def test_csv_is_read_from_its_middle(frame: pl.DataFrame, tmp_path: Path, monkey
     for start in (0, 1, 29_999, ROWS - 1):
         block = next(part.blocks_from(start, ["tau1"], 100))
         assert np.array_equal(block["tau1"], frame["tau1"].to_numpy()[start : start + 100])
+
+
+def test_logs_that_have_one_section_or_many_siblings_are_not_opened_here(
+    frame: pl.DataFrame, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Opening takes this process a fifth of a log's time, one after the other; it pays where others would be idle."""
+    (tmp_path / "robot.toml").write_text(ROBOT)
+    file = RobotFile.load(tmp_path / "robot.toml")
+    model, opened = sy.Model.from_file(file), []
+    whole = LogReader.opened
+    monkeypatch.setattr(LogReader, "opened", lambda *given: opened.append(given[1].log) or whole(*given))
+
+    def asked(rows: int, count: int) -> int:
+        tasks = []
+        for number in range(count):
+            log = tmp_path / f"{rows}-{count}-{number}.csv"
+            frame.head(rows).write_csv(log)
+            tasks.append(LogTask(str(log), 500, 2000, count, True))
+        opened.clear()
+        waits = sy.fleet.LogReduction(Stops())(LogReader(file, model, 200_000), tasks, model, lambda _: None)
+        with pytest.raises(StopsError):
+            next(waits)
+        return len(opened)
+
+    assert asked(18_000, 1) == 0  # one section of 13 000 rows and a part
+    assert asked(30_000, 1) == 1
+    assert asked(30_000, 3) == 3
+    assert asked(30_000, 5) == 0
+
+
+class StopsError(Exception):
+    """What `Stops` answers."""
+
+
+class Stops:
+    """An executor that runs nothing, so that what was opened before is seen."""
+
+    def run(self, *_: Any) -> Any:
+        raise StopsError

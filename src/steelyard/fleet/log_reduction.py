@@ -18,7 +18,9 @@ from steelyard.identification.log_reader import (
     ReducedSection,
     SectionedLog,
 )
+from steelyard.recording import chunks
 from steelyard.recording.formats import content_hash, hashed_log
+from steelyard.recording.formats.csv_file import CsvFile
 from steelyard.recording.formats.registry import log_format, split_source
 
 from .checkpoints import Checkpoints, checkpoint_key, robot_content
@@ -35,6 +37,11 @@ ends on a cluster, and takes over what it had done."""
 
 LARGE = 32_000_000
 """Bytes of a log from which on it is opened here, to be shared section by section; it may have three million rows."""
+SHARED_PART = 0.25
+"""Of the bytes of all logs, that a log must have to be opened here. Opening a text takes a fifth of what reading and
+reducing it takes, and is done by this process alone: of four equal logs it takes as long as one worker needs for one of
+them, and of more the other workers wait longer for it than for the last log."""
+HEAD = 1 << 16  # bytes by which the rows of a text are guessed
 
 
 class _Common:
@@ -147,8 +154,9 @@ class LogReduction:
         common = _Common(reader, model)
         size = GROUP if len(tasks) > MANY else 1
         groups: list[list[LogTask | SectionTask]] = []
+        least = max(LARGE, SHARED_PART * sum(_size(str(task.log)) for task in tasks if _is_path(task.log)))
         for start in range(0, len(tasks), size):
-            log = self._sectioned(reader, tasks[start], model, say) if size == 1 else None
+            log = self._sectioned(reader, tasks[start], model, say, least) if size == 1 else None
             if log is None:
                 groups.append(list(tasks[start : start + size]))
             else:
@@ -173,9 +181,14 @@ class LogReduction:
             tell("reading logs", done, len(tasks), "logs")
             yield found
 
-    def _sectioned(self, reader: LogReader, task: LogTask, model: Model, say: Progress) -> SectionedLog | None:
-        """Open a log that may be so long that others can share its sections; None of others."""
-        if not _is_path(task.log) or _size(str(task.log)) < LARGE or not _may_be_shared(str(task.log)):
+    def _sectioned(
+        self, reader: LogReader, task: LogTask, model: Model, say: Progress, least: float
+    ) -> SectionedLog | None:
+        """Open a log of so many bytes at least that may be so long that others can share its sections; None of others.
+
+        What is opened follows from the logs alone, so that checkpoints serve any number of workers.
+        """
+        if not _is_path(task.log) or _size(str(task.log)) < least or not _may_be_shared(str(task.log)):
             return None
         say(f"opening {task.log}")
         log = reader.opened(task, model)
@@ -226,11 +239,26 @@ def _size(log: str) -> int:
 
 
 def _may_be_shared(log: str) -> bool:
-    """Whether the files of a log, none of them opened, are of formats that are read from the middle."""
+    """Whether the files of a log, none of them opened, are of formats that are read from the middle, and long."""
+    paths = [Path(str(path)) for path in split_source(log)]
+    kinds = [log_format(path.suffix) for path in paths]
+    if not all(kind is not None and kind.may_have_places(path) for kind, path in zip(kinds, paths, strict=True)):
+        return False
     return all(
-        (kind := log_format(Path(str(path)).suffix)) is not None and kind.may_have_places(Path(str(path)))
-        for path in split_source(log)
+        _rows_of_text(path) >= 1.5 * chunks.SECTION_ROWS
+        for path, kind in zip(paths, kinds, strict=True)
+        if kind is CsvFile
     )
+
+
+def _rows_of_text(path: Path) -> float:
+    """Guess the rows of a text from the lengths of its first lines, on the side of too many."""
+    with path.open("rb") as file:
+        head = file.read(HEAD)
+    lengths = [len(line) for line in head.splitlines(keepends=True)[:-1]]
+    # A quarter of the lines may be shorter: a first line of names, and comments, are longer than rows.
+    usual = sorted(lengths)[len(lengths) // 4] if lengths else 1
+    return path.stat().st_size / usual
 
 
 def _is_path(log: object) -> bool:
