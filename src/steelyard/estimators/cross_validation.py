@@ -1,7 +1,7 @@
 """The weight of a prior, chosen by how well fits predict the parts of the data that they have not seen."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -40,8 +40,12 @@ BARRIER = 1e-2
 """Factor of the barrier, in units of half the squared residual over its variance: it moves the fits by a tenth of what
 noise does (by at most the number of rows of all blocks times this in the objective)."""
 
-START = 0.1
-"""Terms start at this part of their deviation: anywhere inside does."""
+APART = 100.0
+"""Ratio of weights up to which one is reached from the other; a fit takes about seven steps then, and five with 10."""
+
+START = 1e-3
+"""Terms start at this part of their deviation where least squares have them at less, or below zero. With a tenth, twice
+as many steps follow, since most of what is friction of motors in a model with that of joints, too, is next to zero."""
 
 FRICTION = 0.3
 """Standard deviation of a term, relative to the torques of its joint at one rad/s (or at rest): friction is a tenth to
@@ -194,31 +198,27 @@ def cross_validation(
     problems = [(R.R, R.rho) for R in (data.reduced(used) for data in (info, *training))]
     function = _Fits(problems, regression.variance, feasible_set, [prior.prepare(feasible_set, w) for w in grid], grid)
     start = _inside(info, used, feasible_set, prior, function)
-    # From the heaviest weight on, each from the fits of the one before: five to twelve steps each. From the prior
-    # itself, the lightest weights need more than a thousand where the data contradict it (a UR5 from its shapes).
-    basis, points = feasible_set.equation_directions, np.tile(start, (1 + folds, 1))
+    basis = feasible_set.equation_directions
     parameters = np.empty((1 + folds, chosen, start.size))
-    for k in reversed(range(chosen)):
-        tell("fits for each weight of the prior", chosen - 1 - k, chosen, "weights")
-        points = minimise(function, points, basis, problems=np.arange(1 + folds) * chosen + k)
-        parameters[:, k] = points
+    parameters[0] = _path(function, start, basis)
+    # What is left out of a fold moves the fit little: all of them start from the fits of all the data, side by side.
+    others = minimise(function, np.tile(parameters[0], (folds, 1)), basis, problems=np.arange(chosen, function.count))
+    parameters[1:] = others.reshape(folds, chosen, -1)
     bases = parameters @ feasible_set.K.T
     plain = np.array([solve(data.reduced(used)) for data in training])
 
-    losses = np.array([[_loss(s, b, used) for b in bases[1 + k]] for k, s in enumerate(stretches)])
-    plain_losses = np.array([_loss(s, b, used) for s, b in zip(stretches, plain, strict=True)])
-    squares = np.array([[_squares(s, b) for b in bases[1 + k]] for k, s in enumerate(stretches)])
-    plain_squares = np.array([_squares(s, b) for s, b in zip(stretches, plain, strict=True)])
+    squares, losses = _held_out(stretches, bases[1:], used)
+    plain_squares, plain_losses = _held_out(stretches, plain[:, None], used)
     counts = np.maximum(np.sum([[f.count for f in s.measured] for s in stretches], axis=0), 1)
     best, largest = _choose(losses)
     return CrossValidation(
         prior_weights=grid,
         losses=losses / regression.variance,
-        training_losses=np.array([_loss(info, b, used) for b in bases[0]]) / regression.variance,
+        training_losses=_held_out([info], bases[:1], used)[1][0] / regression.variance,
         counts=np.array([s.count for s in stretches]),
         joint_errors=np.sqrt(squares.sum(axis=0) / counts),
-        plain_losses=plain_losses / regression.variance,
-        plain_joint_errors=np.sqrt(plain_squares.sum(axis=0) / counts),
+        plain_losses=plain_losses[:, 0] / regression.variance,
+        plain_joint_errors=np.sqrt(plain_squares.sum(axis=0)[0] / counts),
         parameters=parameters[0],
         best_index=best,
         chosen_index=largest,
@@ -235,13 +235,33 @@ def _grid(prior_weights: npt.ArrayLike | None, count: int, parameter_count: int)
     return grid
 
 
-def _loss(data: Information, base: Vector, weights: Vector | None) -> float:
-    factors = np.ones(len(data.factors)) if weights is None else weights
-    return float(sum(w**2 * f.residual2(base) for f, w in zip(data.factors, factors, strict=True)))
+def _held_out(stretches: Sequence[Information], bases: Tensor, weights: Vector | None) -> tuple[Tensor, Matrix]:
+    """Squared residuals of each joint, (f, k, N), and of all of them with weights, (f, k), of the bases (f, k, n_b)."""
+    squares = np.array([[f.residuals2(own) for f in s.measured] for s, own in zip(stretches, bases, strict=True)])
+    weighted = np.array([[f.residuals2(own) for f in s.factors] for s, own in zip(stretches, bases, strict=True)])
+    factors = np.ones(weighted.shape[1]) if weights is None else weights
+    return squares.swapaxes(1, 2), np.asarray(np.einsum("fjk,j->fk", weighted, np.square(factors)))
 
 
-def _squares(data: Information, base: Vector) -> list[float]:
-    return [f.residual2(base) for f in data.measured]
+def _path(function: "_Fits", start: Vector, basis: Matrix | None) -> Matrix:
+    """Fits of all the data with each weight, (k, n), from the heaviest on, each from the fit of one before.
+
+    From the prior itself, the lightest weights need more than a thousand steps where the data contradict it (a UR5 from
+    its shapes). Where weights lie close together, only every other one is reached so, and those between start half-way
+    between the fits of both sides.
+    """
+    found, weights = np.empty((len(function.weights), start.size)), function.weights
+    along = range(len(found) - 1, -1, -2 if np.all(weights[2:] <= APART * weights[:-2]) else -1)
+    point = start[None]
+    for done, k in enumerate(along):
+        tell("fits for each weight of the prior", done, len(along), "weights")
+        point = minimise(function, point, basis, problems=np.array([k]))
+        found[k] = point[0]
+    between = np.setdiff1d(np.arange(len(found)), along)
+    if len(between):
+        middle = 0.5 * (found[between + 1] + found[np.where(between > 0, between - 1, between + 1)])
+        found[between] = minimise(function, middle, basis, problems=between)
+    return found
 
 
 def _choose(losses: Matrix) -> tuple[int, int]:
@@ -257,19 +277,30 @@ def _choose(losses: Matrix) -> tuple[int, int]:
 def _inside(
     info: Information, weights: Vector | None, feasible_set: FeasibleSet, prior: Prior, function: "_Fits"
 ) -> Vector:
-    """Parameters well inside the set: the prior's, or, where conditions forbid these, a fit close to them."""
-    start = function.priors[0].reference.copy()
+    """Parameters inside the set: the prior's, or, where conditions forbid these, a fit close to them.
+
+    Terms that the prior does not know are those of least squares beside its links, if they are positive.
+    """
+    start = function.reference.copy()
     terms = np.setdiff1d(np.arange(len(start)), feasible_set.link_columns)
     zero = terms[start[terms] == 0.0]
-    start[zero] = START * term_deviations(info, feasible_set)[zero]
-    if feasible_set.satisfies_equations(start) and np.isfinite(function.barrier.value(start[None])[0]):
-        return start
+    curvature = function.curvatures[0] + np.diag(function.stiffness[-1])
+    slope = function.slopes[0] - function.curvatures[0] @ start
+    likely = np.linalg.lstsq(curvature[np.ix_(zero, zero)], slope[zero])[0]
+    least = START * term_deviations(info, feasible_set)[zero]
+    for values in (np.maximum(likely, least), least):
+        start[zero] = values
+        if feasible_set.satisfies_equations(start) and np.isfinite(function.barrier.value(start[None])[0]):
+            return start
     reduced, heaviest = info.reduced(weights), float(function.weights[-1])
     return fit_reduced(reduced, feasible_set, prior=prior, prior_weight=heaviest).parameters
 
 
 class _Fits:
-    """½ ‖R K δ - ρ‖² / variance + weight · (distance from the prior) + barrier: every weight on every data set."""
+    """½ ‖R K δ - ρ‖² / variance + weight · (distance from the prior) + barrier: every weight on every data set.
+
+    The problem of weight k on data set d has the number d · (number of weights) + k.
+    """
 
     def __init__(
         self,
@@ -282,28 +313,33 @@ class _Fits:
         rows = [R @ feasible_set.K / np.sqrt(variance) for R, _ in problems]
         self.curvatures = np.array([W.T @ W for W in rows])
         self.slopes = np.array([W.T @ rho / np.sqrt(variance) for W, (_, rho) in zip(rows, problems, strict=True)])
-        self.priors, self.weights, self.barrier = priors, weights, Barrier(feasible_set)
+        self.weights, self.barrier = weights, Barrier(feasible_set)
+        self.count = len(problems) * len(weights)
+        # They differ in how far from zero unknown terms are alone.
+        self.reference = priors[0].reference
+        self.stiffness = weights[:, None] * np.array([one.diagonal for one in priors])
+        self.links = replace(priors[0], diagonal=np.zeros_like(self.reference))
 
     def value(self, points: Matrix, problems: npt.NDArray[np.intp]) -> Vector:
         data, which = np.divmod(problems, len(self.weights))
-        found = BARRIER * self.barrier.value(points)
+        found = BARRIER * self.barrier.value(points) + self.weights[which] * self.links.distances(points)
+        errors = points - self.reference
+        found += 0.5 * np.einsum("pi,pi->p", self.stiffness[which] * errors, errors)
         for number in np.unique(data):
             own = data == number
             products = points[own] @ self.curvatures[number]
             found[own] += np.einsum("pi,pi->p", 0.5 * products - self.slopes[number], points[own])
-        for number in np.unique(which):
-            own = which == number
-            found[own] += self.weights[number] * self.priors[number].distances(points[own])
         return found
 
     def derivatives(self, points: Matrix, problems: npt.NDArray[np.intp]) -> tuple[Matrix, Tensor]:
         data, which = np.divmod(problems, len(self.weights))
-        hessians = self.curvatures[data]
-        gradients = np.einsum("pij,pj->pi", hessians, points) - self.slopes[data]
+        hessians, gradients = self.curvatures[data], np.empty_like(points)
+        for number in np.unique(data):
+            own = data == number
+            gradients[own] = points[own] @ self.curvatures[number] - self.slopes[number]
+        gradients += self.stiffness[which] * (points - self.reference)
+        diagonal = np.arange(points.shape[1])
+        hessians[:, diagonal, diagonal] += self.stiffness[which]
         self.barrier.add_derivatives(points, np.full(len(points), BARRIER), gradients, hessians)
-        for number in np.unique(which):
-            own = np.flatnonzero(which == number)
-            part, curved = gradients[own], hessians[own]
-            self.priors[number].add_derivatives(points[own], np.full(len(own), self.weights[number]), part, curved)
-            gradients[own], hessians[own] = part, curved
+        self.links.add_derivatives(points, self.weights[which], gradients, hessians)
         return gradients, hessians

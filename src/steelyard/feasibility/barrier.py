@@ -32,7 +32,7 @@ Matrix = npt.NDArray[np.float64]
 Tensor = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
 
-TOGETHER = 32
+TOGETHER = 16
 """Problems whose Hessians are made and solved together: those of a robot with seven joints stay in the cache."""
 
 MOST_TOGETHER = 10
@@ -48,8 +48,8 @@ HALVINGS = 40
 """A step that has been halved so often moves nothing: the problem has gone as far as rounding lets it."""
 
 RIDGE = 1e-13
-"""Added to the diagonal of Hessians that were scaled to ones there, so that directions which neither data nor physics
-tell leave a matrix that can be solved; ten times less, and some are singular to rounding."""
+"""Relative to the diagonal of a Hessian, and added to it, so that directions which neither data nor physics tell leave a
+matrix that can be solved; ten times less, and some are singular to rounding."""
 
 
 class Function(Protocol):
@@ -273,19 +273,18 @@ def newton_solutions(hessians: Tensor, rows: Tensor, basis: Matrix | None) -> Te
 
     if basis is not None:
         rows, hessians = rows @ basis, basis.T @ hessians @ basis
-    sizes = np.sqrt(np.maximum(np.einsum("pii->pi", hessians), 0.0))
-    sizes[sizes == 0] = 1.0
-    scales = 1.0 / sizes
-    diagonal = np.arange(hessians.shape[1])
-    found = rows * scales[:, None]
-    for hessian, scale, own in zip(hessians, scales, found, strict=True):
-        hessian *= scale[:, None]
-        hessian *= scale
-        hessian[diagonal, diagonal] += RIDGE
+    found = np.empty_like(rows)
+    diagonals = np.einsum("pii->pi", hessians)
+    diagonals *= 1.0 + RIDGE
+    for hessian, diagonal, row, own in zip(hessians, diagonals, rows, found, strict=True):
         # Symmetric, so that its transpose, which LAPACK takes without a copy, is the same; half of the time of LU.
-        _, solved, fails = dposv(hessian.T, own.T, lower=1)
-        own[:] = np.linalg.lstsq(hessian, own.T, rcond=1e-14)[0].T if fails else solved.T
-    found *= scales[:, None]
+        _, solved, fails = dposv(hessian.T, row.T, lower=1)
+        if fails:
+            sizes = np.sqrt(np.maximum(diagonal, 0.0))
+            sizes[sizes == 0] = 1.0
+            scaled = hessian / sizes / sizes[:, None]
+            solved = (np.linalg.lstsq(scaled, (row / sizes).T, rcond=1e-14)[0].T / sizes).T
+        own[:] = solved.T
     return found if basis is None else np.asarray(found @ basis.T)
 
 

@@ -15,7 +15,7 @@ from steelyard.dynamics import Model
 from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
 from steelyard.estimators import ConstantPullbackPrior
-from steelyard.estimators.cross_validation import START, term_deviations
+from steelyard.estimators.cross_validation import term_deviations
 from steelyard.estimators.estimator import proved_estimate
 from steelyard.estimators.prior import PreparedPrior, Prior, distance_from
 from steelyard.estimators.reduced_fit import fit_reduced
@@ -59,6 +59,9 @@ FEW = 20.0
 FIRST_DEVIATION = 0.03
 """Of the torques, relative to them: noise and errors of the model that are assumed at least while rows are few. Without
 it, the first dozens of rows, which any parameters explain, would count as exact."""
+
+START = 0.1
+"""Terms start at this part of their usual deviation: anywhere inside does."""
 
 LEAST_DEVIATION = 1e-4
 """Of the torques, relative to them: no drive tells its torque better. Data of a simulation without noise would count

@@ -296,6 +296,11 @@ class Factor:
         difference = self.triangle[:, :-1] @ base[self.columns] - self.triangle[:, -1]
         return float(difference @ difference)
 
+    def residuals2(self, bases: Array) -> Array:
+        """Return the same for many base parameters (k, n_b), (k,)."""
+        differences = bases[:, self.columns] @ self.triangle[:, :-1].T - self.triangle[:, -1]
+        return np.asarray(np.einsum("ki,ki->k", differences, differences))
+
     def prediction2(self, base: Array) -> float:
         """Return the squared norm of ``W beta`` over the rows of this factor, for base parameters (n_b,)."""
         predicted = self.triangle[:, :-1] @ base[self.columns]
