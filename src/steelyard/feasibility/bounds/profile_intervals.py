@@ -36,6 +36,9 @@ told as infinite. With 20 times one was finite that nothing bounds, of a link wi
 ACCURACY = 0.01
 """Relative accuracy of the way to the end of a ratio."""
 
+INSIDE = 0.95
+"""Part of the way to an end that lies in the region, where ends fall outside by a hundredth or two."""
+
 ROUNDS = 24
 """At most, for a ratio. Three are usual; where a mass may be zero, the ratio doubles until it is told as infinite."""
 
@@ -314,19 +317,21 @@ def _ends(own: _Coordinates, quantities: Sequence[Quantity], far_away: Vector) -
     ratios = [index for index, quantity in enumerate(quantities) if quantity.mass is not None]
     found = np.full(len(both), np.inf)
     linear = np.setdiff1d(np.flatnonzero(~np.tile(endless, 2)), [*ratios, *(index + len(rows) for index in ratios)])
-    found[linear] = np.einsum("pi,pi->p", both[linear], furthest(own.region, both[linear])) + constants[linear]
+    ends = furthest(own.region, both[linear])
+    found[linear] = np.einsum("pi,pi->p", both[linear], ends) + constants[linear]
     active = np.array([*ratios, *(index + len(rows) for index in ratios)], dtype=np.intp)
     if len(active):
         weights, masses, _ = own.rows(np.array([quantities[index].mass for index in ratios] * 2))
         weights = weights / masses[:, None]
         tops, first = both[active] / masses[:, None], constants[active] / masses
-        best = first.copy()
+        # The ends of masses and moments lead most of the way to those of their ratios: each step of these is a search.
+        best = np.fmax(first, _largest_of(first, tops, weights, INSIDE * ends))
         going = np.arange(len(active))
         for _ in range(ROUNDS):
             rest = tops[going] - best[going, None] * weights[going]
-            ends = furthest(own.region, rest, weights[going])
-            mass = 1.0 + np.einsum("pi,pi->p", weights[going], ends)
-            more = np.einsum("pi,pi->p", rest, ends) + first[going] - best[going]
+            points = furthest(own.region, rest, weights[going])
+            mass = 1.0 + np.einsum("pi,pi->p", weights[going], points)
+            more = np.einsum("pi,pi->p", rest, points) + first[going] - best[going]
             step = more / np.maximum(mass, LIGHTEST)
             best[going] += step
             going = going[
@@ -346,3 +351,10 @@ def _ends(own: _Coordinates, quantities: Sequence[Quantity], far_away: Vector) -
         found[beside] = constants[beside] + (1.0 + OUTWARD * BESIDE_OPEN / ENOUGH) * way
     tell("ends of intervals", len(both), len(both), "ends")
     return -found[: len(rows)], found[len(rows) :]
+
+
+def _largest_of(first: Vector, tops: Matrix, weights: Matrix, points: Matrix) -> Vector:
+    """The largest (first + top · y) / (1 + weight · y), (p,), at any of the points (k, n) with a positive denominator."""
+    masses = 1.0 + weights @ points.T
+    ratios = (first[:, None] + tops @ points.T) / np.where(masses > 0.0, masses, np.inf)
+    return np.asarray(np.max(np.where(masses > 0.0, ratios, -np.inf), axis=1, initial=-np.inf))
