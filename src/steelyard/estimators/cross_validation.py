@@ -40,9 +40,6 @@ BARRIER = 1e-2
 """Factor of the barrier, in units of half the squared residual over its variance: it moves the fits by a tenth of what
 noise does (by at most the number of rows of all blocks times this in the objective)."""
 
-APART = 100.0
-"""Ratio of weights up to which one is reached from the other; a fit takes about seven steps then, and five with 10."""
-
 START = 1e-3
 """Terms start at this part of their deviation where least squares have them at less, or below zero. With a tenth, twice
 as many steps follow, since most of what is friction of motors in a model with that of joints, too, is next to zero."""
@@ -244,23 +241,16 @@ def _held_out(stretches: Sequence[Information], bases: Tensor, weights: Vector |
 
 
 def _path(function: "_Fits", start: Vector, basis: Matrix | None) -> Matrix:
-    """Fits of all the data with each weight, (k, n), from the heaviest on, each from the fit of one before.
+    """Fits of all the data with each weight, (k, n), from the heaviest on, each from the fit of the one before.
 
     From the prior itself, the lightest weights need more than a thousand steps where the data contradict it (a UR5 from
-    its shapes). Where weights lie close together, only every other one is reached so, and those between start half-way
-    between the fits of both sides.
+    its shapes), and more than a hundred from a weight ten times as large.
     """
-    found, weights = np.empty((len(function.weights), start.size)), function.weights
-    along = range(len(found) - 1, -1, -2 if np.all(weights[2:] <= APART * weights[:-2]) else -1)
-    point = start[None]
-    for done, k in enumerate(along):
-        tell("fits for each weight of the prior", done, len(along), "weights")
+    found, point = np.empty((len(function.weights), start.size)), start[None]
+    for k in reversed(range(len(found))):
+        tell("fits for each weight of the prior", len(found) - 1 - k, len(found), "weights")
         point = minimise(function, point, basis, problems=np.array([k]))
         found[k] = point[0]
-    between = np.setdiff1d(np.arange(len(found)), along)
-    if len(between):
-        middle = 0.5 * (found[between + 1] + found[np.where(between > 0, between - 1, between + 1)])
-        found[between] = minimise(function, middle, basis, problems=between)
     return found
 
 

@@ -48,8 +48,8 @@ HALVINGS = 40
 """A step that has been halved so often moves nothing: the problem has gone as far as rounding lets it."""
 
 RIDGE = 1e-13
-"""Relative to the diagonal of a Hessian, and added to it, so that directions which neither data nor physics tell leave a
-matrix that can be solved; ten times less, and some are singular to rounding."""
+"""Relative to the diagonal of a Hessian, and added to it, so that directions which neither data nor physics tell leave
+a matrix that can be solved; ten times less, and some are singular to rounding."""
 
 
 class Function(Protocol):

@@ -72,9 +72,9 @@ WIDTH = 5
 DELAYS = (-0.1, -0.05, -0.02, -0.01, 0.005, 0.01, 0.02, 0.035, 0.05, 0.075, 0.1, 0.15, 0.2, 0.3)
 """s that are tried first."""
 NEARBY_DELAY = 0.01
-"""s. Where the torques are explained to within `POOR`, a delay is small beside what the motion does, and the likelihoods
-of the log with this delay, earlier and later, tell by a parabola what any delay would gain. Where that is next to
-nothing, the other delays are not tried, which take most of the time of a look at a sound log."""
+"""s. Where the torques are explained to within `POOR`, a delay is small beside what the motion does, and the
+likelihoods of the log with this delay, earlier and later, tell by a parabola what any delay would gain. Where that is
+next to nothing, the other delays are not tried, which take most of the time of a look at a sound log."""
 RATIOS = np.geomspace(1.5, 1000.0, 105)
 """Of gears: positions that are 6 % off over two radians are 0.12 rad off, from which the best can be found."""
 ABSURD_SPAN, ABSURD_SLIDE, ABSURD_SPEED = 2.2 * np.pi, 3.0, 8.0

@@ -354,7 +354,7 @@ def _ends(own: _Coordinates, quantities: Sequence[Quantity], far_away: Vector) -
 
 
 def _largest_of(first: Vector, tops: Matrix, weights: Matrix, points: Matrix) -> Vector:
-    """The largest (first + top · y) / (1 + weight · y), (p,), at any of the points (k, n) with a positive denominator."""
+    """The largest (first + top · y) / (1 + weight · y), (p,), of those points (k, n) whose denominator is positive."""
     masses = 1.0 + weights @ points.T
     ratios = (first[:, None] + tops @ points.T) / np.where(masses > 0.0, masses, np.inf)
     return np.asarray(np.max(np.where(masses > 0.0, ratios, -np.inf), axis=1, initial=-np.inf))
