@@ -99,6 +99,7 @@ def test_presliding_is_told_and_not_added():
     assert law.shape["displacement"] == pytest.approx(0.08, rel=0.05)
     assert law.coefficients[0] == pytest.approx(1.2, rel=0.05)
     assert "Friction remembers where joints were before they slid" in result.report()
+    assert "Presliding that is not in the model" in result.report()
     assert result.to_dict()["friction"]["presliding"][0]["kind"] == "dahl"
 
 

@@ -267,8 +267,10 @@ class FrictionSelection:
         ]
         return ("step", "law", "joints", "held-out error", "p", "verdict"), rows
 
-    def chosen_table(self) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-        """Heads and rows of the table of laws that were added."""
+    def chosen_table(
+        self, laws: Sequence[ChosenFriction] | None = None
+    ) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+        """Heads and rows of the table of laws that were added, or of other laws at the same joints."""
         rows: list[tuple[str, ...]] = [
             (
                 self.joint_names[one.joint],
@@ -278,7 +280,7 @@ class FrictionSelection:
                 f"{-one.gain:+.1%}",
                 f"{one.p_value:.1g}" if one.p_value > 1e-99 else "0",
             )
-            for one in self.chosen
+            for one in (self.chosen if laws is None else laws)
         ]
         return ("joint", "law", "shape", "coefficients", "held-out error", "p"), rows
 

@@ -279,7 +279,7 @@ def _told(presliding: Sequence[ChosenFriction], selection: FrictionSelection) ->
     )
     return (
         f"Friction remembers where joints were before they slid: {laws}. No term has such a state, so that the model "
-        "goes without; numbers are in estimate.json and in the report, for a simulation or a controller that has one."
+        "goes without; the report has its numbers, for a simulation or a controller that knows such a state."
     )
 
 

@@ -18,6 +18,10 @@ def friction(identification: Identification) -> Markup:
     if selection.chosen:
         heads, rows = selection.chosen_table()
         parts.append(table("Laws that were added", heads, rows, identifier="friction-chosen", texts=range(len(heads))))
+    if choice.presliding:
+        heads, rows = selection.chosen_table(choice.presliding)
+        title = "Presliding that is not in the model"
+        parts.append(table(title, heads, rows, identifier="friction-presliding", texts=range(len(heads))))
     heads, rows = selection.table()
     parts.append(
         Markup(
