@@ -5,6 +5,7 @@ from steelyard.conic import Outcome
 from steelyard.dynamics import Model, Viscous
 from steelyard.errors import InputError, SolverError
 from steelyard.feasibility import CenterOfMassBox, FeasibleSet, TotalMass, check, correct
+from steelyard.identification.wam import true_parameters, wam_model
 from steelyard.robot import Robot
 
 IMPOSSIBLE = np.array([0.5, 0.1, 0.25, 0.3, 0.4, -0.1])
@@ -112,3 +113,17 @@ def test_units_of_mass_do_not_matter(two_links, scale):
     scaled = correct(FeasibleSet(two_links, margin=1e-6 * scale), base=scale * IMPOSSIBLE)
     np.testing.assert_allclose(scaled.base, scale * plain.base, atol=1e-4 * scale)
     assert scaled.squared_distance == pytest.approx(scale**2 * plain.squared_distance, rel=1e-4)
+
+
+@pytest.mark.parametrize("seed", [10, 26, 52])
+def test_base_parameters_of_millions_have_an_answer(seed):
+    """The set is a cone, but for a margin of 1e-6, so that distances grow with the parameters."""
+    model = wam_model()
+    feasible = FeasibleSet(model)
+    truth = model.base_parameters().values(true_parameters())
+    base = truth + 1e6 * np.random.default_rng(seed).normal(size=len(truth))
+    correction = correct(feasible, base=base)
+    for matrix in (block.evaluate(correction.parameters) for block in feasible.blocks):
+        assert np.linalg.eigvalsh(matrix).min() > 0.0
+    small = correct(feasible, base=1e-6 * base)
+    assert correction.squared_distance == pytest.approx(1e12 * small.squared_distance, rel=1e-4)
