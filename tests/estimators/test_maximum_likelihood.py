@@ -101,6 +101,50 @@ def test_logs_and_gaps_are_stretches_of_their_own(model):
     assert np.allclose(base, model.base_parameters().values(np.concatenate([BODY, BODY])), atol=1e-7)
 
 
+def test_logs_of_different_noise_are_whitened_each_by_its_own_and_add(model, tmp_path):
+    """Against least squares of all rows with the whole covariance of both logs, by the formula of white noise."""
+    quiet, loud = (samples_of(model, np.random.default_rng(k), 400, 0.0) for k in (4, 5))
+    louder = np.array([[3.0, 0.4], [-0.2, 5.0]])
+    noise = np.random.default_rng(6).normal(size=loud.q.shape) @ louder.T
+    loud = sy.Samples(q=loud.q, dq=loud.dq, ddq=loud.ddq, torque=loud.torque + noise, t=loud.t)
+    apart = [likelihood_information(model, one, order=0) for one in (quiet, loud)]
+    both = apart[0] + apart[1]
+    rows, targets = [], []
+    for one, information in zip((quiet, loud), apart, strict=True):
+        root = np.linalg.cholesky(information.noise.covariance)
+        regressor = np.asarray(model.regressor(one.q, one.dq, one.ddq)) @ model.base_parameters().Pb
+        rows.append(np.linalg.solve(root, regressor))
+        targets.append(np.linalg.solve(root, one.torque[:, :, None]))
+    rows, targets = (np.concatenate(part).reshape(1600, -1) for part in (rows, targets))
+    expected = np.linalg.lstsq(rows, targets[:, 0])[0]
+    error = np.sqrt(np.diag(np.linalg.inv(rows.T @ rows)))
+    feasible_set = sy.FeasibleSet(model)
+    estimate = maximum_likelihood(both, feasible_set)
+    assert np.allclose(sy.least_squares(both).base, expected, rtol=0, atol=1e-6 * error.max())
+    assert np.allclose(estimate.standard_error, error, rtol=0.3)
+    assert feasible_set.contains(estimate.parameters)
+    # One noise for both is far from the least variance; the log that is quiet tells nearly all.
+    one_noise = likelihood_information(model, [quiet, loud], order=0)
+    assert np.all(maximum_likelihood(one_noise, feasible_set).standard_error > 1.5 * error)
+    assert np.allclose(both.covariance, 0.5 * (apart[0].covariance + apart[1].covariance))
+    both.save(tmp_path / "both.json")
+    again = maximum_likelihood(sy.Information.load(tmp_path / "both.json"), feasible_set)
+    assert np.allclose(again.base, estimate.base)
+
+
+def test_whitened_rows_and_others_do_not_add():
+    """With one joint both have one factor, so that nothing but the covariance tells them apart."""
+    model = sy.Model(sy.Robot.from_dh([(0, 1.0, 0, "q")], gravity=(0, -9.81, 0)))
+    random = np.random.default_rng(1)
+    q, dq, ddq, torque = random.normal(size=(4, 100, 1))
+    samples = sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque)
+    plain = sy.Information.from_samples(model, samples)
+    whitened = likelihood_information(model, samples, order=0)
+    with pytest.raises(InputError, match="Only one of two Informations was whitened"):
+        plain + whitened
+    assert (sy.Information.empty(model) + whitened).covariance is not None
+
+
 def test_the_estimate_is_feasible_and_plain_rows_are_refused(model, found):
     samples, information, _, _ = found
     feasible_set = sy.FeasibleSet(model)

@@ -118,7 +118,8 @@ def likelihood_information(
     -------
     LikelihoodInformation
         Its errors (`relative_error`) are those of the rows as they were measured. With `batch_means`, so that standard
-        errors hold, too, where the noise has more memory than the model found. The sum of two is a plain Information.
+        errors hold, too, where the noise has more memory than the model found. The sum of two, of which each was
+        whitened by its own noise, is an Information whose least squares are the maximum of both likelihoods together.
 
     Raises
     ------
@@ -229,7 +230,8 @@ def maximum_likelihood(
     Parameters
     ----------
     info : Information
-        From `likelihood_information`, or the sum of such.
+        From `likelihood_information`, or the sum of such; logs with noise of different kinds are best whitened each by
+        itself, and added.
     feasible_set : FeasibleSet
     weights : "joint", None or (N,)
         Not read: the noise that was found takes their place.

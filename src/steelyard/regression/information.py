@@ -61,7 +61,8 @@ class Information:
         The same rows for each joint as they were measured, where `factors` holds weighted or whitened rows; errors are
         computed from them. Empty where `factors` holds the rows as measured.
     covariance : ndarray or None
-        (N, N), of the noise across the joints with which the rows were whitened.
+        (N, N), of the noise across the joints with which the rows were whitened; of a sum of data sets that were each
+        whitened by their own noise, the mean over the rows. None where rows were not whitened.
     remarks : tuple of str
         What the user should know of these rows, in sentences; estimates repeat it.
     batch_means : tuple of tuples of Factor
@@ -302,8 +303,11 @@ class Information:
         if self.torque_factors or other.torque_factors:
             pairs = zip(self.torque_factors or self.factors, other.torque_factors or other.factors, strict=True)
             measured = tuple(a + b for a, b in pairs)
-        both = self.covariance is not None and other.covariance is not None
-        same = both and np.array_equal(np.asarray(self.covariance), np.asarray(other.covariance))
+        if (self.covariance is None) != (other.covariance is None) and self.count and other.count:
+            raise InputError(
+                "Only one of two Informations was whitened by the noise of its rows, so that they cannot be added; "
+                "whiten both, each by its own noise, or neither."
+            )
         remarks = tuple(dict.fromkeys((*self.remarks, *other.remarks)))
         if self.count and other.count:
             means = added(self.batch_means, other.batch_means)
@@ -315,7 +319,7 @@ class Information:
             self.joint_names,
             factors,
             measured,
-            self.covariance if same else None,
+            _mean_covariance(self, other),
             remarks,
             batch_means=means,
             filtered_torque=self.filtered_torque or other.filtered_torque,
@@ -588,6 +592,15 @@ class Information:
                 f"{path}: is not an Information that was saved by steelyard ({shown(str(error))})."
             ) from None
         return cls(**values)
+
+
+def _mean_covariance(one: Information, other: Information) -> Array | None:
+    """The mean over the rows of two data sets; whitened rows are of variance one, whatever they were whitened by."""
+    held = [part for part in (one, other) if part.covariance is not None]
+    if len(held) < 2 or np.array_equal(np.asarray(one.covariance), np.asarray(other.covariance)):
+        return held[0].covariance if held else None
+    total = max(one.count + other.count, 1)
+    return np.asarray(sum(np.asarray(part.covariance) * (part.count / total) for part in held))
 
 
 def _columns_of(model: Model, joint: int | None) -> NDArray[np.intp]:
