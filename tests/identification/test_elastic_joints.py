@@ -180,6 +180,26 @@ def test_what_was_found_is_proved_simulated_and_exported(robot, tmp_path, run):
 
 
 @pytest.mark.slow
+def test_terms_that_need_a_temperature_get_it_with_the_motion_of_the_links_too(robot):
+    """Viscous friction falls by half as the joint warms up; links are identified anew with their own motion."""
+    log = pendulum()
+    heat = 20.0 + log["t"]
+    slope = -0.5 * VISCOUS / 30.0
+    sizes, speeds = np.array([0.8, 1.0, 0.3]), np.array([3.0, 1.1, 5.3])  # of the motor, as `pendulum` has it
+    speed = (np.cos(np.multiply.outer(log["t"], speeds)) * speeds) @ sizes
+    log = {**log, "heat": heat, "tau1": log["tau1"] + slope * (heat - 20.0) * speed}
+    term = 'kind = "friction_by_channel"\nchannel = "heat"\nrange = [20.0, 60.0]\nreference = 20.0'
+    path = with_lines(robot, f"motor_inertia = [{ROTOR}]", "warm.toml")
+    text = path.read_text().replace('kind = "viscous"', term)
+    path.write_text(text.replace('torque = "tau{}"', 'torque = "tau{}"\nchannels = { heat = "heat" }'))
+    result = sy.identify(path, log)
+    assert any("with their own motion" in remark for remark in result.remarks)
+    named = dict(zip(result.model.parameter_names, result.estimate.parameters, strict=True))
+    assert named["Fvj1"] == pytest.approx(VISCOUS, rel=0.05)
+    assert named["Fvsj1"] == pytest.approx(slope, rel=0.1)
+
+
+@pytest.mark.slow
 def test_one_encoder_tells_a_stiffness_by_the_acceleration_of_the_deflection(robot):
     """The motion reaches a sixth of the resonance."""
     path = robot.parent / "one.toml"

@@ -317,11 +317,12 @@ def _samples_of(
     transmissions: Transmissions,
 ) -> Samples:
     """Samples with the motion of the links; what the motors do beside them is moved to the torque."""
-    motor = _motor_motion(one, settings, places)
-    beside = transmissions.drive_torques(*motor) - transmissions.drive_torques(*motion)
+    motor, logged = _motor_motion(one, settings, places), one.first.channels
+    beside = transmissions.drive_torques(*motor, logged) - transmissions.drive_torques(*motion, logged)
     for place, joint in zip(places, joints, strict=True):
         beside[:, place] += transmissions.missing_rotor(place, joint) * (motor[2] - motion[2])[:, place]
-    return Samples(*motion, torque=one.first.torque - beside, mask=one.first.mask, t=one.first.t)
+    torque, measured = one.first.torque - beside, one.first
+    return Samples(*motion, torque=torque, mask=measured.mask, t=measured.t, channels=measured.channels)
 
 
 def _stiffnesses(
@@ -410,7 +411,7 @@ def _scale_error(
     columns = []
     for log, (one, motion, torque) in enumerate(zip(read, motions, torques, strict=True)):
         motor = _motor_motion(one, settings, [place])
-        drives = transmissions.drive_torques(*motor)[:, place]
+        drives = transmissions.drive_torques(*motor, one.first.channels)[:, place]
         used = np.ones(one.first.count, dtype=bool) if one.first.mask is None else one.first.mask[:, place]
         change = inertia_change * motion[2][:, place]
         links, rest = torque[:, place] + change, one.first.torque[:, place] - drives + change

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,8 @@ class Transmissions:
     def __init__(self, model: Model, parameters: Array) -> None:
         self.model, self.parameters = model, parameters
         self.motor_side, self.rotors = _motor_side(model), _rotors(model)
-        self.of_links = np.where(self.motor_side, 0.0, parameters)
+        # What depends on a channel, such as a temperature, is friction, which the transmission does not carry.
+        self.plain = model.without_channels
 
     @classmethod
     def of(cls, result: Identification) -> Transmissions:
@@ -35,12 +36,18 @@ class Transmissions:
 
     def torques(self, q: Array, dq: Array, ddq: Array) -> Array:
         """(S, N) torques of the links alone."""
-        return np.asarray(self.model.inverse_dynamics(q, dq, ddq, self.of_links))
+        return self._at_references(q, dq, ddq, np.where(self.motor_side, 0.0, self.parameters))
 
-    def drive_torques(self, q: Array, dq: Array, ddq: Array) -> Array:
-        """(S, N) torques of what is on the motor's side alone."""
+    def drive_torques(self, q: Array, dq: Array, ddq: Array, channels: Mapping[str, Array] | None = None) -> Array:
+        """(S, N) torques of what is on the motor's side alone, with channels as logged, or else at their references."""
         drives = np.where(self.motor_side, self.parameters, 0.0)
-        return np.asarray(self.model.inverse_dynamics(q, dq, ddq, drives))
+        if channels is None or not self.model.robot.channels:
+            return self._at_references(q, dq, ddq, drives)
+        return np.asarray(self.model.inverse_dynamics(q, dq, ddq, drives, channels=channels))
+
+    def _at_references(self, q: Array, dq: Array, ddq: Array, parameters: Array) -> Array:
+        known = dict(zip(self.model.parameter_names, parameters, strict=True))
+        return np.asarray(self.plain.inverse_dynamics(q, dq, ddq, [known[name] for name in self.plain.parameter_names]))
 
     def missing_rotor(self, joint: int, stiffness: JointStiffness) -> float:
         """By how much the inertia of a joint's motor exceeds that of its rotor among the parameters.
