@@ -110,6 +110,88 @@ def test_laplace_and_samples_agree_where_the_posterior_is_inside():
     assert max(abs(row.laplace_ratio - 1.0) for row in found) < 0.1
 
 
+def density(info, feasible_set, reference, weight, stiffness):
+    """Minus the logarithm, of the formula: the data's normal distribution, tr(P0⁻¹ P) - log det P, friction's square.
+
+    Of one link and its viscous friction; points are (p, 11). Infinite where the pseudo-inertia is not definite.
+    """
+    plain = sy.least_squares(info)
+    rows = np.linalg.inv(ParameterCovariance.of(info, plain.base, plain.weights).matrix)
+
+    def pseudo(points):
+        xx, xy, xz, yy, yz, zz, lx, ly, lz, m = points[:, :10].T
+        half = 0.5 * (xx + yy + zz)
+        top = [[half - xx, -xy, -xz, lx], [-xy, half - yy, -yz, ly], [-xz, -yz, half - zz, lz], [lx, ly, lz, m]]
+        return np.moveaxis(np.array(top), 2, 0)
+
+    inverse = np.linalg.inv(pseudo(reference[None])[0])
+
+    def value(points):
+        matrices = pseudo(points)
+        left = points @ feasible_set.K.T - plain.base
+        values = np.linalg.eigvalsh(matrices)
+        inside = (values[:, 0] > 0.0) & (points[:, 10] >= 0.0)
+        divergence = np.einsum("ij,pji->p", inverse, matrices) - np.log(np.where(inside[:, None], values, 1.0)).sum(1)
+        expected = weight * divergence + 0.5 * stiffness * (points[:, 10] - reference[10]) ** 2
+        return np.where(inside, 0.5 * np.einsum("pi,ij,pj->p", left, rows, left) + expected, np.inf)
+
+    return value
+
+
+def metropolis(value, points, steps, seed=3):
+    """Random-walk Metropolis of many chains; half the steps are left out, in which they learn the size of their steps.
+
+    Each chain proposes by the covariance of the others, with which it is not correlated.
+    """
+    random = np.random.default_rng(seed)
+    halves = np.array_split(np.arange(len(points)), 2)
+    at, scale, drawn = value(points), 2.38 / np.sqrt(points.shape[1]), []
+    for step in range(steps):
+        for mine, others in (halves, halves[::-1]):
+            root = np.linalg.cholesky(np.cov(points[others].T) + 1e-14 * np.eye(points.shape[1]))
+            moved = points[mine] + scale * random.standard_normal((len(mine), points.shape[1])) @ root.T
+            there = value(moved)
+            taken = np.log(random.random(len(mine))) < at[mine] - there
+            points[mine[taken]], at[mine[taken]] = moved[taken], there[taken]
+        if step >= steps // 2:
+            drawn.append(points.copy())
+    return np.concatenate(drawn)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("where", ["inside", "boundary"])
+def test_intervals_are_those_of_a_random_walk_and_laplace_s_where_the_posterior_is_inside(where):
+    """A sampler and a density that share no code with ours; moments of the link are compared in their deviations."""
+    # Friction that the description tells is weighted as the link is; of a spread about zero it is so once.
+    friction, stiffness = (0.5, 100.0 / 0.5**2) if where == "inside" else (-0.01, 1.0 / 0.5**2)
+    model, info = pendulum(friction)
+    feasible_set = sy.FeasibleSet(model)
+    reference = np.append(BODY, max(friction, 0.0))
+    prior = EntropicPrior(reference, term_deviations=np.full(11, 0.5))
+    found = posterior(info, feasible_set, prior, 100.0, steps=2500, kept=10_000)
+    random = np.random.default_rng(4)
+    starts = found.mode * (1.0 + 0.01 * random.normal(size=(120, 11)))
+    starts[:, 10] += 0.01 * random.random(120)
+    drawn = metropolis(density(info, feasible_set, reference, 100.0, stiffness), starts, 2500)
+    deviation = drawn.std(axis=0)
+    assert np.all(np.abs(found.samples.mean(axis=0) - drawn.mean(axis=0)) < 0.1 * deviation)
+    named = [row for row in found if row.name in model.parameter_names]
+    assert len(named) == 11
+    for row in named:
+        own = drawn[:, list(model.parameter_names).index(row.name)]
+        width = np.diff(np.quantile(own, (0.025, 0.975)))[0]
+        if row.name != "Fvj1" or where == "inside":
+            assert row.upper - row.lower == pytest.approx(width, rel=0.1), row.name
+            assert abs(row.lower - np.quantile(own, 0.025)) < 0.1 * width, row.name
+            assert row.laplace_ratio == pytest.approx(1.0, abs=0.1), row.name
+        else:
+            # Pressed against zero: the shortest interval begins there, and Laplace's reaches where nothing can be.
+            assert row.lower == 0.0
+            assert row.upper == pytest.approx(np.quantile(own, 0.95), rel=0.1)
+            assert row.laplace_lower < 0.0
+            assert row.laplace_ratio > 1.3
+
+
 def test_equations_hold_and_the_estimator_has_a_name():
     model, info = pendulum(0.5)
     feasible_set = sy.FeasibleSet(model, constraints=[MeasuredMass(3.0)])
