@@ -10,6 +10,7 @@ import steelyard as sy
 from steelyard.control import JointFeedback
 from steelyard.errors import InputError
 from steelyard.feasibility import verify_document
+from steelyard.identification import ClosedLoop
 from steelyard.identification.known_controller import ControllerSettings
 
 ROBOT = """
@@ -72,6 +73,48 @@ def test_identify_with_a_motion_without_noise(folder, controller, estimator):
     assert verify_document(found.estimate.certificate).valid
     assert any("The motion without noise is" in remark for remark in found.remarks)
     assert found.options["estimator"] == estimator
+    told = [remark for remark in found.estimate.remarks if "up to 0.0001 rad or m, was simulated, too" in remark]
+    assert len(told) == (estimator == "output_error")  # by the fourth differences of the log
+
+
+def shaken(random, runs, noise, coulomb):
+    """Mean positions that noisy encoders read of a rotor with friction, (S,), stepped here with an exact sign."""
+    t = np.arange(0.0, 4.0, 0.002)
+    wanted, speed = wave(t)[0][0], wave(t)[1][0]
+    q, dq, last, read = np.zeros(2 * runs), np.zeros(2 * runs), None, []
+    step = 0.002 / 40
+    for k in range(len(t)):
+        drawn = noise * random.normal(size=runs)
+        seen = q + np.concatenate([drawn, -drawn])
+        slope = np.zeros(2 * runs) if last is None else (seen - last) / 0.002
+        last = seen
+        read.append(seen.mean())
+        torque = 400.0 * (wanted[k] - seen) + 40.0 * (speed[k] - slope)
+        for _ in range(40):
+            free = dq + step / 0.5 * (torque - 0.8 * dq)
+            dq = np.sign(free) * np.maximum(np.abs(free) - step / 0.5 * coulomb, 0.0)
+            q = q + step * dq
+    return np.array(read)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("coulomb", [0.0, 3.0])
+def test_expected_readings_are_the_mean_of_noisy_loops(coulomb):
+    robot = sy.Robot.from_dh([("pi/2", 0, 0, "q")], gravity=(0, 0, 0)).with_terms(sy.Viscous(), sy.Coulomb())
+    model, noise = sy.Model(robot), 1e-3
+    controller = JointFeedback(wave, kp=400.0, kd=40.0, count=1, sample_time=0.002)
+    times = np.arange(0.0, 4.0, 0.002)
+    loop = ClosedLoop(model, controller, times, [0.0], position_noise=noise)
+    base = np.array([0.5, 0.8, coulomb])
+    assert model.base_parameters().names[1:] == ("Fvj1", "Fcj1")
+    silent, noisy = loop(base).q[:, 0], loop.expected(base).q[:, 0]
+    if not coulomb:
+        assert np.abs(noisy - silent).max() < 1e-9  # what a linear loop makes of noise is as often up as down
+        return
+    random = np.random.default_rng(1)
+    truth = shaken(random, 400, noise, coulomb) - shaken(random, 1, 0.0, coulomb)
+    assert np.abs(truth).max() > 2e-4
+    assert np.std(noisy - silent - truth) < 0.3 * np.std(truth)
 
 
 def test_output_error_asks_for_the_gains(folder):

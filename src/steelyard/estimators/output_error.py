@@ -80,7 +80,8 @@ def output_error(
     motion : callable, or a sequence of these
         One for each log: from base parameters (n_b,) to the simulated samples at the times of the measured ones, with
         the torques of the drives; a `ClosedLoop`. One that has a method ``several(bases)``, for (R, n_b), is asked for
-        all differences at once.
+        all differences at once; one that has ``expected(base)``, for the mean of what sensors read in many noisy
+        motions, for what is compared with the log.
     output : {"torque", "position"}
     weights : "joint", None or (N,)
         ``"joint"``: of each joint the inverse standard deviation of the errors, N·m, N, rad or m.
@@ -236,13 +237,14 @@ def _iterated(
         raise InputError("Output error needs functions of base parameters that simulate, such as a ClosedLoop.")
     problems = [_Problem(model, one, output) for one in logs]
     base, _ = first_parameters(logs, feasible_set, given, start, weights, options)
-    at, count = first_made(motions, base), 1
+    expected = [getattr(one, "expected", one) for one in motions]
+    at, count = first_made(expected, base), 1
     estimate: Estimate | None = None
     moved, ended = np.inf, ""
     for _ in range(int(iterations)):
         errors = None if estimate is None else estimate.standard_error
         step = [
-            (own, base, problem.derivatives(one, own, base, errors))
+            (own, base, problem.derivatives(one, base, errors))
             for problem, one, own in zip(problems, motions, at, strict=True)
         ]
         parts = [problem.information(*own) for problem, own in zip(problems, step, strict=True)]
@@ -252,7 +254,7 @@ def _iterated(
         moved = step_in_errors(estimate.base - base, estimate.standard_error)
         if moved <= CONVERGED:
             break
-        found = _shortened(motions, problems, at, base, estimate.base, used)
+        found = _shortened(expected, problems, at, base, estimate.base, used)
         count += 1
         if found is None:
             ended = "no part of the last step made the simulation come nearer"
@@ -262,6 +264,12 @@ def _iterated(
     unit = "N·m or N" if output == "torque" else "rad or m"
     listed = ", ".join(f"{value:.3g}" for value in _error(problems, at))
     remarks = [f"The simulated {output}s differ from the measured ones by {listed} {unit} (root mean squares)."]
+    noise = [np.max(getattr(one, "position_noise", 0.0)) for one in motions]
+    if max(noise) > 0.0:
+        remarks.append(
+            f"Noise of the positions that the controller reads, up to {max(noise):.2g} rad or m, was simulated, too: "
+            "it shakes friction where a joint turns around."
+        )
     if moved > CONVERGED:
         ended = ended or f"the last of {count} steps moved a base parameter by {moved:.2g} standard errors"
         remarks.append(f"The output error did not converge: {ended}; this is the estimate of the last step.")
@@ -292,16 +300,16 @@ class _Problem:
         used = np.ones(left.shape, dtype=bool) if mask is None else mask
         return np.sum(np.where(used, left, 0.0) ** 2, axis=0), used.sum(axis=0)
 
-    def derivatives(self, motion: Motion, at: Samples, base: Vector, errors: Vector | None) -> Matrix | None:
+    def derivatives(self, motion: Motion, base: Vector, errors: Vector | None) -> Matrix | None:
         """Of the positions by the base parameters, (n_b, S, N); None for torques, whose regressor stands for them."""
         if self.output == "torque":
             return None
         known = None if errors is None else np.where(np.isfinite(errors) & (errors > 0.0), errors, 0.0)
         sizes = 1e-3 * (0.1 + np.abs(base)) if known is None else DIFFERENCE * known
         sizes = np.where(sizes > 0.0, sizes, 1e-3 * (0.1 + np.abs(base)))
-        bases = base + np.diag(sizes)
+        bases = np.vstack([base, base + np.diag(sizes)])
         several = getattr(motion, "several", None)
-        runs: Sequence[Samples] = [motion(one) for one in bases] if several is None else several(bases)
+        at, *runs = [motion(one) for one in bases] if several is None else several(bases)
         return np.array([(one.q - at.q) / size for one, size in zip(runs, sizes, strict=True)])
 
     def information(

@@ -14,6 +14,7 @@ from steelyard.errors import InputError
 from steelyard.files import TomlSection, shown
 from steelyard.files.arguments import per_joint, positive
 from steelyard.recording import Processing, Recording, Samples
+from steelyard.recording.diagnosis.detectors import noise_deviation
 from steelyard.recording.even import evened
 from steelyard.robot import RobotFile
 
@@ -24,6 +25,8 @@ from .log_reader import LogReader
 __all__ = ["ControllerSettings", "MotionsOfLogs", "motions_of_logs"]
 
 Array = NDArray[np.float64]
+
+_OF_JOINTS = ("kp", "kd", "ki", "torque_limit", "velocity_threshold", "position_noise")
 
 SMOOTH = "smooth"
 """The word for a reference that is not logged: the measured positions, filtered far more than they have to be."""
@@ -54,6 +57,9 @@ class ControllerSettings(TomlSection):
     velocity_threshold
         rad/s or m/s, below which rows of the motion are left out, a number or one for each; that of `[processing]` by
         default.
+    position_noise
+        Standard deviation of the noise of the positions that the controller reads, rad or m, a number or one for each;
+        that of the logged positions by default. Output error simulates it, too.
 
     Examples
     --------
@@ -73,9 +79,10 @@ class ControllerSettings(TomlSection):
     torque_limit: float | tuple[float, ...] | None = None
     rate: float | None = None
     velocity_threshold: float | tuple[float, ...] | None = None
+    position_noise: float | tuple[float, ...] | None = None
 
     def _clean(self, where: str) -> None:
-        for name in ("kp", "kd", "ki", "torque_limit", "velocity_threshold"):
+        for name in _OF_JOINTS:
             value = getattr(self, name)
             if isinstance(value, list | tuple):
                 object.__setattr__(self, name, tuple(value))
@@ -164,7 +171,7 @@ def motions_of_logs(
     InputError
         If a log has no such columns, or gaps that would split it.
     """
-    for name in ("kp", "kd", "ki", "torque_limit", "velocity_threshold"):
+    for name in _OF_JOINTS:
         value = getattr(settings, name)
         if isinstance(value, tuple) and len(value) != model.dof:
             raise InputError(
@@ -223,7 +230,8 @@ def _motion_of_log(
 
     if settings.kp is None:
         return samples, without_standstill(process(wanted), threshold)
-    return samples, _loop(model, wanted, settings, process, threshold)
+    noise: Any = noise_deviation(measured.q) if settings.position_noise is None else settings.position_noise
+    return samples, _loop(model, wanted, settings, process, threshold, noise)
 
 
 def _loop(
@@ -232,6 +240,7 @@ def _loop(
     settings: ControllerSettings,
     process: Callable[[Recording], Samples],
     threshold: Any,
+    noise: Any,
 ) -> ClosedLoop:
     from scipy.interpolate import CubicSpline
 
@@ -269,7 +278,16 @@ def _loop(
         sample_time=period / every,
         **options,
     )
-    return ClosedLoop(model, controller, times, path(0.0), slope(0.0), velocity_threshold=threshold, process=process)
+    return ClosedLoop(
+        model,
+        controller,
+        times,
+        path(0.0),
+        slope(0.0),
+        velocity_threshold=threshold,
+        process=process,
+        position_noise=noise,
+    )
 
 
 def _whole(recording: Recording, processing: Processing, log: GivenLog) -> Recording:

@@ -22,7 +22,6 @@ from .newton_euler import Motion, link_motions, robot_gravity
 from .regrouping import JointLine, joint_line
 
 __all__ = [
-    "energy_balance_with_numpy",
     "kinetic_energy_regressor",
     "momentum_balance",
     "momentum_balance_with_numpy",
@@ -234,30 +233,6 @@ def momentum_balance_with_numpy(
     for row, column, value in layout.terms(positions, speeds, still, np, channels=channels):
         rest[:, row, column] = value
     return momentum, rest
-
-
-def energy_balance_with_numpy(
-    layout: ParameterLayout, q: Array, dq: Array, channels: list[Array] | None = None
-) -> tuple[Array, Array]:
-    """Return E and D (S, n) at S samples: times the parameters the power of all torques is ``dE/dt + D``.
-
-    E is the kinetic energy of links and rotors and the potential energy of the links; D is the power that goes into
-    what else the terms are: friction, springs.
-    """
-    robot = layout.robot
-    frames, positions, speeds = joint_frames(robot, list(q.T), np), list(q.T), list(dq.T)
-    energy, spent = np.zeros((2, len(q), len(layout.names)))
-    kinetic = kinetic_energy_regressor(frames, speeds)
-    potential = potential_energy_regressor(frames, robot_gravity(robot))
-    for columns, one, other in zip(layout.links, kinetic, potential, strict=True):
-        for column, a, b in zip(columns, one, other, strict=True):
-            energy[:, column] = a + b
-    for (row, column), value in layout.term_momenta(positions, speeds, np).items():
-        energy[:, column] += 0.5 * dq[:, row] * value
-    still = list(np.zeros_like(q).T)
-    for row, column, value in layout.terms(positions, speeds, still, np, channels=channels):
-        spent[:, column] += dq[:, row] * value
-    return energy, spent
 
 
 def term_torques(layout: ParameterLayout, q: Array, dq: Array, ddq: Array, parameters: Array) -> Array:
