@@ -76,6 +76,16 @@ def test_instruments_take_the_bias_away_and_answers_are_proved(elbow, noisy):
     assert any("Least squares of the rows as measured differ" in remark for remark in found.remarks)
 
 
+def test_instruments_that_take_nothing_away_are_told(elbow, noisy):
+    measured, exact, _ = noisy
+    for motion, sentence in (
+        (measured, "hardly more than least squares"),
+        (exact, "is that of the instruments (least"),
+    ):
+        remarks = sy.instrumental_variables(measured, sy.FeasibleSet(elbow), motion).remarks
+        assert any(sentence in remark for remark in remarks)
+
+
 def test_iteration_that_does_not_converge_says_so_in_one_sentence_and_keeps_what_was_found(elbow, noisy):
     seen, exact, _ = noisy
     feasible_set = sy.FeasibleSet(elbow)

@@ -51,6 +51,9 @@ times of the measured ones, with the torques of its drives. Raises SolverError w
 WEAK = 10.0
 """F statistic below which instruments count as weak, for one instrument a parameter (Staiger and Stock 1997)."""
 
+ALIKE = 0.9999
+"""Share from which instruments take nothing away, as smooth positions that were filtered no further than the rows."""
+
 CONVERGED = 0.01
 """The iterations end when no base parameter moves by more than this part of its standard error."""
 
@@ -65,8 +68,9 @@ class InstrumentStrength:
         Rows times motion over noise, in squares, for the combination of base parameters of which that is least; below
         10 instruments are weak. Infinite where the regressor is that of the instruments exactly.
     share : float
-        Part of the squared regressor of that combination that is motion, from 0 to 1. The rest is noise, which draws
-        least squares of that combination towards zero by about as much.
+        Part of the squared regressor of that combination that is the motion of the instruments, from 0 to 1. The rest
+        is noise, which draws least squares of that combination towards zero by about as much, or motion in which the
+        robot did not follow that of the instruments.
     weakest : str
         The base parameter that is greatest in that combination, in units in which all columns are equally long.
     """
@@ -76,9 +80,15 @@ class InstrumentStrength:
     weakest: str
 
     def __str__(self) -> str:
+        if self.share > ALIKE:
+            return (
+                f"The instruments are the measured regressor itself to {self.share:.2%} of its square, in any "
+                "combination of base parameters, so that this is hardly more than least squares."
+            )
         return (
-            f"Of the squared regressor of any combination of base parameters at least {self.share:.2%} is motion "
-            f"(least near {self.weakest}); the rest is noise, which least squares take for motion."
+            f"Of the squared regressor of any combination of base parameters at least {self.share:.2%} is that of the "
+            f"instruments (least near {self.weakest}); the rest is noise, which least squares take for motion, or how "
+            "the robot moved otherwise."
         )
 
 

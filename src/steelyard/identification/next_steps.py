@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from steelyard.excitation.motion_limits import MotionLimits
 from steelyard.feasibility.constraints import MeasuredMass, TotalMass
+from steelyard.regression import Information, least_squares
 
 from .prediction_verdict import UNTESTED
 from .result import Identification
@@ -128,9 +129,11 @@ def next_steps(identification: Identification) -> tuple[NextStep, ...]:
 
 
 def _steps(identification: Identification) -> Iterator[NextStep]:
+    other = list(_other_estimator(identification))
+    yield from other
     yield from _mistakes(identification)
     if identification.prediction.word == "wrong":
-        if not identification.mistakes:
+        if not identification.mistakes and not other:
             yield _doctor(identification)
         return  # what the motion shows, and what is assumed, means nothing of a wrong model
     weak = list(_weak(identification))
@@ -179,6 +182,26 @@ def _doctor(identification: Identification) -> NextStep:
         _doctor_command(identification, identification.logs),
         "console",
     )
+
+
+def _other_estimator(identification: Identification) -> Iterator[NextStep]:
+    """Where the rows that an estimator made of the logs mislead, and the rows as measured do not."""
+    rows, said = identification.information, identification.prediction
+    if said.word not in ("poor", "wrong") or not rows.torque_factors:
+        return
+    plain = replace(
+        Information.of(rows), factors=rows.torque_factors, torque_factors=(), covariance=None, batch_means=()
+    )
+    error = plain.relative_error(least_squares(plain).base)
+    if error < 0.5 * said.relative_error:
+        logs = " ".join(_paths(identification, identification.logs)) or "LOG"
+        yield NextStep(
+            "Take the default estimator.",
+            f"Least squares of the rows as measured leave {error:.0%} of their torques unexplained, this answer "
+            f"{said.relative_error:.0%}: the rows that the estimator made weight what the model or the motion errs in.",
+            f"steelyard identify {_robot(identification)} {logs} --output DIR",
+            "console",
+        )
 
 
 def _weak(identification: Identification) -> Iterator[str]:
