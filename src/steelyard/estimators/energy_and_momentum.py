@@ -552,7 +552,8 @@ def _without_passages(
         places = first - starts[own, None] + np.arange(last - first)
         inside = (places >= 0) & (places < len(test))
         weights = np.where(inside, test[np.clip(places, 0, len(test) - 1)], 0.0)
-        columns = weights @ np.polynomial.legendre.legvander(s, min(PASSAGE_ORDER, last - first - 1))
+        powers = np.polynomial.legendre.legvander(s, min(PASSAGE_ORDER, last - first - 1))
+        columns = np.asarray(weights @ powers, dtype=np.float64)
         if reached and (own[0] > reached[-1][-1] or len(np.unique(np.concatenate(reached))) > MOST_TOGETHER):
             _project(rows, reached, basis)
             reached, basis = [], []
