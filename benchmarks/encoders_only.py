@@ -13,8 +13,8 @@ known pendulum.
 from __future__ import annotations
 
 import argparse
+import json
 import os
-import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import steelyard as sy
+from steelyard.files import write_json
 from steelyard.identification import identify_from_positions
 
 Array = NDArray[np.float64]
@@ -100,6 +101,35 @@ def rolled_out(model: mujoco.MjModel, t: Array, q0: Array, command: Array, delay
     return np.stack([np.interp(t, at, column) for column in whole.T], axis=1)
 
 
+def stepped(model: mujoco.MjModel, found: Any, t: Array, q0: Array, command: Array) -> Array:
+    """Positions at times t from commands alone, with friction that varies over the travel and with the load.
+
+    MuJoCo has one friction loss for a joint: it is set anew before each step.
+    """
+    model.jnt_stiffness.reshape(model.njnt, -1)[:, 0] = found.stiffness
+    low, high = found.travel
+    model.qpos_spring[:] = 0.5 * (low + high)
+    data = mujoco.MjData(model)
+    data.qpos[:] = q0
+    mujoco.mj_forward(model, data)
+    step, inertial = model.opt.timestep, np.empty(model.nv)
+    count = round((t[-1] - t[0]) / step) + 1
+    told = held(t, command, t[0] + np.arange(count) * step + 0.5 * step - found.delay)
+    whole = [q0]
+    for row in told:
+        along = np.clip(2.0 * (data.qpos - low) / (high - low) - 1.0, -1.0, 1.0)
+        ends = np.where(along < 0.0, found.coulomb_by_position[0], found.coulomb_by_position[2])
+        mujoco.mj_mulM(model, data, inertial, data.qacc)
+        links = inertial - model.dof_armature * data.qacc + data.qfrc_bias
+        friction = found.coulomb_by_position[1] + np.abs(along) * (ends - found.coulomb_by_position[1])
+        model.dof_frictionloss[:] = friction + found.load_friction * np.abs(links)
+        data.ctrl[:] = row
+        mujoco.mj_step(model, data)
+        whole.append(data.qpos.copy())
+    at = t[0] + np.arange(len(whole)) * step
+    return np.stack([np.interp(t, at, column) for column in np.array(whole).T], axis=1)
+
+
 def rms(values: Array) -> float:
     """Root of the mean square, in mrad."""
     return 1e3 * float(np.sqrt(np.mean(values**2)))
@@ -113,29 +143,53 @@ def sweeps(folder: Path) -> None:
     train = [(t[early], q[early], command[early]), more]
     spec = driven(folder / "go2_fixed_base.xml", 1e-3)
 
-    def told(name: str, values: Array, delay: float, seconds: float) -> None:
-        model = with_values(driven(folder / "go2_fixed_base.xml", 1e-3), values)
-        error = rolled_out(model, t, q[0], command, delay) - q
-        fitted = np.concatenate([rolled_out(model, a, b[0], c, delay) - b for a, b, c in train])
-        each = " ".join(f"{rms(column):5.1f}" for column in error[~early].T)
-        print(f"{name:34s} {rms(fitted):7.3f} {rms(error[~early]):9.3f} {1e3 * delay:7.2f} {seconds:7.1f}  {each}")
+    def told(name: str, values: Array, delay: float, seconds: float, found: Any = None) -> None:
+        def simulated(a: Array, b: Array, c: Array) -> Array:
+            model = with_values(driven(folder / "go2_fixed_base.xml", 1e-3), values)
+            return rolled_out(model, a, b[0], c, delay) if found is None else stepped(model, found, a, b[0], c)
 
-    print("Simulated in MuJoCo (1 ms) from the commands alone, from the first row of the file; mrad, rms.")
-    print(f"{'parameters':34s} {'fitted':>7s} {'sweeps 3,4':>9s} {'delay':>6s} {'s':>7s}  joints, sweeps 3 and 4")
+        error = simulated(t, q, command) - q
+        fitted = np.concatenate([simulated(*one) - one[1] for one in train])
+        again = simulated(t[~early], q[~early], command[~early]) - q[~early]
+        each = " ".join(f"{rms(column):5.1f}" for column in error[~early].T)
+        print(
+            f"{name:34s} {rms(fitted):7.3f} {rms(error[~early]):9.3f} {rms(again):9.3f} {1e3 * delay:7.2f} "
+            f"{seconds:7.1f}  {each}",
+            flush=True,
+        )
+
+    print("Simulated in MuJoCo (1 ms) from the commands alone, from the first row of the file, and begun at sweep 3;")
+    print("mrad, rms. The held-out sweeps are 3 and 4. The processor's time.")
+    print(
+        f"{'parameters':34s} {'fitted':>7s} {'held out':>9s} {'begun':>9s} {'delay':>6s} {'s':>7s}  joints, sweeps 3, 4"
+    )
     told("no friction, no rotors", np.zeros((12, 4)), 0.0, 0.0)
     told("the source's defaults", np.tile([0.01, 0.6, 0.2, 0.0], (12, 1)), 0.0, 0.0)
     robot = sy.Robot.from_urdf(folder / "go2.urdf")
-    for weights in ("equal", "joint"):
-        for law in ("mujoco", "coulomb")[: 2 if weights == "equal" else 1]:
-            begin = time.perf_counter()
-            found = identify_from_positions(
-                robot, [log_of(*one) for one in train], settings={**SETTINGS, "friction": law}, weights=weights
-            )
-            values = np.stack([getattr(found, kind) for kind in KINDS], axis=1)
-            told(f"steelyard, {law}, weights {weights}", values, found.delay, time.perf_counter() - begin)
-    begin = time.perf_counter()
+    for friction, law, weights in (
+        (None, "mujoco", "equal"),
+        (None, "coulomb", "equal"),
+        (None, "mujoco", "joint"),
+        ("auto", "mujoco", "equal"),
+        ("auto", "mujoco", "joint"),
+    ):
+        begin = time.process_time()
+        found = identify_from_positions(
+            robot,
+            [log_of(*one) for one in train],
+            settings={**SETTINGS, "friction": law},
+            weights=weights,
+            friction=friction,
+        )
+        seconds = time.process_time() - begin
+        values = np.stack([getattr(found, kind) for kind in KINDS], axis=1)
+        chosen = "" if friction is None else ", friction auto"
+        told(f"ours, {law}, {weights}{chosen}", values, found.delay, seconds, found if friction else None)
+        if found.choice is not None:
+            print("   ", *(one for one in found.remarks if one.startswith(("Added", "No term"))))
+    begin = time.process_time()
     values, delay = peer(spec, train)
-    told("mujoco.sysid", values, delay, time.perf_counter() - begin)
+    told("mujoco.sysid", values, delay, time.process_time() - begin)
 
 
 def peer(spec: mujoco.MjSpec, train: list[tuple[Array, Array, Array]]) -> tuple[Array, float]:
@@ -214,53 +268,64 @@ def leg_of(path: Path, prefix: str, step: float) -> mujoco.MjSpec:
     return spec
 
 
-def twins(folder: Path, count: int, work: Path) -> None:
-    """Legs with random drives."""
-    logs = [read(folder / name) for name in ("sweeps_1_4.csv", "sweeps_9_10.csv")]
-    work.mkdir(parents=True, exist_ok=True)
-    inside, total = np.zeros(5), np.zeros(5)
-    worst, errors = np.zeros(5), []
-    spent, failed = [], 0
-    for seed in range(count):
-        random = np.random.default_rng(seed)
-        leg = seed % 4
-        prefix, own = ("FL", "FR", "RL", "RR")[leg], slice(3 * leg, 3 * leg + 3)
-        truth = random.uniform((0.01, 0.1, 0.15, -0.1), (0.05, 0.5, 0.9, 0.1), (3, 4))
-        delay = float(random.integers(10, 180)) * TWIN_STEP
-        spec = leg_of(folder / "go2_fixed_base.xml", prefix, TWIN_STEP)
-        model = with_values(spec, truth)
-        source = work / f"{prefix}.xml"
-        source.write_text(leg_of(folder / "go2_fixed_base.xml", prefix, 1e-3).to_xml())
-        data = []
-        for t, q, command in logs:
-            measured = rolled_out(model, t, q[0, own], command[:, own], delay)
-            data.append(log_of(t, measured + random.normal(size=measured.shape) * NOISE, command[:, own]))
-        begin = time.perf_counter()
-        found = identify_from_positions(sy.Robot.from_mjcf(source), data, settings=SETTINGS)
-        spent.append(time.perf_counter() - begin)
-        failed += not found.settled
-        names = found.robot.joint_names
-        for value in found.values:
-            place = KINDS.index(value.kind) if value.kind in KINDS else 4
-            true = delay if place == 4 else truth[names.index(value.joint), place]
-            inside[place] += value.lower <= true <= value.upper
-            total[place] += 1
-            error = abs(value.value - true) / (1.0 if place > 2 else true)
-            worst[place] = max(worst[place], error)
-            errors.append((place, error))
-        if seed % 5 == 4:
-            told = f"{seed + 1} legs, inside {np.round(100 * inside / total, 1)} %, worst {worst}"
-            print(told, file=sys.stderr, flush=True)
-    print(f"{count} legs, {np.mean(spent):.1f} s each, {failed} searches that did not settle")
-    for place, kind in enumerate((*KINDS, "delay")):
-        own = np.array([error for k, error in errors if k == place])
-        unit, scale = ("%", 100.0) if place < 3 else ("N·m", 1.0) if place == 3 else ("ms", 1e3)
-        print(
-            f"{kind:14s} in the interval {100 * inside[place] / total[place]:5.1f} %; error: median "
-            f"{scale * np.median(own):.4f}, 0.95 quantile {scale * np.quantile(own, 0.95):.4f}, largest "
-            f"{scale * worst[place]:.4f} {unit}"
+def twin(folder: Path, seed: int, work: Path) -> dict[str, Any]:
+    """One leg with random drives: what was found, and what is true."""
+    random = np.random.default_rng(seed)
+    leg = seed % 4
+    prefix, own = ("FL", "FR", "RL", "RR")[leg], slice(3 * leg, 3 * leg + 3)
+    truth = random.uniform((0.01, 0.1, 0.15, -0.1), (0.05, 0.5, 0.9, 0.1), (3, 4))
+    delay = float(random.integers(10, 180)) * TWIN_STEP
+    model = with_values(leg_of(folder / "go2_fixed_base.xml", prefix, TWIN_STEP), truth)
+    source = work / f"{prefix}.xml"
+    source.write_text(leg_of(folder / "go2_fixed_base.xml", prefix, 1e-3).to_xml())
+    data = []
+    for t, q, command in (read(folder / name) for name in ("sweeps_1_4.csv", "sweeps_9_10.csv")):
+        measured = rolled_out(model, t, q[0, own], command[:, own], delay)
+        data.append(log_of(t, measured + random.normal(size=measured.shape) * NOISE, command[:, own]))
+    begin = time.process_time()
+    found = identify_from_positions(sy.Robot.from_mjcf(source), data, settings=SETTINGS)
+    seconds = time.process_time() - begin
+    names = found.robot.joint_names
+    values = [
+        (
+            one.kind,
+            one.value,
+            one.lower,
+            one.upper,
+            delay if one.kind == "delay" else truth[names.index(one.joint), KINDS.index(one.kind)],
         )
-    print(f"all together    in the interval {100 * inside.sum() / total.sum():5.1f} %")
+        for one in found.values
+    ]
+    return {"seed": seed, "settled": found.settled, "seconds": seconds, "values": values}
+
+
+def twins(folder: Path, count: int, work: Path) -> None:
+    """Legs with random drives; each is kept in a file of its own, so that a run that was stopped goes on."""
+    work.mkdir(parents=True, exist_ok=True)
+    legs = []
+    for seed in range(count):
+        kept = work / f"twin_{seed}.json"
+        if not kept.exists():
+            write_json(twin(folder, seed, work), kept)
+        legs.append(json.loads(kept.read_text()))
+    spent = np.mean([leg["seconds"] for leg in legs])
+    failed = sum(not leg["settled"] for leg in legs)
+    print(f"{count} legs, {spent:.1f} s of the processor each, {failed} searches that did not settle")
+    rows = [(*row, leg["seed"]) for leg in legs for row in leg["values"]]
+    for kind in (*KINDS, "delay"):
+        value, lower, upper, true, seeds = np.array([row[1:] for row in rows if row[0] == kind]).T
+        inside = (lower <= true) & (true <= upper)
+        error = np.abs(value - true) / (true if kind in KINDS[:3] else 1.0)
+        unit, scale = ("ms", 1e3) if kind == "delay" else ("N·m", 1.0) if kind == "offset" else ("%", 100.0)
+        # the values of one leg depend on each other, the legs do not
+        by_leg = np.array([inside[seeds == seed].mean() for seed in np.unique(seeds)])
+        print(
+            f"{kind:14s} in the interval {100 * inside.mean():5.1f} ± {100 * by_leg.std() / np.sqrt(len(by_leg)):.1f} "
+            f"%; error: median {scale * np.median(error):.4f}, 0.95 quantile {scale * np.quantile(error, 0.95):.4f}, "
+            f"largest {scale * error.max():.4f} {unit}"
+        )
+    inside = np.array([lower <= true <= upper for _, _, lower, upper, true, _ in rows])
+    print(f"all together    in the interval {100 * inside.mean():5.1f} %")
 
 
 PENDULUM = """<robot name="servo"><link name="base"/><link name="arm">

@@ -11,6 +11,7 @@ from steelyard.identification import DriveSettings, identify_from_positions
 from steelyard.identification.positions import _freed_inertials
 from steelyard.identification.saved_result import SavedResult
 from steelyard.robot.inertia import pseudo_inertia
+from steelyard.simulation.driven_joints import DRIVE_PARAMETERS, Directions, FrictionLaw, branches_of, drive
 
 ARM = """<mujoco model="arm"><compiler angle="radian"/><option gravity="0 0 -9.81"/>
 <worldbody><body name="upper"><joint name="shoulder" axis="0 1 0"/>
@@ -85,18 +86,139 @@ def test_drives_that_mujoco_simulates_are_found(arm):
     assert found.error.max() < 2.1e-4
 
 
-def test_the_choice_of_friction_belongs_to_torques(tmp_path, run):
-    (tmp_path / "arm.urdf").write_text(
-        '<robot name="a"><link name="b"/><link name="c"/><joint name="j" type="continuous"><parent link="b"/>'
-        '<child link="c"/></joint></robot>'
+LEVELS = np.array([[0.55, 0.30, 0.20], [0.35, 0.35, 0.35]])  # N·m at both ends and in the middle of the travel
+LOAD, STIFFNESS = np.array([0.0, 0.30]), np.array([0.4, 0.0])
+
+
+def simulated_with_more(path, t, command, step=1e-4):
+    """As `simulated`, with friction that varies over the travel and grows with the load, and a spring."""
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo (the oracle) is not installed")
+    world = mujoco.MjModel.from_xml_path(str(path))
+    world.opt.timestep = step
+    world.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    world.dof_armature[:], world.dof_damping[:] = TRUTH[:, 0], TRUTH[:, 1] + KD
+    state = mujoco.MjData(world)
+    mujoco.mj_setConst(world, state)
+    state.qpos[:] = command[0]
+    mujoco.mj_forward(world, state)
+    low, high = command.min(axis=0), command.max(axis=0)
+    middle, inertial = 0.5 * (low + high), np.empty(2)
+    count = round((t[1] - t[0]) / step)
+    told = np.clip(np.searchsorted(t, np.arange(len(t) * count) * step - DELAY, side="right") - 1, 0, None)
+    q = np.empty((len(t), 2))
+    for k in range(len(t)):
+        q[k] = state.qpos
+        for place in told[k * count : (k + 1) * count]:
+            friction = np.array(
+                [
+                    np.interp(x, (a, m, b), f)
+                    for x, a, m, b, f in zip(state.qpos, low, middle, high, LEVELS, strict=True)
+                ]
+            )
+            mujoco.mj_mulM(world, state, inertial, state.qacc)
+            links = inertial - TRUTH[:, 0] * state.qacc + state.qfrc_bias
+            world.dof_frictionloss[:] = friction + LOAD * np.abs(links)
+            spring = STIFFNESS * (state.qpos - middle)
+            state.qfrc_applied[:] = KP * (command[place] - state.qpos) + TRUTH[:, 3] - spring
+            mujoco.mj_step(world, state)
+    return q, low, high
+
+
+@pytest.mark.slow
+def test_friction_by_position_and_load_and_springs_are_found_where_they_are(arm, tmp_path):
+    """And only there: the choice by stretches that are left out; the answer means in MuJoCo what it means here."""
+    t = np.arange(900) * 0.005
+    command = commands(t)
+    q, low, high = simulated_with_more(arm, t, command)
+    noisy = q + np.random.default_rng(5).normal(size=q.shape) * 2e-4
+    robot = sy.Robot.from_mjcf(arm)
+    log = log_of(t, noisy, command)
+    found = identify_from_positions(robot, log, settings=SETTINGS, friction="auto")
+    assert "coulomb_by_position" in found.choice.terms[0]
+    assert "spring" in found.choice.terms[0]
+    assert "coulomb_by_load" in found.choice.terms[1]
+    np.testing.assert_array_less(found.choice.error, 0.5 * found.choice.plain_error)
+    np.testing.assert_allclose(found.rotor_inertia, TRUTH[:, 0], rtol=0.04)
+    # The travel is that of the positions, which do not reach the ends of the commands.
+    middle = 0.5 * (low[0] + high[0])
+    places = found.travel[0, 0], found.travel[:, 0].mean(), found.travel[1, 0]
+    for place, level in zip(places, found.coulomb_by_position[:, 0], strict=True):
+        truth = np.interp(place, (low[0], middle, high[0]), LEVELS[0])
+        assert level == pytest.approx(truth, abs=0.02)
+    assert found.load_friction[1] == pytest.approx(LOAD[1], abs=0.03)
+    assert found.stiffness[0] == pytest.approx(STIFFNESS[0], abs=0.03)
+    assert any(remark.startswith("Added: Coulomb friction that varies over the travel") for remark in found.remarks)
+    found.save(tmp_path / "result")
+    joint = json.loads((tmp_path / "result" / "drives.json").read_text())["joints"]["shoulder"]
+    assert joint["frictionloss_by_position"]["frictionloss"] == pytest.approx(found.coulomb_by_position[:, 0])
+    assert joint["frictionloss"] == pytest.approx(np.average(found.coulomb_by_position[:, 0], weights=(1, 2, 1)))
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo (the oracle) is not installed")
+    written = mujoco.MjModel.from_xml_path(str(tmp_path / "result" / "arm.xml"))
+    assert np.ravel(written.joint("shoulder").stiffness)[0] == pytest.approx(found.stiffness[0])
+    assert written.qpos_spring[0] == pytest.approx(found.travel.mean(axis=0)[0])
+
+
+@pytest.mark.slow
+def test_no_friction_is_added_that_is_not_there(arm):
+    t = np.arange(700) * 0.005
+    command = commands(t)
+    q = simulated(arm, t, command, 1e-4)
+    noisy = q + np.random.default_rng(8).normal(size=q.shape) * 2e-4
+    found = identify_from_positions(
+        sy.Robot.from_mjcf(arm), log_of(t, noisy, command), settings=SETTINGS, friction="auto"
     )
-    (tmp_path / "arm.toml").write_text('[description]\nfile = "arm.urdf"\n[drive]\ncommand = "c{}"\nkp = 2\n')
-    code, _, error = run(
-        "identify", tmp_path / "arm.toml", tmp_path / "log.csv", "--friction", "auto",
-        "--from", "positions", "--output", tmp_path / "result",
-    )  # fmt: skip
-    assert code == 2
-    assert "--friction belongs to identification from torques" in error
+    assert found.choice.terms == (frozenset(), frozenset())
+    assert found.remarks[-1].startswith("No term of friction was added") or any(
+        remark.startswith("No term of friction was added") for remark in found.remarks
+    )
+    assert found.drives[DRIVE_PARAMETERS.index("load_friction")].tolist() == [0.0, 0.0]
+
+
+def test_logs_that_are_too_short_choose_no_friction(arm):
+    t = np.arange(15) * 0.005
+    command = commands(t)
+    log = log_of(t, command - 0.1 * np.sin(60.0 * t)[:, None], command)
+    with pytest.raises(InputError, match="15 rows, too few to choose friction"):
+        identify_from_positions(sy.Robot.from_mjcf(arm), log, settings=SETTINGS, friction="auto")
+
+
+@pytest.mark.parametrize(("law", "load"), [(FrictionLaw.mujoco(), 0.3), (FrictionLaw.coulomb(), 0.0)])
+def test_sensitivities_to_all_that_is_found_are_those_of_differences(arm, law, load):
+    """Of positions, by every parameter of the drives, encoders and links, while joints slip."""
+    (branch,) = branches_of(sy.Robot.from_mjcf(arm))
+    links = np.array(sy.Robot.from_mjcf(arm).parameters)[:20]
+    drives = np.array([0.03, 0.2, 0.3, 0.2, 0.4, load, 0.5, 0.1, 20.0, 1.0, 0.0, 0.0])
+    drives = np.repeat(drives[None, :, None], 2, axis=2)
+    count = 11 * 2 + 2 + 20
+    unit = np.eye(count)
+    directions = Directions(
+        np.concatenate([unit[:22].reshape(11, 2, count), np.zeros((1, 2, count))]), unit[22:24], unit[24:]
+    )
+    rows = 24
+    command = np.broadcast_to(np.linspace(0.8, 1.5, rows * 4)[:, None, None, None], (rows * 4, 1, 1, 2)).copy()
+
+    def moved(change, with_directions=None):
+        return drive(
+            [branch],
+            [links + change[24:]],
+            drives + np.concatenate([change[:22].reshape(11, 2), np.zeros((1, 2))])[None],
+            change[None, 22:24],
+            np.array([[[-0.2, -0.3], [1.2, 1.4]]]),
+            np.array([[[0.1, -0.2, 3.0, 3.0]]]),
+            np.full((rows, 1), 0.005),
+            command,
+            np.zeros_like(command),
+            law,
+            substeps=4,
+            directions=with_directions,
+        )
+
+    found = moved(np.zeros(count), [directions]).by_parameters[:, 0, 0]
+    for k in range(count):
+        ahead, behind = (moved(sign * 1e-6 * unit[k]).q[:, 0, 0] for sign in (1.0, -1.0))
+        difference = (ahead - behind) / 2e-6
+        # What Newton's method leaves of a step, 1 % by the second encoder: it acts by gravity and friction alone.
+        np.testing.assert_allclose(found[..., k], difference, rtol=0, atol=0.02 * np.abs(difference).max() + 1e-9)
 
 
 @pytest.mark.slow

@@ -112,11 +112,10 @@ def identify(
             "--prefer": prefer != "auto",
             "--residual-slack": residual_slack != 5e-4,
             "--estimator": estimator != "fit",
-            "--friction": friction != "stated",
             "--workers": workers != 1,
             "--cluster": cluster is not None,
         }
-        _from_positions(file, logs, validate or [], output, weights, unused, json=json, quiet=quiet)
+        _from_positions(file, logs, validate or [], output, weights, friction, unused, json=json, quiet=quiet)
         return
     run_of_many = many_logs(output, [*logs, *(validate or [])], workers, cluster, tls)
     with progress(quiet=quiet) as say, run_of_many or nullcontext() as kept:
@@ -157,6 +156,7 @@ def _from_positions(
     validate: Sequence[str],
     output: Path,
     weights: str,
+    friction: str,
     unused: Mapping[str, bool],
     *,
     json: bool,
@@ -174,7 +174,12 @@ def _from_positions(
         require_apart(output, (file.robot.source,), (file.robot.source.name,))
     with progress(quiet=quiet) as say:
         result = identify_from_positions(
-            file, logs, validate=validate, weights="joint" if weights == "joint" else "equal", progress=say
+            file,
+            logs,
+            validate=validate,
+            weights="joint" if weights == "joint" else "equal",
+            friction="auto" if friction == "auto" else None,
+            progress=say,
         )
         say("writing the results")
         written = result.save(output)

@@ -14,8 +14,9 @@ from steelyard.errors import InputError
 from steelyard.files import replaced_folder, write_json
 from steelyard.robot import Drives, Robot
 from steelyard.robot.description import URDF, DescriptionFormat, description_format
-from steelyard.simulation.driven_joints import DRIVE_PARAMETERS
+from steelyard.simulation.driven_joints import COULOMB, DRIVE_PARAMETERS
 
+from .drive_choice import DriveChoice
 from .drive_settings import FRICTION_LAWS, DriveSettings
 from .saved_result import DRIVES
 
@@ -29,6 +30,11 @@ WORDS = {
     "rotor_inertia": "rotor inertia",
     "viscous": "viscous friction",
     "coulomb": "Coulomb friction",
+    "coulomb_lower": "Coulomb friction, lower end",
+    "coulomb_middle": "Coulomb friction, middle",
+    "coulomb_upper": "Coulomb friction, upper end",
+    "load_friction": "friction by load",
+    "stiffness": "spring",
     "offset": "torque bias",
     "encoder": "encoder bias",
     "kp": "position gain",
@@ -74,8 +80,15 @@ class PositionIdentification:
     robot : Robot
     settings : DriveSettings
     values : tuple of DriveValue
-    rotor_inertia, viscous, coulomb, offset, encoder, kp, kd, gain : ndarray
-        (N,) of all joints, found or given.
+    rotor_inertia, viscous, coulomb, load_friction, stiffness, offset, encoder, kp, kd, gain : ndarray
+        (N,) of all joints, found or given. Coulomb friction that varies over the travel with its mean; friction by
+        load is a part of the links' torque that is added to it; springs are at rest in the middle of the travel.
+    coulomb_by_position : ndarray
+        (3, N) at the lower end, in the middle and at the upper end of the travel, with lines between.
+    travel : ndarray
+        (2, N) ends of the travel in the logs of the fit, rad or m.
+    choice : DriveChoice or None
+        How further terms were chosen, where they were.
     delay : float
         s.
     parameters : ndarray
@@ -98,6 +111,8 @@ class PositionIdentification:
     values: tuple[DriveValue, ...]
     drives: Array
     encoder: Array
+    travel: Array
+    choice: DriveChoice | None
     parameters: Array
     error: Array
     validation_error: Array | None
@@ -112,6 +127,18 @@ class PositionIdentification:
         if name in DRIVE_PARAMETERS[:-1]:
             return np.asarray(self.drives[DRIVE_PARAMETERS.index(name)])
         raise AttributeError(name)
+
+    @property
+    def coulomb_by_position(self) -> Array:
+        """Coulomb friction (3, N) at both ends and in the middle of the travel."""
+        first = DRIVE_PARAMETERS.index(COULOMB[0])
+        return np.asarray(self.drives[first : first + 3])
+
+    @property
+    def coulomb(self) -> Array:
+        """Coulomb friction (N,), its mean over the travel."""
+        lower, middle, upper = self.coulomb_by_position
+        return np.asarray(0.25 * lower + 0.5 * middle + 0.25 * upper)
 
     @property
     def delay(self) -> float:
@@ -163,12 +190,20 @@ class PositionIdentification:
 
     def to_dict(self) -> dict[str, Any]:
         """As plain data; the joints' entries bear the names of simulators (armature, damping, frictionloss)."""
+        low, high = self.travel
+        places_of = np.stack([low, 0.5 * (low + high), high], axis=1).tolist()
+        levels_of = self.coulomb_by_position.T.tolist()
+        alike_of = [len(set(levels)) == 1 for levels in levels_of]
         joints = {
             name: {
                 "armature": self.rotor_inertia[k],
                 "damping": self.viscous[k],
                 "frictionloss": self.coulomb[k],
                 "torque_bias": self.offset[k],
+                **({} if alike else {"frictionloss_by_position": {"position": places, "frictionloss": levels}}),
+                "load_friction": self.load_friction[k],
+                "stiffness": self.stiffness[k],
+                "springref": places[1],
                 "encoder_bias": self.encoder[k],
                 "kp": self.kp[k],
                 "kd": self.kd[k],
@@ -177,7 +212,9 @@ class PositionIdentification:
                 "error": self.error[k],
                 "validation_error": None if self.validation_error is None else self.validation_error[k],
             }
-            for k, name in enumerate(self.robot.joint_names)
+            for k, (name, places, levels, alike) in enumerate(
+                zip(self.robot.joint_names, places_of, levels_of, alike_of, strict=True)
+            )
         }
         law = FRICTION_LAWS[self.settings.friction]()
         return {
@@ -240,9 +277,22 @@ class PositionIdentification:
                 place, here = robot.link_names.index(name), self.robot.link_names.index(name)
                 links.reshape(-1, 10)[place] = own[here]
         drives = Drives.unknown(robot.dof).with_known(
-            damping=self.viscous[order], friction=self.coulomb[order], rotor_inertia=self.rotor_inertia[order]
+            damping=self.viscous[order],
+            friction=self.coulomb[order],
+            rotor_inertia=self.rotor_inertia[order],
+            **self._springs(order),
         )
         kind.write(robot, links, drives, source, Path(target))
+
+    def _springs(self, order: list[int]) -> dict[str, Array]:
+        """Springs of joints in an order; none where none was looked for."""
+        found = np.array(
+            [any(v.kind == "stiffness" and v.joint == name for v in self.values) for name in self.robot.joint_names]
+        )
+        if not found.any():
+            return {}
+        at = np.where(found, self.travel.mean(axis=0), np.nan)
+        return {"spring_stiffness": np.where(found, self.stiffness, np.nan)[order], "spring_rest": at[order]}
 
     def __repr__(self) -> str:
         parts = [self.headline, text_table(*self.joint_table(), numbers=(1, 2, 3)), text_table(*self.table())]

@@ -13,12 +13,13 @@ from steelyard.recording.recognition import numbered_columns
 from steelyard.robot import Robot
 from steelyard.simulation.driven_joints import FrictionLaw
 
-__all__ = ["FIND", "FRICTION_LAWS", "TERMS", "DriveSettings"]
+__all__ = ["BY_LOAD", "BY_POSITION", "FIND", "FRICTION_LAWS", "FURTHER_TERMS", "SPRING", "TERMS", "DriveSettings"]
 
 LAWS = ("position", "signal")
 BIASES = ("torque", "encoder", "none")
 FRICTION_LAWS: dict[str, Callable[[], FrictionLaw]] = {"mujoco": FrictionLaw.mujoco, "coulomb": FrictionLaw.coulomb}
 TERMS = ("rotor_inertia", "viscous", "coulomb")
+BY_POSITION, BY_LOAD, SPRING = FURTHER_TERMS = ("coulomb_by_position", "coulomb_by_load", "spring")
 FIND = "find"
 
 
@@ -48,7 +49,8 @@ class DriveSettings(TomlSection):
         ``"mujoco"``, the law of its ``frictionloss`` with default constants, or ``"coulomb"``.
     find
         Which of ``"rotor_inertia"``, ``"viscous"`` and ``"coulomb"`` are looked for; the others stay at the
-        description.
+        description. Further terms of all joints may be added: ``"coulomb_by_position"``, ``"coulomb_by_load"`` and
+        ``"spring"``.
     free
         Links whose inertial parameters are looked for about their description.
     also
@@ -91,8 +93,12 @@ class DriveSettings(TomlSection):
             named = dict.fromkeys(_texts(getattr(self, key), f"{where}, key {key!r},"))
             object.__setattr__(self, key, tuple(named))
         for term in self.find:
-            if term not in TERMS:
-                raise InputError(f"{where}, key 'find', holds {shown(term)}; {suggestion(term, TERMS)}")
+            if term not in (*TERMS, *FURTHER_TERMS):
+                raise InputError(
+                    f"{where}, key 'find', holds {shown(term)}; {suggestion(term, (*TERMS, *FURTHER_TERMS))}"
+                )
+        if BY_POSITION in self.find and "coulomb" not in self.find:
+            raise InputError(f"{where}, key 'find', holds {BY_POSITION!r} without 'coulomb', of which it is; add it.")
         if self.law == "position" and self.kp is None:
             raise InputError(
                 f'{where} lacks kp, the position gain in N·m/rad; give a number, one for each joint, or kp = "find".'

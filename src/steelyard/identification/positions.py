@@ -18,12 +18,13 @@ from steelyard.files import shown, suggestion
 from steelyard.regression.parameter_covariance import NORMAL
 from steelyard.robot import Robot, RobotFile
 from steelyard.robot.inertia import parameters_of_pseudo_inertia, pseudo_inertia
-from steelyard.simulation.driven_joints import DRIVE_PARAMETERS, Branch, branches_of
+from steelyard.simulation.driven_joints import COULOMB, DRIVE_PARAMETERS, Branch, branches_of
 
+from .drive_choice import DriveChoice, choose_drive_terms
 from .drive_logs import read_drive_logs, refuse_still, rms_of_joints
 from .drive_remarks import remarks_on_settings, remarks_on_values, unbelievable
 from .drive_result import DriveValue, PositionIdentification, described_alike, descriptions_of_results
-from .drive_settings import FIND, FRICTION_LAWS, TERMS, DriveSettings
+from .drive_settings import BY_LOAD, BY_POSITION, FIND, FRICTION_LAWS, FURTHER_TERMS, SPRING, TERMS, DriveSettings
 from .given import given_robot
 from .saved import parameters_of_description
 from .shooting import PositionLog, Shooting, Unknown
@@ -39,14 +40,23 @@ LONGEST_STEP = 6.25e-4
 KNOWN = 0.1
 """Half an interval relative to its value, up to which a value counts as measured."""
 
+BOUNDS = {"offset": (-math.inf, math.inf), "gain": (-math.inf, math.inf), "load_friction": (0.0, 0.9)}
+"""Of what may be found; 0 and above without one. Friction that grew by as much as the load would lock a joint."""
+
 FREED = 0.3
 """Standard deviation of what is freed of a link's inertia, about its description: each factor of its pseudo-inertia
 changes by so much relative to itself. What the motion does not show stays at the description so."""
+
+SMALL = {"offset": 0.1, "encoder": 0.02, "delay": 2e-3}
+"""Sizes that would matter of what may well be zero, relative to which it counts as measured."""
 
 UNITS = {
     "rotor_inertia": "kg·m²",
     "viscous": "N·m·s/rad",
     "coulomb": "N·m",
+    **dict.fromkeys(COULOMB, "N·m"),
+    "load_friction": "1",
+    "stiffness": "N·m/rad",
     "offset": "N·m",
     "encoder": "rad",
     "kp": "N·m/rad",
@@ -64,6 +74,7 @@ def identify_from_positions(
     validate: Any = (),
     settings: DriveSettings | Mapping[str, Any] | None = None,
     weights: Literal["joint", "equal"] = "joint",
+    friction: Literal["auto"] | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> PositionIdentification:
     """Identify the drives of a robot on a fixed base from commands and measured positions alone.
@@ -85,6 +96,10 @@ def identify_from_positions(
         In place of ``[drive]``.
     weights : {"joint", "equal"}
         Whether each joint's errors count relative to what is left of them, or all alike.
+    friction : {"auto", None}
+        ``"auto"``: Coulomb friction that varies over the travel or grows with the load, and springs, are added at the
+        joints whose motion in stretches that are left out they predict better; see
+        :func:`steelyard.identification.drive_choice.choose_drive_terms`. The answer says which.
     progress : callable, optional
         Is told what is being done.
 
@@ -126,6 +141,8 @@ def identify_from_positions(
     >>> print(*(f"{float(x[0]):.3f}" for x in (found.rotor_inertia, found.viscous, found.coulomb)))
     0.015 0.080 0.030
     """
+    if friction not in ("auto", None):
+        raise InputError(f'friction must be "auto" or None, got {shown(friction)}.')
     file, _ = given_robot(robot)
     body = file.robot
     if settings is None:
@@ -145,7 +162,20 @@ def identify_from_positions(
     for source in descriptions_of_results(body, file.path, chosen)[body.source is not None :]:
         described_alike(body, source)  # before the search, which takes its time
     remarks = remarks_on_settings(file, chosen)
-    problem = _problem(body, chosen, fitted)
+    stated = [frozenset(chosen.find) & frozenset(FURTHER_TERMS)] * body.dof
+    branches = branches_of(body)
+    choice: DriveChoice | None = None
+    if friction == "auto":
+        choice = choose_drive_terms(
+            lambda terms: _problem(body, branches, chosen, fitted, terms),
+            fitted,
+            stated,
+            FURTHER_TERMS,
+            weights,
+            tell=say,
+        )
+        remarks += choice.remarks(body)
+    problem = _problem(body, branches, chosen, fitted, stated if choice is None else choice.terms)
     found = problem.solve(weights, tell=say)
     drives, encoder = problem.drives(found.values)
     parameters = np.empty(10 * len(body.links))
@@ -174,6 +204,8 @@ def identify_from_positions(
         values=values,
         drives=drives,
         encoder=encoder,
+        travel=problem.travel,
+        choice=choice,
         parameters=parameters,
         error=error,
         validation_error=validation,
@@ -197,34 +229,43 @@ def _each(value: str | tuple[float, ...] | None, count: int, key: str, robot: Ro
     return np.broadcast_to(np.array(value), count).copy()
 
 
-def _problem(robot: Robot, settings: DriveSettings, logs: Sequence[PositionLog]) -> Shooting:
-    """State the trajectory matching problem, with starting values from least squares on differentiated positions."""
+def _problem(
+    robot: Robot,
+    branches: Sequence[Branch],
+    settings: DriveSettings,
+    logs: Sequence[PositionLog],
+    further: Sequence[frozenset[str]],
+) -> Shooting:
+    """State the trajectory matching problem, with starting values from least squares on differentiated positions.
+
+    `further` are the terms of each joint beside rotor inertia, viscous and constant Coulomb friction.
+    """
     count = robot.dof
     links = parameters_of_description(Model(replace(robot, terms=())))
-    branches = branches_of(robot)
-    fixed = np.zeros((len(DRIVE_PARAMETERS), count))
     driving = [robot.joints[index] for index in robot.driving_joints]
-    described = np.nan_to_num(np.array([[joint.rotor_inertia, joint.damping, joint.friction] for joint in driving]))
-    fixed[:3] = described.T
-    fixed[4] = _each(settings.kp if settings.law == "position" else None, count, "kp", robot)
-    fixed[5] = _each(settings.kd, count, "kd", robot)
-    fixed[6] = _each(settings.gain, count, "gain", robot) if settings.law == "signal" else 0.0
-    fixed[7] = 0.0 if isinstance(settings.delay, str) else settings.delay
+    described = np.nan_to_num(np.array([[joint.rotor_inertia, joint.damping, joint.friction] for joint in driving])).T
+    given = dict.fromkeys(DRIVE_PARAMETERS, np.zeros(count))
+    given |= {"rotor_inertia": described[0], "viscous": described[1]} | dict.fromkeys(COULOMB, described[2])
+    given["kp"] = _each(settings.kp if settings.law == "position" else None, count, "kp", robot)
+    given["kd"] = _each(settings.kd, count, "kd", robot)
+    if settings.law == "signal":
+        given["gain"] = _each(settings.gain, count, "gain", robot)
+    given["delay"] = np.full(count, 0.0 if isinstance(settings.delay, str) else settings.delay)
+    fixed = np.stack([given[kind] for kind in DRIVE_PARAMETERS])
+    travel = np.stack(
+        [np.min([log.q.min(axis=0) for log in logs], axis=0), np.max([log.q.max(axis=0) for log in logs], axis=0)]
+    )
     unknown = [kind for kind in TERMS if kind in settings.find and not (kind == "viscous" and settings.kd == FIND)]
     unknown += ["offset"] if settings.bias == "torque" else []
     unknown += ["kp"] if settings.law == "position" and settings.kp == FIND else []
     unknown += ["kd"] if settings.kd == FIND else []
     unknown += ["gain"] if settings.law == "signal" and settings.gain == FIND else []
-    starts = _first_values(branches, links, fixed, unknown, logs)
+    kinds = [_with_further(unknown, terms) for terms in further]
+    starts = _first_values(branches, links, fixed, travel, kinds, logs)
     unknowns = [
-        Unknown(
-            kind,
-            (joint,),
-            starts[kind][joint],
-            -np.inf if kind in ("offset", "gain") else 0.0,
-        )
+        Unknown(kind, (joint,), starts[joint][kind], *BOUNDS.get(kind, (0.0, np.inf)))
         for joint in range(count)
-        for kind in unknown
+        for kind in kinds[joint]
     ]
     if settings.bias == "encoder":
         unknowns += [Unknown("encoder", (k,), 0.0, prior=0.3) for k in range(count)]
@@ -255,6 +296,7 @@ def _problem(robot: Robot, settings: DriveSettings, logs: Sequence[PositionLog])
         branches,
         inertials,
         fixed,
+        travel,
         unknowns,
         logs,
         FRICTION_LAWS[settings.friction](),
@@ -297,15 +339,27 @@ def _freed_inertials(links: Sequence[Array], freed: Sequence[bool], values: Arra
     return parameters, derivatives
 
 
+def _with_further(unknown: Sequence[str], terms: frozenset[str]) -> list[str]:
+    """Return what is unknown of a joint with further terms."""
+    found = list(unknown)
+    if BY_POSITION in terms:
+        place = found.index("coulomb")
+        found[place : place + 1] = COULOMB
+    return found + ["load_friction"] * (BY_LOAD in terms) + ["stiffness"] * (SPRING in terms)
+
+
 def _first_values(
-    branches: Sequence[Branch], links: Array, fixed: Array, unknown: Sequence[str], logs: Sequence[PositionLog]
-) -> dict[str, Array]:
+    branches: Sequence[Branch],
+    links: Array,
+    fixed: Array,
+    travel: Array,
+    unknown: Sequence[Sequence[str]],
+    logs: Sequence[PositionLog],
+) -> list[dict[str, float]]:
     """Least squares within bounds on torques of differentiated positions, one joint after the other."""
     from scipy.optimize import lsq_linear
 
-    starts = {kind: np.zeros(fixed.shape[1]) for kind in unknown}
-    if not unknown:
-        return starts
+    starts: list[dict[str, float]] = [dict.fromkeys(kinds, 0.0) for kinds in unknown]
     for branch in branches:
         own = list(branch.coordinates)
         parameters = np.concatenate([links[10 * link : 10 * link + 10] for link in branch.links])
@@ -314,30 +368,42 @@ def _first_values(
         command = np.concatenate([log.command[:, own] for log in logs])
         torque = branch.model.inverse_dynamics(q, dq, ddq, parameters)
         for k, joint in enumerate(own):
-            gain = fixed[:, joint]
+            kinds = unknown[joint]
+            if not kinds:
+                continue
+            sign = np.tanh(dq[:, k] / max(0.05 * float(np.std(dq[:, k])), 1e-9))
+            low, high = travel[:, joint]
+            middle = 0.5 * (low + high)
+            along = np.clip((q[:, k] - middle) / max(0.5 * (high - low), 1e-9), -1.0, 1.0)
             columns = {
                 "rotor_inertia": ddq[:, k],
                 "viscous": dq[:, k],
-                "coulomb": np.tanh(dq[:, k] / max(0.05 * float(np.std(dq[:, k])), 1e-9)),
+                "coulomb_lower": sign * np.maximum(-along, 0.0),
+                "coulomb_middle": sign * (1.0 - np.abs(along)),
+                "coulomb_upper": sign * np.maximum(along, 0.0),
+                "load_friction": sign * np.abs(torque[:, k]),
+                "stiffness": q[:, k] - middle,
                 "offset": -np.ones(len(q)),
                 "kp": -(command[:, k] - q[:, k]),
                 "kd": dq[:, k],
                 "gain": -command[:, k],
             }
-            given = dict(zip(DRIVE_PARAMETERS, gain, strict=True))
-            right = -torque[:, k] - sum(columns[kind] * given[kind] for kind in columns if kind not in unknown)
-            matrix = np.stack([columns[kind] for kind in unknown], axis=1)
+            held = dict(zip(DRIVE_PARAMETERS, fixed[:, joint], strict=True))
+            hidden = COULOMB if "coulomb" in kinds else ()
+            right = -torque[:, k] - sum(
+                column * held[kind] for kind, column in columns.items() if kind not in kinds and kind not in hidden
+            )
+            matrix = np.stack([sign if kind == "coulomb" else columns[kind] for kind in kinds], axis=1)
             scale = np.maximum(np.linalg.norm(matrix, axis=0), 1e-300)
-            low = [-np.inf if kind in ("offset", "gain") else 0.0 for kind in unknown]
-            found = lsq_linear(matrix / scale, right, (low, np.inf)).x / scale
-            for kind, value in zip(unknown, found, strict=True):
-                starts[kind][joint] = value
+            bounds = np.array([BOUNDS.get(kind, (0.0, np.inf)) for kind in kinds]).T * scale
+            found = starts[joint]
+            found |= zip(kinds, (lsq_linear(matrix / scale, right, bounds).x / scale).tolist(), strict=True)
             # A start at exactly 0 is on the bound, where a step inwards is as easy; but no inertia at all may be stiff.
-            if "rotor_inertia" in unknown:
+            if "rotor_inertia" in found:
                 least = 0.05 * float(np.std(torque[:, k]) / max(float(np.std(ddq[:, k])), 1e-9))
-                starts["rotor_inertia"][joint] = max(starts["rotor_inertia"][joint], min(least, 1.0), 1e-6)
-            if "kp" in unknown:
-                starts["kp"][joint] = max(starts["kp"][joint], 1e-3 * float(np.std(torque[:, k]) + 1.0))
+                found["rotor_inertia"] = max(found["rotor_inertia"], min(least, 1.0), 1e-6)
+            if "kp" in found:
+                found["kp"] = max(found["kp"], 1e-3 * float(np.std(torque[:, k]) + 1.0))
     return starts
 
 
@@ -364,10 +430,8 @@ def _values(
         reach = NORMAL * float(deviation)
         lower, upper = max(value - reach, unknown.lower), min(value + reach, unknown.upper)
         at_bound = not unknown.lower < value < unknown.upper
-        if unknown.kind in ("offset", "encoder", "delay"):
-            # These may well be zero: what counts is the size that would matter, a hundredth of a radian or 2 ms.
-            size = {"offset": max(abs(value), 0.1), "encoder": max(abs(value), 0.02), "delay": max(value, 2e-3)}
-            relative = reach / size[unknown.kind]
+        if unknown.kind in SMALL:
+            relative = reach / max(abs(value), SMALL[unknown.kind])
         else:
             relative = math.inf if value == 0.0 else reach / abs(value)
         reaches = unknown.kind != "delay" and (lower <= unknown.lower or upper >= unknown.upper)

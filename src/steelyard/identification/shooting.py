@@ -19,7 +19,15 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import lsq_linear
 
 from steelyard.regression.coloured_noise import correlation_sum
-from steelyard.simulation.driven_joints import DRIVE_PARAMETERS, Branch, DrivenMotion, FrictionLaw, drive
+from steelyard.simulation.driven_joints import (
+    COULOMB,
+    DRIVE_PARAMETERS,
+    Branch,
+    Directions,
+    DrivenMotion,
+    FrictionLaw,
+    drive,
+)
 
 __all__ = ["PositionLog", "Shooting", "ShootingResult", "Unknown"]
 
@@ -41,6 +49,13 @@ the next makes the error rough on a scale of 1e-7."""
 
 STEEP = 1e2
 """Damping, relative to the squared sensitivities, with which even the smallest steps find nothing better."""
+
+GENTLE, ROUGH = 1e-2, 1e-5
+"""Damping up to which a step shows what is to be gained, and by how much, relative to the squared error, such a step
+may fail where that is rough: smaller ones gain nothing then. Friction in parts of the travel makes it so rough."""
+
+LEFT_OUT = 1e-8
+"""Damping of the step to the values without a stretch: of what nothing else shows, nothing changes."""
 
 COARSE = 1e-4
 """The same, where steps of the simulation are still as long as the rows, or weights of the joints not yet found."""
@@ -95,7 +110,7 @@ class Unknown:
     Attributes
     ----------
     kind : str
-        One of `DRIVE_PARAMETERS`, ``"encoder"``, or ``"inertial"``.
+        One of `DRIVE_PARAMETERS`, ``"coulomb"`` for friction alike over the travel, ``"encoder"``, or ``"inertial"``.
     joints : tuple of int
         The coordinates at which it acts; several for a common delay. For an inertial parameter its branch's first.
     start, lower, upper : float
@@ -112,6 +127,12 @@ class Unknown:
     upper: float = np.inf
     place: int = 0
     prior: float = np.inf
+
+    @property
+    def drive_rows(self) -> list[int]:
+        """Where it stands among the parameters of a drive."""
+        kinds = COULOMB if self.kind == "coulomb" else (self.kind,)
+        return [DRIVE_PARAMETERS.index(kind) for kind in kinds if kind in DRIVE_PARAMETERS]
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,12 +170,16 @@ class _Piece:
 
 @dataclass(eq=False)
 class _Grown:
-    """Derivatives of one branch's residuals: by the starts of the logs and by the unknowns, per log."""
+    """Derivatives of one branch's residuals: by the starts of the logs and by its own unknowns, per log."""
 
     residuals: list[Array] = field(default_factory=list)
     by_start: list[Array] = field(default_factory=list)
     by_unknowns: list[Array] = field(default_factory=list)
     gaps: float = 0.0
+
+    def jacobian(self, log: int) -> Array:
+        """(S, n, 2 n + m) derivatives of the positions of a log by its start and the unknowns."""
+        return np.concatenate([self.by_start[log], self.by_unknowns[log]], axis=-1)
 
 
 @dataclass(eq=False)
@@ -168,7 +193,9 @@ class Shooting:
         From the index of a branch and its freed inertial values to the parameters of its links (10 n,) and their
         derivatives (10 n, f).
     fixed : ndarray
-        (8, N) drive parameters, with the values of those that are not unknown.
+        (12, N) drive parameters, with the values of those that are not unknown.
+    travel : ndarray
+        (2, N) ends of each joint's travel, over which Coulomb friction may vary.
     unknowns : sequence of Unknown
     logs : sequence of PositionLog
     law : FrictionLaw
@@ -179,6 +206,7 @@ class Shooting:
     branches: Sequence[Branch]
     inertials: Callable[[int, Array], tuple[Array, Array]]
     fixed: Array
+    travel: Array
     unknowns: Sequence[Unknown]
     logs: Sequence[PositionLog]
     law: FrictionLaw
@@ -198,13 +226,12 @@ class Shooting:
     # What the unknowns mean
 
     def drives(self, values: Array) -> tuple[Array, Array]:
-        """Return the (8, N) drive parameters and the (N,) encoder offsets."""
+        """Return the (12, N) drive parameters and the (N,) encoder offsets."""
         drives, encoder = self.fixed.copy(), np.zeros(self.fixed.shape[1])
         for unknown, value in zip(self.unknowns, values, strict=True):
             joints = list(unknown.joints)
-            if unknown.kind in DRIVE_PARAMETERS:
-                drives[DRIVE_PARAMETERS.index(unknown.kind), joints] = value
-            elif unknown.kind == "encoder":
+            drives[np.ix_(unknown.drive_rows, joints)] = value
+            if unknown.kind == "encoder":
                 encoder[joints] = value
         return drives, encoder
 
@@ -218,23 +245,30 @@ class Shooting:
         ]
         return np.array([value for _, value in sorted(found)])
 
-    def _selection(self, number: int, width: int) -> Array:
-        """Return (m, width): to which column of a branch's sensitivities each unknown belongs."""
+    @cached_property
+    def own_unknowns(self) -> list[NDArray[np.intp]]:
+        """Which unknowns act on each branch."""
+        return [
+            np.array([k for k, u in enumerate(self.unknowns) if set(u.joints) & set(branch.coordinates)], dtype=int)
+            for branch in self.branches
+        ]
+
+    def _directions(self, number: int, inertials: Array, count: int) -> Directions:
+        """By the unknowns of a branch, and up to a count by nothing."""
         branch = self.branches[number]
         place = {joint: k for k, joint in enumerate(branch.coordinates)}
-        n = branch.count
-        chosen = np.zeros((len(self.unknowns), width))
-        for row, unknown in enumerate(self.unknowns):
-            for joint in unknown.joints:
-                if joint not in place:
-                    continue
-                if unknown.kind == "inertial":
-                    chosen[row, 9 * n + unknown.place] = 1.0
-                elif unknown.kind == "encoder":
-                    chosen[row, 8 * n + place[joint]] = 1.0
-                else:
-                    chosen[row, DRIVE_PARAMETERS.index(unknown.kind) * n + place[joint]] = 1.0
-        return chosen
+        drives, encoder = np.zeros((len(DRIVE_PARAMETERS), branch.count, count)), np.zeros((branch.count, count))
+        links = np.zeros((len(inertials), count))
+        for column, index in enumerate(self.own_unknowns[number]):
+            unknown = self.unknowns[index]
+            joints = [place[joint] for joint in unknown.joints if joint in place]
+            if unknown.kind == "inertial":
+                links[:, column] = inertials[:, unknown.place]
+            elif unknown.kind == "encoder":
+                encoder[joints, column] = 1.0
+            else:
+                drives[np.ix_(unknown.drive_rows, joints, [column])] = 1.0
+        return Directions(drives, encoder, links)
 
     # Simulation
 
@@ -248,16 +282,19 @@ class Shooting:
         count = length * self.substeps
         command, by_delay = np.empty((2, count, len(pieces), branch.count))
         for k, piece in enumerate(pieces):
-            log = self.logs[piece.log]
-            own = np.diff(log.t[piece.first : piece.last + 1])
+            own = np.diff(self.logs[piece.log].t[piece.first : piece.last + 1])
             steps[:, k] = own[-1]
             steps[: len(own), k] = own
-            each = np.repeat(steps[:, k] / self.substeps, self.substeps)
-            edges = log.t[piece.first] + np.concatenate([[0.0], np.cumsum(each)])
+        each = np.repeat(steps / self.substeps, self.substeps, axis=0)
+        first = [self.logs[piece.log].t[piece.first] for piece in pieces]
+        edges = first + np.concatenate([np.zeros((1, len(pieces))), np.cumsum(each, axis=0)])
+        of = np.array([piece.log for piece in pieces])
+        for number, log in enumerate(self.logs):
+            own = np.flatnonzero(of == number)
             for j, joint in enumerate(branch.coordinates):
-                at = edges - delay[j]
-                command[:, k, j] = np.diff(log.summed(joint, at)) / each
-                by_delay[:, k, j] = -np.diff(log.held(joint, at)) / each
+                at = edges[:, own] - delay[j]
+                command[:, own, j] = np.diff(log.summed(joint, at), axis=0) / each[:, own]
+                by_delay[:, own, j] = -np.diff(log.held(joint, at), axis=0) / each[:, own]
         return steps, command, by_delay
 
     def simulate(self, values: Array, starts: Sequence[Array]) -> list[Array]:
@@ -299,19 +336,25 @@ class Shooting:
         own = [list(branch.coordinates) for branch in branches]
         batches = [self._batch(pieces, branch, drives[-1, place]) for branch, place in zip(branches, own, strict=True)]
         bodies = [self.inertials(index, self.freed(index, values)) for index in group]
+        directions = None
+        if sensitivities:
+            most = max(len(self.own_unknowns[index]) for index in group)
+            directions = [
+                self._directions(index, changes, most) for index, (_, changes) in zip(group, bodies, strict=True)
+            ]
         return drive(
             branches,
             [parameters for parameters, _ in bodies],
             np.stack([drives[:, place] for place in own]),
             np.stack([encoder[place] for place in own]),
+            np.stack([self.travel[:, place] for place in own]),
             states,
             batches[0][0],
             np.stack([command for _, command, _ in batches], axis=1),
             np.stack([by_delay for _, _, by_delay in batches], axis=1),
             self.law,
             substeps=self.substeps,
-            inertial_directions=[directions for _, directions in bodies],
-            sensitivities=sensitivities,
+            directions=directions,
         )
 
     def _closed(self, values: Array, states: Sequence[Array]) -> list[Array]:
@@ -358,11 +401,12 @@ class Shooting:
         assert motion.by_parameters is not None
         assert motion.end_by_start is not None
         assert motion.end_by_parameters is not None
-        m = len(self.unknowns)
-        chosen = self._selection(number, motion.by_parameters.shape[-1]).T
+        m = len(self.own_unknowns[number])
         positions, ends, by_states = motion.q[:, k_branch], motion.end[k_branch], motion.by_start[:, k_branch]
-        by_unknowns = motion.by_parameters[:, k_branch] @ chosen
-        end_by_unknowns = motion.end_by_parameters[k_branch] @ chosen
+        by_unknowns, end_by_unknowns = (
+            motion.by_parameters[:, k_branch, ..., :m],
+            motion.end_by_parameters[k_branch, ..., :m],
+        )
         grown = _Grown()
         alphas, betas = np.zeros((len(self.pieces), 2 * n)), np.zeros((len(self.pieces), 2 * n, 2 * n + m))
         alpha, beta = np.zeros(2 * n), np.zeros((2 * n, 2 * n + m))
@@ -415,7 +459,11 @@ class Shooting:
             found.append(states)
         return found
 
-    def solve(self, weights: str = "joint", tell: Callable[[str], None] | None = None) -> ShootingResult:
+    def solve(
+        self,
+        weights: str = "joint",
+        tell: Callable[[str], None] | None = None,
+    ) -> ShootingResult:
         """Match the trajectories.
 
         Parameters
@@ -425,6 +473,53 @@ class Shooting:
         tell : callable, optional
             Is told of each step.
         """
+        system, states, steps, settled = self._search(weights, tell, SETTLED)
+        simulated = self.simulate(system.values, self.first_states(states))
+        residuals = [log.q - q for log, q in zip(self.logs, simulated, strict=True)]
+        return ShootingResult(system.values, self._covariance(system), residuals, steps, settled)
+
+    def left_out(self, stretches: Sequence[tuple[int, int, int]], weights: str, settled_at: float) -> Array:
+        """Return how well each stretch is predicted if its rows do not count in the fit.
+
+        The values without a stretch are one step of Gauss and Newton away from those of all rows: nothing is
+        simulated anew. Each log is simulated from its start throughout, whose state stays that of all rows: rows that
+        are left out at the beginning of a log would leave nothing that tells it.
+
+        Parameters
+        ----------
+        stretches : sequence of tuple of int
+            Index of a log, and its rows from one to before another.
+        weights : {"joint", "equal"}
+            As in `solve`.
+        settled_at : float
+            Relative change of the squared error with which the search ends.
+
+        Returns
+        -------
+        ndarray
+            (F, N) sums of the squared errors of each joint in each stretch.
+        """
+        system = self._search(weights, None, settled_at)[0]
+        m, found = len(self.unknowns), np.zeros((len(stretches), self.fixed.shape[1]))
+        for number, (log, begin, end) in enumerate(stretches):
+            hessian, gradient = system.hessian[-m:, -m:].copy(), system.gradient[-m:].copy()
+            parts = []
+            for branch, unknowns, (one, _, _) in zip(self.branches, self.own_unknowns, system.grown, strict=True):
+                own = list(branch.coordinates)
+                residual, jacobian = one.residuals[log][begin:end], one.by_unknowns[log][begin:end]
+                flat = (jacobian / system.sigma[own][:, np.newaxis]).reshape(-1, len(unknowns))
+                hessian[np.ix_(unknowns, unknowns)] -= flat.T @ flat
+                gradient[unknowns] -= flat.T @ (residual / system.sigma[own]).ravel()
+                parts.append((own, unknowns, residual, jacobian))
+            step = self._step(hessian, gradient, system.scale[-m:], system.values, LEFT_OUT)
+            for own, unknowns, residual, jacobian in parts:
+                found[number, own] = np.sum((residual - jacobian @ step[unknowns]) ** 2, axis=0)
+        return found
+
+    def _search(
+        self, weights: str, tell: Callable[[str], None] | None, settled_at: float
+    ) -> tuple[_System, list[Array], int, bool]:
+        """Return the linear problem about the best point, the states of all stretches there, steps, and convergence."""
         count = self.fixed.shape[1]
         values = np.array([unknown.start for unknown in self.unknowns])
         states = self.start_states()
@@ -435,7 +530,9 @@ class Shooting:
         number, settled, weighted = 0, False, weights == "equal"
         while number < STEPS:
             number += 1
-            tried = self._stepped(system, self._step(system, values, damping), values, states)
+            step = self._step(system.hessian, system.gradient, system.scale, values, damping)
+            hopeless = damping <= GENTLE and system.expected(step) < settled_at * system.merit
+            tried = self._stepped(system, step, values, states)
             following = self._system(*tried, sigma)
             if tell is not None:
                 tell(f"step {number}: error {following.rms:.6g} rad, gaps {following.gaps:.2g} rad")
@@ -446,6 +543,7 @@ class Shooting:
                 if all(np.isfinite(one).all() for one in closed):
                     tried, following = (tried[0], closed), self._system(tried[0], closed, sigma)
                     change = (system.merit - following.merit) / max(system.merit, 1e-300)
+            rough = damping <= GENTLE and -ROUGH < change < 0.0
             if not change >= 0.0:
                 damping = max(damping, 1e-6) * 8.0
                 if system.gaps > CLOSED:
@@ -457,7 +555,8 @@ class Shooting:
                 damping = max(damping * 0.2, 1e-9)
                 (values, states), system = tried, following
             coarse = self.substeps < fine
-            small = abs(change) < (COARSE if coarse or not weighted else SETTLED) or damping > STEEP
+            enough = max(COARSE, settled_at) if coarse or not weighted else settled_at
+            small = abs(change) < enough or damping > STEEP or hopeless or rough
             if small and system.gaps < CLOSED:
                 if weighted and not coarse:
                     settled = True
@@ -469,18 +568,13 @@ class Shooting:
         if self.substeps < fine:
             self.substeps = fine
             system = self._system(values, states, sigma)
-        covariance = self._covariance(system)
-        simulated = self.simulate(values, self.first_states(states))
-        residuals = [log.q - q for log, q in zip(self.logs, simulated, strict=True)]
-        return ShootingResult(values, covariance, residuals, number, settled)
+        return system, states, number, settled
 
     def _system(self, values: Array, states: list[Array], sigma: Array) -> _System:
         return _System(self, self._grow_all(values, states), sigma, values)
 
-    def _step(self, system: _System, values: Array, damping: float) -> Array:
+    def _step(self, hessian: Array, gradient: Array, scale: Array, values: Array, damping: float) -> Array:
         """Return the step of starts and unknowns that the linear problem within the bounds gives."""
-        hessian, gradient = system.hessian, system.gradient
-        scale = np.sqrt(np.maximum(np.diag(hessian), 1e-12 * np.diag(hessian).max()))
         scaled = hessian / np.outer(scale, scale)
         scaled[np.diag_indices_from(scaled)] += damping + 1e-12
         right = gradient / scale
@@ -507,7 +601,7 @@ class Shooting:
         for index, (own, (_, alphas, betas)) in enumerate(zip(states, system.grown, strict=True)):
             change = np.empty_like(own)
             for k, piece in enumerate(self.pieces):
-                z = np.concatenate([step[system.place(index, piece.log)], step[-m:]])
+                z = np.concatenate([step[system.place(index, piece.log)], step[-m:][self.own_unknowns[index]]])
                 change[k] = alphas[k] + betas[k] @ z
             moved.append(own + change)
         return after, moved
@@ -558,9 +652,9 @@ class _System:
             for log in range(self.logs):
                 weight = 1.0 / sigma[own]
                 residual = one.residuals[log] * weight
-                jacobian = self._jacobian(one, log, weight)
+                jacobian = one.jacobian(log) * weight[:, np.newaxis]
                 flat = jacobian.reshape(-1, jacobian.shape[-1])
-                places = self._places(number, log)
+                places = self.places(number, log)
                 self.hessian[np.ix_(places, places)] += flat.T @ flat
                 self.gradient[places] += flat.T @ residual.ravel()
                 total += float(np.sum(residual**2))
@@ -574,10 +668,16 @@ class _System:
                 self.hessian[place, place] += noise / unknown.prior**2
                 self.gradient[place] += noise * (unknown.start - value) / unknown.prior**2
                 total += noise * ((unknown.start - value) / unknown.prior) ** 2
+        sizes = np.diag(self.hessian)
+        self.scale = np.sqrt(np.maximum(sizes, 1e-12 * sizes.max()))
         self.rms_by_joint = np.sqrt(squares / counted)
         self.rms = float(np.sqrt(np.sum(squares) / (counted * len(squares))))
         # `residuals` are those of the condensed problem, in which the gaps are carried along.
         self.merit = total
+
+    def expected(self, step: Array) -> float:
+        """How much smaller a step makes the squared error, as far as that is quadratic."""
+        return float(2.0 * self.gradient @ step - step @ self.hessian @ step)
 
     def place(self, branch: int, log: int) -> slice:
         """Where the start of a log stands for a branch."""
@@ -585,12 +685,10 @@ class _System:
         begin = int(self.offsets[branch]) + log * width
         return slice(begin, begin + width)
 
-    def _places(self, branch: int, log: int) -> NDArray[np.intp]:
+    def places(self, branch: int, log: int) -> NDArray[np.intp]:
+        """Where the start of a log and the unknowns of a branch stand."""
         own = self.place(branch, log)
-        return np.concatenate([np.arange(own.start, own.stop), np.arange(self.offsets[-1], len(self.gradient))])
-
-    def _jacobian(self, one: _Grown, log: int, weight: Array) -> Array:
-        return np.concatenate([one.by_start[log], one.by_unknowns[log]], axis=-1) * weight[:, np.newaxis]
+        return np.concatenate([np.arange(own.start, own.stop), self.offsets[-1] + self.problem.own_unknowns[branch]])
 
     def scores(self) -> tuple[list[Array], int, int]:
         """Return for each log (S, size) scores, a window in rows, and the number of residuals of a joint."""
@@ -600,9 +698,9 @@ class _System:
             scores = np.zeros((rows, len(self.gradient)))
             for number, (branch, (one, _, _)) in enumerate(zip(self.problem.branches, self.grown, strict=True)):
                 weight = 1.0 / self.sigma[list(branch.coordinates)]
-                jacobian = self._jacobian(one, log, weight)
+                jacobian = one.jacobian(log) * weight[:, np.newaxis]
                 residual = one.residuals[log] * weight
-                scores[:, self._places(number, log)] += np.einsum("sj,sjz->sz", residual, jacobian)
+                scores[:, self.places(number, log)] += np.einsum("sj,sjz->sz", residual, jacobian)
                 for column in residual.T:
                     longest = max(longest, correlation_sum(column, rows // 4 + 1))
             found.append(scores)

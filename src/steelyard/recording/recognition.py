@@ -542,27 +542,52 @@ class _Search:
         line = " or ".join(lines[:_MOST_LINES]) or f'`{kind} = "…{{}}"`'
         return InputError(
             f"{self.source} has no columns that look like {kind}s{near}; it has {_listing(self.names)}; "
-            f"say which they are with {line} or a list of names in [log]."
+            f"say which they are with {line} or a list of names in [log]{self._instead(kind)}."
         )
 
-    def _patterns(self, kind: str) -> list[str]:
-        """Return patterns of columns, one for each joint, that may be a quantity under a name of its own."""
+    def _instead(self, kind: str) -> str:
+        """Say what commands of positions are good for where no torque was logged."""
+        commands = self._commands() if kind == "torque" and self.groups.get("position") else []
+        if not commands:
+            return ""
+        return (
+            ". Where none was logged, commands and positions alone tell of the drives: state "
+            f"`command = {_toml(commands[0])}` and `kp` in [drive] of robot.toml, and identify with --from positions"
+        )
+
+    def _commands(self) -> list[str]:
+        """Return patterns of columns, one for each joint, that look like commanded positions."""
+        words = {word for style in STYLES if style.quantity == "position" for word in style.words}
+        found = []
+        single = self.names if max(len(group.columns) for group in self.groups["position"]) == 1 else ()
+        for pattern in (*self._numbered_patterns("torque"), *single):
+            said = [word for word in re.split(r"[/._{}\[\]]+", normalised(pattern)) if word]
+            rest = [word for word in said if word not in COMMANDED]
+            if len(rest) < len(said) and words.union(("joint", "joints", "motor")).issuperset(rest):
+                found.append(pattern)
+        return found
+
+    def _numbered_patterns(self, kind: str) -> list[str]:
+        """Return patterns of columns that are numbered, one for each joint."""
         families: dict[str, set[int]] = {}
         for name in self.names:
             for match in re.finditer("[0-9]{1,6}", name):
                 families.setdefault(f"{name[: match.start()]}{{}}{name[match.end() :]}", set()).add(int(match[0]))
         count = self._expected(kind)
-        whole = [
+        return [
             pattern
             for pattern, numbers in families.items()
             if numbers in (set(range(len(numbers))), set(range(1, len(numbers) + 1))) and count in (None, len(numbers))
         ]
+
+    def _patterns(self, kind: str) -> list[str]:
+        """Return patterns of columns, one for each joint, that may be a quantity under a name of its own."""
         taken = {_pattern(group.columns, ()) for other in KINDS for group in self.groups.get(other, ())}
         words = tuple({word for style in STYLES if style.quantity == kind for word in style.words})
         long = [word for word in words if len(word) > 1]
         return [
             pattern
-            for pattern in whole
+            for pattern in self._numbered_patterns(kind)
             if pattern not in taken and not _is_commanded(text := normalised(pattern))
             if text.startswith(words) or any(word in text for word in long)
         ]
