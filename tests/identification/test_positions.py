@@ -449,5 +449,11 @@ def test_sweeps_of_a_real_leg_robot_are_predicted_from_commands(shared_data):
     robot = sy.Robot.from_urdf(folder / "go2.urdf")
     found = identify_from_positions(robot, logs[:2], validate=logs[2:], settings=settings, weights="equal")
     assert np.sqrt(np.mean(found.validation_error**2)) < 6.3e-3
+    # Friction of the calves differs along their travel, which two sweeps tell of two others.
+    chosen = identify_from_positions(
+        robot, logs[:2], validate=logs[2:], settings=settings, weights="equal", friction="auto"
+    )
+    assert np.sqrt(np.mean(chosen.validation_error**2)) < 3e-3
+    assert all("coulomb_by_position" in chosen.choice.terms[k] for k in (2, 8, 11))
     thighs = found.coulomb[1::3]
     assert ((thighs > 0.15) & (thighs < 0.3)).all()

@@ -180,7 +180,7 @@ def _rms(squares: Array, counts: NDArray[np.bool_], sizes: NDArray[np.intp]) -> 
     rows = np.sum(counts * sizes[:, np.newaxis], axis=0)
     found = np.full(squares.shape[1], np.nan)
     np.divide(np.sum(np.where(counts, squares, 0.0), axis=0), rows, out=found, where=rows > 0)
-    return np.sqrt(found)
+    return np.asarray(np.sqrt(found))
 
 
 def _together(errors: Array) -> float:

@@ -290,11 +290,11 @@ class Shooting:
         edges = first + np.concatenate([np.zeros((1, len(pieces))), np.cumsum(each, axis=0)])
         of = np.array([piece.log for piece in pieces])
         for number, log in enumerate(self.logs):
-            own = np.flatnonzero(of == number)
+            its = np.flatnonzero(of == number)
             for j, joint in enumerate(branch.coordinates):
-                at = edges[:, own] - delay[j]
-                command[:, own, j] = np.diff(log.summed(joint, at), axis=0) / each[:, own]
-                by_delay[:, own, j] = -np.diff(log.held(joint, at), axis=0) / each[:, own]
+                at = edges[:, its] - delay[j]
+                command[:, its, j] = np.diff(log.summed(joint, at), axis=0) / each[:, its]
+                by_delay[:, its, j] = -np.diff(log.held(joint, at), axis=0) / each[:, its]
         return steps, command, by_delay
 
     def simulate(self, values: Array, starts: Sequence[Array]) -> list[Array]:

@@ -416,7 +416,7 @@ def _with_friction(
         matrix = given[0].copy()
         matrix[:, diagonal, diagonal] += sticks * (given[3] / given[4])
         right = given[1] - np.where(sticks, given[2] / given[4], still * given[5])
-        own = np.linalg.solve(matrix, right[:, :, np.newaxis])[..., 0]
+        own = np.asarray(np.linalg.solve(matrix, right[:, :, np.newaxis])[..., 0], dtype=np.float64)
         found[rows], inertia[rows] = own, matrix
         after = _slipping(given[2], own, *given[3:])
         differ = (after != still).any(axis=1)
