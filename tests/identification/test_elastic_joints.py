@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 
 import steelyard as sy
 from steelyard.errors import InputError
-from steelyard.identification import SecondEncoders, predict_deflections
+from steelyard.identification import SecondEncoders, compare_estimates, predict_deflections, validate_estimate
 
 STIFFNESS, INERTIA, WEIGHT, ROTOR, VISCOUS = 700.0, 0.6, 5.0, 0.3, 0.8
 ROBOT = """\
@@ -93,6 +93,15 @@ def test_from_a_log_to_a_table_and_back(robot, tmp_path, run):
     saved = json.loads((tmp_path / "result" / "estimate.json").read_text())
     assert saved["elastic_joints"][0]["stiffness"] == joint.stiffness
     assert "Elastic joints" in (tmp_path / "result" / "report.html").read_text()
+
+    again = validate_estimate(path, tmp_path / "result", second)  # with the motion of the links, as the fit was
+    assert abs(again.prediction.relative_error / result.predictions[1].feasible_error - 1.0) < 0.01
+    assert any("Joints are elastic" in remark for remark in again.remarks)
+    rigid = tmp_path / "rigid.toml"
+    rigid.write_text(path.read_text().partition("[elastic]")[0])
+    as_motors = validate_estimate(rigid, tmp_path / "result", second)
+    assert as_motors.prediction.relative_error > 1.1 * again.prediction.relative_error
+    assert any("has no table [elastic]" in remark for remark in as_motors.remarks)
 
     bare = {name: values for name, values in second.items() if name != "link1"}
     (seen,) = predict_deflections(path, tmp_path / "result", second).logs
@@ -287,6 +296,33 @@ def test_a_second_encoder_of_another_sign_unit_or_joint_is_refused_and_no_stiffn
     another = 0.9 * np.sin(1.7 * t)
     with pytest.raises(InputError, match=r'two encoders of "joint1" differ by 0\.\d+ \(rms\) that no spring explains'):
         sy.identify(tmp_path / "robot.toml", {**log, "link1": another})
+
+
+def test_compliances_are_compared_beside_base_parameters(tmp_path):
+    """As if two logs of an arm had been identified before and after a gear was changed."""
+    joint = {
+        "joint": "elbow", "verdict": "measured", "stiffness": 1000.0, "stiffness_interval": [980.0, 1020.0],
+        "compliance": 1e-3, "compliance_standard_error": 1e-5, "damping": 0.0, "damping_bound": 1.0,
+        "motor_inertia": 0.1, "motor_inertia_standard_error": None, "delay": 0.0, "delay_standard_error": 0.0,
+        "zeros": [0.0], "encoder_errors": {}, "deflection": 1e-3, "unexplained": 1e-5, "count": 100, "unit": "N·m/rad",
+    }  # fmt: skip
+    places = []
+    for index, compliance in enumerate((1e-3, 1.02e-3, 1.1e-3)):
+        estimate = sy.Estimate(
+            method="by hand", base_names=("m1",), base_expressions=("m1",), base=np.ones(1), joint_names=("elbow",),
+            standard_error=np.full(1, 0.1), relative_error=0.1, row_count=100, condition_number=1.0,
+            elastic_joints=({**joint, "compliance": compliance, "stiffness": 1.0 / compliance},),
+        )  # fmt: skip
+        places.append(tmp_path / f"{index}.json")
+        estimate.save(places[-1])
+    near, far = (compare_estimates([places[0], other]) for other in places[1:])
+    assert not near.differs
+    assert far.differs
+    (one,) = far.elastic_differences
+    # The interval of a difference: Student's with 30 degrees of freedom, twice the variance.
+    np.testing.assert_allclose(one.half_width, 2.0423 * np.sqrt(2.0) * 1e-5, rtol=1e-4)
+    assert "The compliance of elbow differs" in far.sentences[1]
+    assert "stiffnesses of 1000 and 909.1" in far.sentences[1]
 
 
 def test_a_robot_file_without_the_section_is_told_what_to_add(robot):

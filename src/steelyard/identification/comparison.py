@@ -51,9 +51,9 @@ class ParameterDifference:
     ----------
     name : str
         A base parameter in words, or the name of a number of links such as ``"m3"``.
-    kind : {"base", "link"}
+    kind : {"base", "link", "elastic"}
     meaning, unit : str
-        Of numbers of links.
+        Of numbers of links, and of compliances.
     first, second : str
         The estimates.
     first_value, second_value : float
@@ -67,7 +67,7 @@ class ParameterDifference:
     """
 
     name: str
-    kind: Literal["base", "link"]
+    kind: Literal["base", "link", "elastic"]
     meaning: str
     unit: str
     first: str
@@ -93,6 +93,8 @@ class Comparison:
         The base parameters, those that differ most first.
     link_differences : tuple of ParameterDifference
         Likewise of numbers of single links and joints; asked where base parameters differ.
+    elastic_differences : tuple of ParameterDifference
+        Of the compliances of elastic joints, of which estimates are normal where those of stiffnesses are not.
     explanations : tuple of (str, str, tuple of str)
         Two estimates, and the links and joints of which one alone, with other parameters, would explain all the
         differences of base parameters of the two, the best first. Only where the robot is known.
@@ -110,6 +112,7 @@ class Comparison:
     confidence: float
     differences: tuple[ParameterDifference, ...] = field(repr=False)
     link_differences: tuple[ParameterDifference, ...] = field(repr=False)
+    elastic_differences: tuple[ParameterDifference, ...] = field(default=(), repr=False)
     explanations: tuple[tuple[str, str, tuple[str, ...]], ...] = field(default=(), repr=False)
     prediction: PredictionDifference | None = field(default=None, repr=False)
     remarks: tuple[str, ...] = field(default=(), repr=False)
@@ -118,8 +121,8 @@ class Comparison:
 
     @property
     def differs(self) -> bool:
-        """Whether any base parameter does; what no base parameter shows moves no robot."""
-        return any(one.differs for one in self.differences)
+        """Whether any base parameter or compliance does; what neither shows moves no robot."""
+        return any(one.differs for one in (*self.differences, *self.elastic_differences))
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -129,15 +132,26 @@ class Comparison:
         level = f"{100 * self.confidence:g} %"
         pairs = len(self.names) - 1
         what = "base parameters" if pairs == 1 else f"base parameters ({pairs} estimates, each against the first)"
+        springs = [one for one in self.elastic_differences if one.differs]
+        told = [
+            f"The {one.name} differs beyond its {level} interval: {one.first_value:.4g} and {one.second_value:.4g} "
+            f"{one.unit}, stiffnesses of {1.0 / one.first_value:.4g} and {1.0 / one.second_value:.4g}."
+            for one in springs
+        ]
+        if not differing and told:
+            return (f"None of {count} {what} differs beyond its {level} interval.", *told)
         if not differing:
+            also = len(self.elastic_differences)
+            compliances = ("", ", nor the compliance of a joint", f", nor any of {also} compliances")[min(also, 2)]
             return (
-                f"Nothing differs: none of {count} {what} differs beyond its {level} interval, all the "
+                f"Nothing differs: none of {count} {what} differs beyond its {level} interval{compliances}, all the "
                 "comparisons taken together.",
             )
         verb = "differs beyond its" if len(differing) == 1 else "differ beyond their"
         found = [
             f"{len(differing)} of {count} {what} {verb} {level} "
-            f"interval{'s' * (len(differing) > 1)}: {_listed([shortened(one.name, WIDEST) for one in differing])}."
+            f"interval{'s' * (len(differing) > 1)}: {_listed([shortened(one.name, WIDEST) for one in differing])}.",
+            *told,
         ]
         for first, second, parts in self.explanations:
             if parts:
@@ -180,7 +194,7 @@ class Comparison:
         numbers = range(len(self._heads()) - 5, len(self._heads()) - 1)
         who = ", ".join(f"{label} is {name}" for label, name in zip(labels(len(self.names)), self.names, strict=True))
         parts.append(f"{who}; ± is the interval of the difference.")
-        for kind in (self.differences, self.link_differences):
+        for kind in (self.differences, self.link_differences, self.elastic_differences):
             if kind:
                 rows = self._rows(kind)
                 parts.append(text_table(self._heads(), rows, numbers=numbers))
@@ -192,7 +206,8 @@ class Comparison:
         return "\n".join(parts)
 
     def _repr_html_(self) -> str:
-        tables = [html_table("", self._heads(), self._rows(kind)) for kind in (self.differences, self.link_differences)]
+        kinds = (self.differences, self.link_differences, self.elastic_differences)
+        tables = [html_table("", self._heads(), self._rows(kind)) for kind in kinds]
         told = () if self.prediction is None else self.prediction.sentences
         return html_table(self.sentences[0], (), (), (*self.sentences[1:], *told, *self.remarks)) + "".join(tables)
 
@@ -206,6 +221,7 @@ class Comparison:
             "sentences": self.sentences,
             "differences": self.differences,
             "link_differences": self.link_differences,
+            "elastic_differences": self.elastic_differences,
             "explanations": [
                 {"first": first, "second": second, "alone": parts} for first, second, parts in self.explanations
             ],
@@ -303,6 +319,7 @@ def compare_estimates(
         links = _judged(
             [one for first, second in pairs for one in _link_differences(first, second, confidence)], confidence
         )
+    springs = [one for first, second in pairs for one in _elastic_differences(first, second, confidence)]
     remarks = [
         f"{one.name} does not tell what plain least squares made of its data; its own base parameters were compared, "
         "which physics and priors draw away from the data, so that differences may be theirs."
@@ -345,6 +362,7 @@ def compare_estimates(
         confidence,
         tuple(differences),
         tuple(links),
+        tuple(_judged(springs, confidence)) if springs else (),
         tuple(explanations),
         prediction,
         tuple(dict.fromkeys(remarks)),
@@ -510,6 +528,41 @@ def _link_differences(first: SavedResult, second: SavedResult, confidence: float
                 second.name,
                 values[0],
                 values[1],
+                half,
+                times,
+            )
+        )
+    return found
+
+
+def _elastic_differences(first: SavedResult, second: SavedResult, confidence: float) -> list[ParameterDifference]:
+    """Of the compliances of joints that are elastic in both, and measured in one at least."""
+    from steelyard.estimators.joint_stiffness import JointStiffness  # loaded for elastic joints alone
+
+    own, theirs = (
+        {str(row.get("joint")): JointStiffness.from_dict(row, str(one.path)) for row in one.estimate.elastic_joints}
+        for one in (first, second)
+    )
+    found = []
+    for name, joint in own.items():
+        other = theirs.get(name)
+        if other is None or not joint.compliance > 0.0 < other.compliance:
+            continue
+        half = _reach(confidence) * float(np.hypot(joint.compliance_standard_error, other.compliance_standard_error))
+        if "measured" not in (joint.verdict, other.verdict) or not np.isfinite(half):
+            continue
+        times = float(_times(np.array(other.compliance - joint.compliance), np.array(half)))
+        unit = "/".join(reversed(joint.unit.split("/")))
+        found.append(
+            ParameterDifference(
+                f"compliance of {name}",
+                "elastic",
+                f"compliance of {name}",
+                unit.replace("N·m", "(N·m)"),
+                first.name,
+                second.name,
+                joint.compliance,
+                other.compliance,
                 half,
                 times,
             )

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from steelyard.dynamics import Model
 from steelyard.errors import InputError
 from steelyard.estimators.joint_stiffness import (
     DeflectionRows,
@@ -20,10 +21,11 @@ from steelyard.estimators.joint_stiffness import (
 )
 from steelyard.feasibility.constraints import Constraint, LinearBound
 from steelyard.recording import Processing, Samples
+from steelyard.regression import Estimate
 from steelyard.robot import Joint, RobotFile
 
 from .elastic_model import elastic_model
-from .given import Data, given_logs
+from .given import Data, GivenLog, GivenSamples, given_logs
 from .log_reader import Progress
 from .result import Identification
 from .second_encoders import (
@@ -38,7 +40,7 @@ from .second_encoders import (
 )
 from .transmission_torques import Transmissions, unseen_motion
 
-__all__ = ["with_elastic_joints"]
+__all__ = ["links_of_logs", "with_elastic_joints"]
 
 Array = NDArray[np.float64]
 _ROUNDS = 3
@@ -131,11 +133,12 @@ def with_elastic_joints(
     if not own:
         say("stiffness of the joints, by the resonances that the torques show")
         joints = _by_one_encoder(settings, places, result, read)
-        if all(joint.verdict == "measured" for joint in joints):
+        moved = all(joint.verdict == "measured" for joint in joints)
+        if moved:
             transmissions = Transmissions.of(result)
             result = anew(joints, [unseen_motion(one, settings, places, joints, transmissions) for one in read])
             joints = _by_one_encoder(settings, places, result, read)
-        return _with(result, settings, joints, [])
+        return _with(result, settings, joints, [], link_motion=moved)
     motions = [(one.first.q, one.first.dq, one.first.ddq) for one in read]
     joints = ()
     remarks: list[str] = []
@@ -151,7 +154,7 @@ def with_elastic_joints(
                 "Deflections change the torques of the links, so that links were identified with their own motion, and "
                 "motors with theirs."
             )
-    return _with(result, settings, joints, remarks + _told(joints))
+    return _with(result, settings, joints, remarks + _told(joints), link_motion=bool(remarks))
 
 
 def _stated_motors(file: RobotFile, settings: SecondEncoders, where: str) -> list[Constraint]:
@@ -196,11 +199,18 @@ def _again(
 
 
 def _with(
-    result: Identification, settings: SecondEncoders, joints: tuple[JointStiffness, ...], remarks: list[str]
+    result: Identification,
+    settings: SecondEncoders,
+    joints: tuple[JointStiffness, ...],
+    remarks: list[str],
+    *,
+    link_motion: bool,
 ) -> Identification:
     """Return the result with its elastic joints, and what is proved of the robot with them."""
     parameters = np.asarray(result.estimate.parameters)
     whole = elastic_model(result.model, parameters, joints, result.estimate.consistency or "full")
+    if whole is not None:
+        whole = replace(whole, link_motion=link_motion)
     saved = {} if whole is None else whole.to_dict()
     return replace(
         result,
@@ -323,6 +333,40 @@ def _samples_of(
         beside[:, place] += transmissions.missing_rotor(place, joint) * (motor[2] - motion[2])[:, place]
     torque, measured = one.first.torque - beside, one.first
     return Samples(*motion, torque=torque, mask=measured.mask, t=measured.t, channels=measured.channels)
+
+
+def links_of_logs(
+    file: RobotFile, model: Model, estimate: Estimate, logs: Sequence[GivenLog], processing: Processing | None
+) -> list[GivenLog]:
+    """Return logs as the motion of the links and their torques, as an estimate with elastic joints was fitted to.
+
+    Links move as the motors less the deflections that the estimate predicts, and what friction and inertia of the
+    motors do beside them is moved to the torque. Samples stay as they are.
+
+    Parameters
+    ----------
+    file : RobotFile
+        With a section ``[elastic]``.
+    model : Model
+        Of links and drives.
+    estimate : Estimate
+    logs : sequence of logs
+    processing : Processing or None
+        That of the fit.
+    """
+    settings, where = own_section(file)
+    joints = [JointStiffness.from_dict(one, where) for one in estimate.elastic_joints]
+    places = settings.indices(list(model.robot.joint_names), where)
+    transmissions = Transmissions(model, np.asarray(estimate.parameters))
+    found: list[GivenLog] = []
+    for log in logs:
+        if isinstance(log, GivenSamples):
+            found.append(log)
+            continue
+        one = read_two_encoders(log, file, settings, where, model, processing, needs_second=False)
+        motion = unseen_motion(one, settings, places, joints, transmissions)
+        found.append(GivenSamples(_samples_of(one, settings, places, joints, motion, transmissions), str(log)))
+    return found
 
 
 def _stiffnesses(

@@ -50,15 +50,15 @@ class ElasticModel:
         (n,) feasible where the verdict says so.
     verdict : Verdict
         On links, drives, stiffness, damping and motors together.
-    remarks : tuple of str
-        Why it is not what the identification found, a sentence each.
+    link_motion : bool
+        Whether links were identified with their own motion, and not with that of the motors.
     """
 
     model: Model
     joints: tuple[str, ...]
     parameters: Array
     verdict: Verdict = field(repr=False)
-    remarks: tuple[str, ...] = ()
+    link_motion: bool = False
 
     @property
     def is_proved(self) -> bool:
@@ -141,6 +141,7 @@ class ElasticModel:
             "parameters": self.parameters.tolist(),
             "consistency": self.verdict.consistency if self.is_proved else None,
             "certificate": certificate,
+            "link_motion": self.link_motion,
         }
 
 

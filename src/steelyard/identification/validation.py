@@ -41,6 +41,15 @@ spoil. A third of a second of a UR5 at 250 Hz, without a mistake, was called poo
 _POINTS = 1200  # of each log that are kept, to look for mistakes where it is predicted poorly
 
 
+_ELASTIC = (
+    "Joints are elastic: links were taken to move as the motors do, less the deflections that the estimate predicts."
+)
+_RIGID = (
+    "The estimate is of a robot with elastic joints, but the robot file has no table [elastic]: links were taken to "
+    "move as the motors do; give the robot.toml of the identification."
+)
+
+
 @dataclass(frozen=True, eq=False)
 class LogError:
     """How well one log is predicted.
@@ -293,6 +302,12 @@ def read_as_fitted(
     for log in logs:
         if result.has_seen(log):
             remarks.append(f"{log}: was used to make {result.name}, so that its error is no test of a prediction.")
+    if result.estimate.elastic_model.get("link_motion"):
+        remarks.append(_ELASTIC if file.section("elastic") else _RIGID)
+        if file.section("elastic"):
+            from .elastic_joints import links_of_logs  # loaded for elastic joints alone
+
+            logs = links_of_logs(file, model, result.estimate, logs, used)
     reader.decide(logs, say)
     sums = BatchSums(empty_factors(model))
     parts, samples = [], {}
