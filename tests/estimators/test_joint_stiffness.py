@@ -8,6 +8,7 @@ from scipy.integrate import solve_ivp
 
 from steelyard.errors import InputError
 from steelyard.estimators import DeflectionRows, JointStiffness, estimate_joint_stiffness
+from steelyard.estimators.joint_stiffness import stiffness_table
 
 STIFFNESS, DAMPING, INERTIA, WEIGHT, DELAY, ZERO = 900.0, 1.5, 0.6, 5.0, 0.0006, 0.004
 
@@ -82,8 +83,16 @@ def test_a_spring_that_pulls_the_wrong_way_is_no_spring(pendulum):
     swapped = DeflectionRows(
         -rows.deflection, rows.velocity, rows.acceleration, rows.position, rows.torque, rows.torque_rate
     )
-    found = estimate_joint_stiffness("elbow", swapped, encoder_errors="none")
-    assert (found.verdict, found.compliance, found.stiffness) == ("bounded", 0.0, np.inf)
+    with pytest.raises(InputError, match="the encoders stand in each other's place, or the torque has the wrong sign"):
+        estimate_joint_stiffness("elbow", swapped, encoder_errors="none")
+
+
+def test_what_the_log_tells_to_five_percent_is_told_as_an_interval():
+    near = JointStiffness.of_compliance("elbow", 1e-3, 5e-6, "N·m/rad")
+    wide = JointStiffness.of_compliance("elbow", 1.0123e-3, 3e-5, "N·m/rad")
+    assert near.sentence == "elbow: the stiffness is 1000 N·m/rad, 95 % interval 990.3 to 1010."
+    assert wide.sentence == "elbow: the stiffness lies between 933.6 and 1049 N·m/rad (95 %), at best near 990."
+    assert [row[2] for row in stiffness_table([near, wide])[1]] == ["1000", "near 990"]
 
 
 def test_it_is_kept_in_files(pendulum):

@@ -220,7 +220,7 @@ def test_one_encoder_tells_a_stiffness_by_the_acceleration_of_the_deflection(rob
     assert joint.stiffness_interval[0] < STIFFNESS < joint.stiffness_interval[1]
     assert abs(joint.stiffness / STIFFNESS - 1.0) < 0.03
     path.write_text(text.replace("[elastic]", '[elastic]\nside = "motor"'))
-    with pytest.raises(InputError, match="needs the columns of the second encoders"):
+    with pytest.raises(InputError, match="from the positions of the links alone no stiffness"):
         sy.identify(path, log)
 
 
@@ -293,6 +293,14 @@ def test_a_second_encoder_of_another_sign_unit_or_joint_is_refused_and_no_stiffn
     for factor, told in ((-1.0, "-1"), (180.0 / np.pi, r"57\.\d")):
         with pytest.raises(InputError, match=f'encoder link1 of "joint1" goes {told} times as far as its first'):
             sy.identify(tmp_path / "robot.toml", {**log, "link1": factor * log["link1"]})
+    with pytest.raises(InputError, match="goes against the torque that bends the joint: the encoders stand in each"):
+        sy.identify(tmp_path / "robot.toml", {**log, "q1": log["link1"], "link1": log["q1"]})
+    (tmp_path / "turned.toml").write_text(text.replace("[elastic]", '[elastic]\nside = "motor"'))
+    (turned,) = sy.identify(
+        tmp_path / "turned.toml", {**log, "q1": log["link1"], "link1": log["q1"] + 0.5}
+    ).elastic_joints
+    assert abs(turned.stiffness / STIFFNESS - 1.0) < 0.01
+    assert abs(turned.zeros[0] - 0.5) < 1e-3
     another = 0.9 * np.sin(1.7 * t)
     with pytest.raises(InputError, match=r'two encoders of "joint1" differ by 0\.\d+ \(rms\) that no spring explains'):
         sy.identify(tmp_path / "robot.toml", {**log, "link1": another})

@@ -24,7 +24,7 @@ from .log_reader import Progress
 from .result import Identification
 from .saved_result import SavedResult
 from .second_encoders import SecondEncoders, TwoEncoders, at_later, own_section, read_two_encoders
-from .transmission_torques import Transmissions, unseen_motion
+from .transmission_torques import Transmissions, unseen_motions
 
 __all__ = ["Deflections", "LogDeflections", "predict_deflections"]
 
@@ -257,7 +257,7 @@ def _deflections(
 ) -> LogDeflections:
     """Predict the deflections of a log from its motion, and compare them with what its second encoders say."""
     t, chosen = one.t, list(places)
-    q, dq, ddq = unseen_motion(one, settings, places, joints, transmissions)
+    q, dq, ddq = unseen_motions(one, settings, places, joints, transmissions)[0]
     torque = transmissions.torques(q, dq, ddq)[:, chosen]
     for j, (place, joint) in enumerate(zip(places, joints, strict=True)):
         torque[:, j] -= transmissions.missing_rotor(place, joint) * ddq[:, place]

@@ -38,7 +38,7 @@ from .second_encoders import (
     read_two_encoders,
     require_columns,
 )
-from .transmission_torques import Transmissions, unseen_motion
+from .transmission_torques import Transmissions, unseen_motions
 
 __all__ = ["links_of_logs", "with_elastic_joints"]
 
@@ -96,7 +96,11 @@ def with_elastic_joints(
     logs, validation = given_logs(data, validate)
     settings, where = own_section(file)
     if settings.position is None and settings.side == "motor":
-        raise InputError(f'{where}: side = "motor" needs the columns of the second encoders, as position = ["motor2"]')
+        # What shows a stiffness then is the fourth derivative of a position, whose noise makes joints look stiffer.
+        raise InputError(
+            f'{where}: side = "motor" needs the columns of the motors\' encoders, as position = ["motor2"]; from the '
+            "positions of the links alone no stiffness can be told."
+        )
     own = () if settings.position is None else settings.columns(file.robot.joint_names, where)
     columns = log_columns(file)
     for log in logs:  # which is refused before it is identified
@@ -123,7 +127,7 @@ def with_elastic_joints(
         transmissions = Transmissions.of(result)
         if not held:
             held.extend(read_by_both(log, needs_second=False) for log in validation)
-        unseen = [unseen_motion(one, settings, places, joints, transmissions) for one in held]
+        unseen = [unseen_motions(one, settings, places, joints, transmissions)[0] for one in held]
         samples = [
             _samples_of(one, settings, places, joints, motion, transmissions)
             for one, motion in zip((*read, *held), (*motions, *unseen), strict=True)
@@ -136,7 +140,7 @@ def with_elastic_joints(
         moved = all(joint.verdict == "measured" for joint in joints)
         if moved:
             transmissions = Transmissions.of(result)
-            result = anew(joints, [unseen_motion(one, settings, places, joints, transmissions) for one in read])
+            result = anew(joints, [unseen_motions(one, settings, places, joints, transmissions)[0] for one in read])
             joints = _by_one_encoder(settings, places, result, read)
         return _with(result, settings, joints, [], link_motion=moved)
     motions = [(one.first.q, one.first.dq, one.first.ddq) for one in read]
@@ -276,6 +280,13 @@ def _known_inertia(settings: SecondEncoders, order: int, place: int, transmissio
 def _told(joints: Sequence[JointStiffness]) -> list[str]:
     found = []
     for one in joints:
+        far = [zero for zero in one.zeros if abs(zero) > 10.0 * max(one.deflection, one.unexplained)]
+        if far:
+            listed = ", ".join(f"{zero:.4g}" for zero in one.zeros)
+            found.append(
+                f"{one.joint}: motor less link position of the unloaded joint is {listed} "
+                f"{one.unit.rpartition('/')[2]}: the zeros of the encoders differ, which was taken into account."
+            )
         if abs(one.delay) > 3.0 * one.delay_standard_error > 0.0:
             late = f"{1e3 * one.delay:.2f} ± {1e3 * one.delay_standard_error:.2f} ms"
             found.append(
@@ -327,7 +338,11 @@ def _samples_of(
     transmissions: Transmissions,
 ) -> Samples:
     """Samples with the motion of the links; what the motors do beside them is moved to the torque."""
-    motor, logged = _motor_motion(one, settings, places), one.first.channels
+    if settings.side == "motor" and one.second is None:
+        motor = unseen_motions(one, settings, places, joints, transmissions)[1]
+    else:
+        motor = _motor_motion(one, settings, places)
+    logged = one.first.channels
     beside = transmissions.drive_torques(*motor, logged) - transmissions.drive_torques(*motion, logged)
     for place, joint in zip(places, joints, strict=True):
         beside[:, place] += transmissions.missing_rotor(place, joint) * (motor[2] - motion[2])[:, place]
@@ -364,7 +379,7 @@ def links_of_logs(
             found.append(log)
             continue
         one = read_two_encoders(log, file, settings, where, model, processing, needs_second=False)
-        motion = unseen_motion(one, settings, places, joints, transmissions)
+        motion = unseen_motions(one, settings, places, joints, transmissions)[0]
         found.append(GivenSamples(_samples_of(one, settings, places, joints, motion, transmissions), str(log)))
     return found
 
@@ -515,13 +530,14 @@ def _matters(
     result: Identification,
     read: Sequence[TwoEncoders],
 ) -> bool:
-    """Whether the torques of the predicted motion of the links differ from those of the motors by more than noise."""
+    """Whether torques of the motions that the two sides have differ from those of one motion by more than noise."""
     transmissions = Transmissions.of(result)
     noise = result.information.joint_rms_error(np.asarray(result.estimate.base))
     for one in read:
-        motor = one.first.q, one.first.dq, one.first.ddq
-        links = unseen_motion(one, settings, places, joints, transmissions)
-        change = transmissions.torques(*links) - transmissions.torques(*motor)
+        seen = one.first.q, one.first.dq, one.first.ddq
+        links, motors = unseen_motions(one, settings, places, joints, transmissions)
+        change = transmissions.torques(*links) - transmissions.torques(*seen)
+        change += transmissions.drive_torques(*motors) - transmissions.drive_torques(*seen)
         if np.any(np.sqrt(np.mean(change**2, axis=0)) > _NEGLIGIBLE * noise):
             return True
     return False

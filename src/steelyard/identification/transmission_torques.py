@@ -14,7 +14,7 @@ from steelyard.estimators.joint_stiffness import JointStiffness, Motion, motion_
 from .result import Identification
 from .second_encoders import SecondEncoders, TwoEncoders
 
-__all__ = ["Transmissions", "unseen_motion"]
+__all__ = ["Transmissions", "unseen_motions"]
 
 Array = NDArray[np.float64]
 
@@ -102,18 +102,21 @@ def _rotors(model: Model) -> NDArray[np.intp]:
     return found
 
 
-def unseen_motion(
+def unseen_motions(
     one: TwoEncoders,
     settings: SecondEncoders,
     places: Sequence[int],
     joints: Sequence[JointStiffness],
     transmissions: Transmissions,
-) -> Motion:
-    """The motion of the links in a log that was not fitted: that of the first encoders less predicted deflections."""
+) -> tuple[Motion, Motion]:
+    """The motion of links and of motors in a log by its first encoders, those of the other side by deflections.
+
+    What is predicted is the position of the side that the first encoders do not see.
+    """
     motion = one.first.q, one.first.dq, one.first.ddq
-    if settings.side == "motor":
-        return motion
     torque = transmissions.torques(*motion)
     carried = zip(places, joints, strict=True)
     shape = np.column_stack([joint.deflections(torque[:, place]) for place, joint in carried])
-    return motion_behind(motion, one.t, places, shape)
+    if settings.side == "motor":  # the first encoders are those of the links
+        return motion, motion_behind(motion, one.t, places, -shape)
+    return motion_behind(motion, one.t, places, shape), motion
