@@ -285,7 +285,7 @@ def _require_alike(first: Array, second: Array, what: str) -> None:
     if np.isfinite(ratio) and not 0.5 < ratio < 2.0:
         raise InputError(
             f"{what} goes {ratio:.3g} times as far as its first; correct `position_unit` or `scale` in [elastic], for "
-            "which `steelyard doctor` finds the line, or the positions of [log] where these are those of a motor shaft. "
+            "which `steelyard doctor` finds the line, or the positions of [log] where they are of a motor shaft. "
             "Both are on the joint side of the gear."
         )
 
