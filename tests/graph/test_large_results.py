@@ -127,3 +127,20 @@ def test_without_such_memory_arrays_come_from_numpy(monkeypatch):
 
 def outputs_of_one():
     return [Graph().inputs("x", 3)[1]]
+
+
+@recycles
+def test_free_memory_goes_back_to_the_system() -> None:
+    def held() -> int:
+        with open("/proc/self/status") as file:
+            return next(int(line.split()[1]) for line in file if line.startswith("RssAnon"))
+
+    if large_arrays._trim() is None:
+        pytest.skip("the C library keeps no free memory")
+    arrays = [np.ones(12_000) for _ in range(1_000)]  # 96 kB each, too small to be mapped one by one
+    above = arrays[-1]
+    del arrays
+    before = held()
+    large_arrays.return_free_memory()
+    assert before - held() > 50_000
+    assert above.all()

@@ -304,6 +304,10 @@ class LogReader:
         seen, thinned = chunks.SeenRows(), ThinnedSamples(task.points, opened.count(), opened.count(section))
         exact = None if section == 0 else FEWEST_EXACT
         kept = _kept_of(opened.samples(section, seen), task, model, thinned, opened.sections, exact)
+        if opened.sections > 1:
+            from steelyard.graph.large_arrays import return_free_memory  # only long logs need it
+
+            return_free_memory()
         return ReducedSection(
             information=kept.information,
             blocks=kept.blocks,
