@@ -93,6 +93,7 @@ SLOW = {
     ("docs/how-to/from-figaroh.md", "console"): "an identification",
     ("docs/how-to/poor-fit.md", "console"): "an identification",
     ("docs/how-to/fleet.md", "console"): "estimates of several robots",
+    ("docs/how-to/on-the-fly.md", "console"): "a motion on the fly",
     ("docs/how-to/currents.md", "console"): "an identification, and the gains of drives",
 }
 

@@ -37,6 +37,7 @@ def question(names: Iterable[str], joints: object = ARM, log: dict | None = None
 def answered(asked: str, names: list[str], joints: object = ARM, **values: list[float]) -> list[Layout]:
     """Return what the lines of a question lead to: each of them must answer it."""
     lines = [line for line in re.findall(r"`([a-z_]+ = [^`]+)`", asked) if "..." not in line]
+    lines = [line for line in lines if not line.startswith("command = ")]  # of [drive], which another command takes
     return [find(names, joints, tomllib.loads(line), **values) for line in lines]
 
 
@@ -93,6 +94,7 @@ def test_columns_of_another_name_are_offered() -> None:
     names = ["t", *numbered("q{}", "q_ref{}", "tau_m{}", "tau_ff{}", "temperature{}")]
     asked = question(names)
     assert [one.torque[0] for one in answered(asked, names)] == ["tau_m1", "tau_ff1"]
+    assert '`command = "q_ref{}"`' in asked
     assert '`torque = "…{}"`' in question(["t", *numbered("q{}", "q_ref{}")])
 
 
