@@ -10,6 +10,7 @@ from scipy.integrate import solve_ivp
 import steelyard as sy
 from steelyard.errors import InputError
 from steelyard.identification import SecondEncoders, compare_estimates, predict_deflections, validate_estimate
+from steelyard.identification.transmission_torques import Transmissions
 
 STIFFNESS, INERTIA, WEIGHT, ROTOR, VISCOUS = 700.0, 0.6, 5.0, 0.3, 0.8
 ROBOT = """\
@@ -278,6 +279,30 @@ def test_a_second_encoder_that_is_missing_is_named(robot):
     log = {name: values for name, values in pendulum(5.0).items() if name != "link1"}
     with pytest.raises(InputError, match=r"has no column 'link1', which .*\[elastic\] names as a second encoder"):
         sy.identify(robot, log)
+
+
+MIMIC = """<robot name="hand"><link name="base"/><link name="one"/><link name="two"/><link name="three"/>
+<joint name="lift" type="continuous"><parent link="base"/><child link="one"/></joint>
+<joint name="follower" type="continuous"><parent link="one"/><child link="two"/><mimic joint="lift"/></joint>
+<joint name="wrist" type="continuous"><parent link="two"/><child link="three"/></joint></robot>
+"""
+
+
+def test_a_rotor_is_that_of_its_joint_beside_joints_that_mimic(tmp_path):
+    (tmp_path / "hand.urdf").write_text(MIMIC)
+    model = sy.Model(sy.Robot.from_urdf(tmp_path / "hand.urdf").with_terms(sy.RotorInertia()))
+    values = np.array([{"Ia1": 0.2, "Ia3": 0.7}.get(name, 0.0) for name in model.parameter_names])
+    transmissions = Transmissions(model, values)
+    pushed = model.inverse_dynamics([0.0, 0.0], [0.0, 0.0], [1.0, 1.0], values)
+    assert [transmissions.rotor(0), transmissions.rotor(1)] == pytest.approx(pushed)
+
+
+def test_the_inertia_of_a_motor_is_stated_once(robot):
+    path = with_lines(robot, "motor_inertia = [0.3]", "coupled.toml")
+    path.write_text(path.read_text().replace('kind = "rotor_inertia"', 'kind = "motor_side"\ncoupling = [[1]]'))
+    log = {name: np.zeros(100) for name in ("q1", "tau1", "link1")}
+    with pytest.raises(InputError, match="motor_inertia is that of the term rotor_inertia, but these motors"):
+        sy.identify(path, {"t": 0.005 * np.arange(100), **log})
 
 
 @pytest.mark.slow

@@ -101,6 +101,11 @@ def with_elastic_joints(
             f'{where}: side = "motor" needs the columns of the motors\' encoders, as position = ["motor2"]; from the '
             "positions of the links alone no stiffness can be told."
         )
+    if settings.motor_inertia is not None and any(term["kind"] == "motor_side" for term in file.terms):
+        raise InputError(
+            f"{where}: motor_inertia is that of the term rotor_inertia, but these motors have the Iam of "
+            "the term motor_side; leave motor_inertia out, and state Iam in [[constraints]] where it is known."
+        )
     own = () if settings.position is None else settings.columns(file.robot.joint_names, where)
     columns = log_columns(file)
     for log in logs:  # which is refused before it is identified
@@ -273,6 +278,8 @@ def _known_inertia(settings: SecondEncoders, order: int, place: int, transmissio
     if settings.motor_inertia is not None:
         return settings.motor_inertia[order]
     robot = transmissions.model.robot
+    if any(one.symbol == "Iam" for term in robot.terms for one in term.parameters):
+        return None  # the motors' inertias are identified under this name, and stand in no description beside it
     described = robot.joints[robot.driving_joints[place]].rotor_inertia
     return described if np.isfinite(described) and described > 0.0 else None
 

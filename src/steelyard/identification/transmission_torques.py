@@ -95,8 +95,8 @@ def _rotors(model: Model) -> NDArray[np.intp]:
     """For each coordinate the place of its rotor inertia among the parameters, -1 where there is none."""
     found = np.full(model.dof, -1)
     names = list(model.parameter_names)
-    for k in range(model.dof):
-        name = f"Ia{k + 1}"
+    for k, joint in enumerate(model.robot.driving_joints):  # whose number parameters bear, with joints that mimic too
+        name = f"Ia{joint + 1}"
         if name in names:
             found[k] = names.index(name)
     return found
