@@ -107,6 +107,7 @@ ELSEWHERE = {
     "steelyard view": "tests/report/test_view.py serves it to a browser; it runs until it is stopped",
     "steelyard example": "tests/identification/test_examples.py makes and runs every example",
     "steelyard identify ur5/": "tests/identification/test_examples.py makes and runs every example",
+    "steelyard excite robot.toml --limits limits.toml --on-the-fly": "tests/cli/test_excite_on_the_fly.py runs it",
     "steelyard deflections": "tests/identification/test_elastic_joints.py runs it",
     "pip install": "the tests run in an environment that was made so",
 }

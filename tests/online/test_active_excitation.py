@@ -69,6 +69,43 @@ def test_a_robot_without_limits_of_position_is_held_and_moved_without_a_warning(
     assert [step.stage for step in excitation.steps] == ["hold", "cautious"]
 
 
+def test_an_excitation_that_ends_after_a_stop_ends_when_that_is_known(model: sy.Model) -> None:
+    """A simulation waits for the end to pass: one that was over before it was known never did."""
+    excitation = ActiveExcitation(model, LIMITS, sample_time=0.01, longest=0.3)
+    ends = []
+    for k in range(200):
+        excitation.command(0.01 * k, [0.2 + 0.03 * min(k, 15), -0.3])  # pushed at 3 rad/s, faster than the limit
+        ends.append(excitation.end)
+    assert [step.stage for step in excitation.steps] == ["hold", "stopping", "done"]
+    known = np.flatnonzero(np.isfinite(ends))[0]
+    assert excitation.end >= 0.01 * known - 1e-9
+    assert excitation.finished
+
+
+MARKED = """<robot name="arm"><link name="base"/><link name="upper"/>
+<link name="tool"><collision><geometry><box size="0.01 0.01 0.01"/></geometry></collision></link>
+<joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/>
+<limit lower="-2" upper="2" velocity="3" effort="80"/></joint>
+<joint name="wrist" type="revolute"><parent link="upper"/><child link="tool"/><origin xyz="0.4 0 0"/>
+<axis xyz="1 0 0"/><limit lower="-2" upper="2" velocity="3" effort="10"/></joint></robot>
+"""
+
+
+@pytest.mark.slow
+def test_a_last_link_whose_shape_is_a_mark_is_held_and_learned(tmp_path) -> None:
+    """A cube of a centimetre stands for a tool of 0.3 kg and a rotor, thousands of times its inertia."""
+    (tmp_path / "arm.urdf").write_text(MARKED)
+    model = sy.Model(sy.Robot.from_urdf(tmp_path / "arm.urdf").with_terms(sy.Viscous(), sy.RotorInertia()))
+    tool = sy.Inertia.from_com(0.3, [0.02, 0.03, 0.0], 1e-3 * np.eye(3)).parameters
+    truth = np.concatenate([BODY, [0.5, 0.1], tool, [0.02, 0.01]])
+    excitation = ActiveExcitation(model, {"acceleration": 6.0}, sample_time=0.004)
+    sensors = Sensors(encoder_resolution=1e-5, velocity="none")
+    simulate(model, truth, [-0.5, 0.2], [0.0, 0.0], 2.9, excitation, sensors=sensors)
+    assert excitation.interruptions == []
+    assert max(step.tracking_error.max() for step in excitation.steps) < 0.25
+    assert excitation.estimate is not None
+
+
 @pytest.mark.slow
 def test_credible_robots_are_possible_and_hold_a_true_one(model: sy.Model) -> None:
     credible = CredibleRobots.of(model, MotionLimits.of(model.robot.joint_names, **LIMITS))

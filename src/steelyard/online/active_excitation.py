@@ -27,6 +27,7 @@ from steelyard.feasibility import FeasibleSet
 from steelyard.files.arguments import positive
 from steelyard.recording import Recording, Samples
 from steelyard.regression import Estimate, Information
+from steelyard.robot.inertia import parameters_of_pseudo_inertia
 from steelyard.simulation import Measurement
 
 from .credible_robots import CredibleRobots, random_motions
@@ -380,7 +381,9 @@ class ActiveExcitation:
     @property
     def end(self) -> float:
         """Time at which the robot is at rest after the last motion, s; infinite while it is not known."""
-        return self._reference.end if self._stage == "done" and self._reference is not None else np.inf
+        if self._stage != "done" or self._reference is None:
+            return np.inf
+        return max(self._reference.end, self._started + self.steps[-1].time)  # a stop may have ended long before
 
     @property
     def finished(self) -> bool:
@@ -498,6 +501,10 @@ class ActiveExcitation:
         terms = np.isfinite(known.term_deviations)
         inside = known.parameters.copy()
         inside[terms] = 0.1 * known.term_deviations[terms]
+        # A link whose shape is a mark of a centimetre has moments of inertia below the margin of the set.
+        room = parameters_of_pseudo_inertia(10.0 * feasible.margin * np.eye(4))
+        for columns in self.model.link_columns:
+            inside[np.asarray(columns)] += room
         search.begin(inside)
         return search, prior.prepare(feasible, PRIOR_WEIGHT)
 
@@ -684,9 +691,14 @@ class ActiveExcitation:
         q, dq, ddq = (part[some] for part in motion)
         size = self.model.dof
         inertia = np.asarray(self.model.kernel("total_inertia_matrix")(motion[0], knowledge.parameters))
-        plan.inertia = inertia.reshape(len(motion[0]), size, size)
+        plan.inertia = inertia.reshape(len(motion[0]), size, size).copy()
+        values, spreads = self._inertias(q, knowledge)
+        # What is assumed of a joint may be ten thousand times too little, where the shape of its link is a mark of a
+        # centimetre and its rotor is not: feedback for that alone holds nothing. One standard deviation is credible.
+        joints = np.arange(size)
+        plan.inertia[:, joints, joints] = np.maximum(plan.inertia[:, joints, joints], spreads.mean(axis=0))
         own = np.diagonal(plan.inertia, axis1=1, axis2=2).mean(axis=0)
-        plan.bandwidth = BANDWIDTH * self._sure_share(q, knowledge)
+        plan.bandwidth = BANDWIDTH * np.clip((1.0 - SURE * spreads / values).min(axis=0), LEAST_SHARE, 1.0)
         before = self._plan
         if before is not None and before.stiffness.any():
             plan.bandwidth = np.minimum(plan.bandwidth, np.sqrt(GROWTH * before.stiffness / own))
@@ -696,19 +708,18 @@ class ActiveExcitation:
         reserve = 0.1 * plan.stiffness + 3.0 * knowledge.noise
         plan.bound = np.minimum(self.limits.torque, np.abs(torque).max(axis=0) + TORQUE_BAND * spread + reserve)
 
-    def _sure_share(self, q: Array, knowledge: _Knowledge) -> Array:
-        """Part of the estimated inertia of each joint that is there but for two standard deviations, (N,)."""
+    def _inertias(self, q: Array, knowledge: _Knowledge) -> tuple[Array, Array]:
+        """Return the inertia of each joint by the estimate at every q, and its standard deviation, (S, N) each."""
         still = np.zeros_like(q)
         at_rest = self._rows(q, still, still)
-        found = np.zeros(self.model.dof)
-        for k in range(len(found)):
+        values, spreads = np.zeros_like(q), np.zeros_like(q)
+        for k in range(self.model.dof):
             one = still.copy()
             one[:, k] = 1.0
             rows = self._rows(q, still, one)[:, k] - at_rest[:, k]
-            value = np.maximum(rows @ knowledge.base, 1e-12)
-            spread = np.sqrt(np.einsum("sb,bc,sc->s", rows, knowledge.covariance, rows))
-            found[k] = np.min(1.0 - SURE * spread / value)
-        return np.clip(found, LEAST_SHARE, 1.0)
+            values[:, k] = np.maximum(rows @ knowledge.base, 1e-12)
+            spreads[:, k] = np.sqrt(np.einsum("sb,bc,sc->s", rows, knowledge.covariance, rows))
+        return values, spreads
 
     # Playing
 
