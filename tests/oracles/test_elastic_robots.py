@@ -72,6 +72,28 @@ def test_a_keyframe_has_its_motors_where_their_joints_are(crane):
     np.testing.assert_array_equal(theirs.key_ctrl[0], [1, 2, 3])
 
 
+def test_a_motor_begins_where_its_joint_does_and_has_the_bound_of_its_force(tmp_path):
+    """Both stand in a class here: a spring that is bent at first, or a drive without bound, is another robot."""
+    text = (
+        '<mujoco><default><joint ref="10" actuatorfrcrange="-5 5"/></default><worldbody><body name="leaf">'
+        '<joint name="hinge"/><inertial pos="0.3 0 0" mass="2" diaginertia="0.1 0.1 0.1"/></body></worldbody>'
+        '<actuator><motor joint="hinge"/></actuator><sensor><jointactuatorfrc joint="hinge"/></sensor></mujoco>'
+    )
+    (tmp_path / "rigid.xml").write_text(text)
+    add_motors(tmp_path / "rigid.xml", tmp_path / "elastic.xml", {"hinge": MjcfMotor(500.0, 1.0, 0.1)})
+    found = []
+    for name in ("rigid", "elastic"):
+        theirs = mujoco.MjModel.from_xml_path(str(tmp_path / f"{name}.xml"))
+        data = mujoco.MjData(theirs)
+        data.ctrl[:] = 100.0
+        mujoco.mj_forward(theirs, data)
+        found.append((data.sensordata[0], data.qfrc_actuator[-1], data.qpos.tolist()))
+        assert np.all(data.qfrc_passive == 0.0)
+    (rigid, one, (start,)), (elastic, other, starts) = found
+    assert (rigid, one) == (elastic, other) == (5.0, 5.0)
+    np.testing.assert_allclose(starts, start, rtol=1e-14)
+
+
 @pytest.mark.slow
 def test_energy_is_kept_without_damping_and_lost_with_it(crane):
     _, model, delta = crane

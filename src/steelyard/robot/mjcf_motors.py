@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -51,8 +52,8 @@ def add_motors(source: str | Path, target: str | Path, motors: Mapping[str, Mjcf
     Each of these joints gets a rotor, a body at the end of the last ``<worldbody>`` with one joint named after it and
     ``_motor``, and a fixed tendon between both, whose length is the deflection and whose stiffness and damping are
     those of the transmission. Damping, friction loss and armature are those of the motor, and 0 at the joint; actuators
-    of the joint, and sensors of their force, act at the motor. Keyframes are made longer, each motor at the position of
-    its joint. All else stays as it is.
+    of the joint with the bound of their force, and sensors of it, act at the motor. Keyframes are made longer, each
+    motor at the position of its joint. All else stays as it is.
 
     Parameters
     ----------
@@ -100,21 +101,24 @@ def _put_motors(read: MjcfTree, motors: Mapping[str, MjcfMotor]) -> None:
     lines, ties = [], []
     for name, motor in motors.items():
         element, row = document.joints[name], rows[name]
-        element.file.edit.set_attributes(
-            element.place,
-            {"name": attribute_text(name), "damping": "0", "armature": "0", "frictionloss": "0"},
-        )
+        own_drive = {"name": attribute_text(name), "damping": "0", "armature": "0", "frictionloss": "0"}
+        force = {"actuatorfrclimited": "false"}
+        if row["actfrclimited"]:  # of the drive, wherever it acts
+            own_drive |= force
+            force = {"actuatorfrclimited": "true", "actuatorfrcrange": " ".join(map(number_text, row["actfrcrange"]))}
+        element.file.edit.set_attributes(element.place, own_drive)
         of_motor[name] = new_name(f"{name}_motor", joints)
         slides = row["type"] == SLIDE
+        degrees = not slides and document.setting("compiler", "angle") != "radian"
         own = max(MASS, bound["boundmass"]) if slides else max(MOMENT, bound["boundinertia"])
         joint = {
             "name": attribute_text(of_motor[name]),
             "type": "slide" if slides else "hinge",
             "pos": "0 0 0",
             "axis": "0 0 1",
-            "ref": element.attributes.get("ref", "0"),
+            "ref": number_text(math.degrees(row["ref"]) if degrees else row["ref"]),
             "limited": "false",
-            "actuatorfrclimited": "false",
+            **force,
             "stiffness": "0",
             "springdamper": "0 0",
             "armature": number_text(max(motor.rotor_inertia - own, 0.0)),
