@@ -169,3 +169,20 @@ def test_what_does_not_fit_the_log_is_told(folder, controller, message):
 def test_settings_are_checked(table, message):
     with pytest.raises(InputError, match=message):
         ControllerSettings.from_dict(table)
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ({"start": [0.0, 0.0]}, "start must be a number, or one for each of 1 joints"),
+        ({"start": np.nan}, "start must be finite"),
+        ({"start_velocity": [1.0, 2.0]}, "start_velocity must be a number, or one for each of 1 joints"),
+        ({"velocity_threshold": -1.0}, "velocity_threshold must be at least 0"),
+        ({"times": [0.0, 0.02, 0.01]}, "at least two finite, increasing numbers"),
+    ],
+)
+def test_a_loop_that_cannot_be_simulated_is_refused_before_it_is(given, told):
+    model = sy.Model(sy.Robot.from_dh([("pi/2", 0, 0, "q")], gravity=(0, 0, 0)))
+    controller = JointFeedback(lambda t: ([0.0], [0.0], [0.0]), kp=400.0, kd=40.0, count=1)
+    with pytest.raises(sy.InputError, match=told):
+        ClosedLoop(**{"model": model, "controller": controller, "times": [0.0, 0.01], "start": [-0.1], **given})

@@ -121,13 +121,15 @@ def suggestion(name: object, known: Iterable[str]) -> str:
     return f"known are {listed}" + (f" and {len(candidates) - 8} more." if len(candidates) > 8 else ".")
 
 
-def per_joint(value: Any, count: int, name: str, *, zero: bool = True, finite: bool = False) -> Array:
+def per_joint(
+    value: Any, count: int, name: str, *, zero: bool = True, finite: bool = False, signed: bool = False
+) -> Array:
     """Return one number for each joint.
 
     Parameters
     ----------
     value : array_like
-        One number for all joints, or (N,). Negative numbers are refused.
+        One number for all joints, or (N,). Negative numbers are refused, unless they are `signed`.
     count : int
         Number N of joints.
     name : str
@@ -136,6 +138,8 @@ def per_joint(value: Any, count: int, name: str, *, zero: bool = True, finite: b
         Whether 0 is allowed.
     finite : bool
         Whether infinite numbers are refused.
+    signed : bool
+        Whether numbers of either sign are allowed.
 
     Returns
     -------
@@ -159,7 +163,9 @@ def per_joint(value: Any, count: int, name: str, *, zero: bool = True, finite: b
     if array.shape not in ((), (count,)):
         raise InputError(f"{name} must be a number, or one for each of {count} joints, got shape {array.shape}.")
     in_range = np.isfinite(array) if finite else ~np.isnan(array)
-    if not (in_range & (array >= 0.0 if zero else array > 0.0)).all():
+    if signed and not in_range.all():
+        raise InputError(f"{name} must be {'finite' if finite else 'numbers'}, got {array.tolist()}.")
+    if not (signed or (in_range & (array >= 0.0 if zero else array > 0.0)).all()):
         required = f"{'finite and ' if finite else ''}{'at least' if zero else 'above'} 0"
         raise InputError(f"{name} must be {required}, got {array.tolist()}.")
     return np.array(np.broadcast_to(array, (count,)))

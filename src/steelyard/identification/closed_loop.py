@@ -97,8 +97,9 @@ class ClosedLoop:
         self.model, self.controller, self.method, self.sign_width = model, controller, method, sign_width
         self.process = process
         self.times = np.asarray(times, dtype=np.float64)
-        if self.times.ndim != 1 or len(self.times) < 2 or not np.isfinite(self.times).all():
-            raise InputError("The times of a closed loop must be at least two finite numbers of seconds, (S,).")
+        increasing = self.times.ndim == 1 and len(self.times) >= 2 and np.all(np.diff(self.times) > 0.0)
+        if not (increasing and np.isfinite(self.times).all()):
+            raise InputError("The times of a closed loop must be at least two finite, increasing numbers of s, (S,).")
         tick = positive(controller.sample_time, "sample time of the controller", "s")
         places = np.round(self.times / tick)
         if np.abs(places * tick - self.times).max() > 0.01 * tick or self.times[0] < -0.01 * tick:
@@ -108,11 +109,10 @@ class ClosedLoop:
             )
         self._rows = places.astype(np.intp)
         self._duration = float(max(self._rows[-1], 1) * tick)
-        n = model.dof
-        self.start = np.broadcast_to(np.asarray(start, dtype=np.float64), (n,)).copy()
-        speed = np.zeros(n) if start_velocity is None else start_velocity
-        self.start_velocity = np.broadcast_to(np.asarray(speed, dtype=np.float64), (n,)).copy()
-        self.threshold = np.broadcast_to(np.asarray(velocity_threshold, dtype=np.float64), (n,)).copy()
+        n, speed = model.dof, 0.0 if start_velocity is None else start_velocity
+        self.start = per_joint(start, n, "start", finite=True, signed=True)
+        self.start_velocity = per_joint(speed, n, "start_velocity", finite=True, signed=True)
+        self.threshold = per_joint(velocity_threshold, n, "velocity_threshold")
 
     @property
     def reference_motion(self) -> Samples | None:
