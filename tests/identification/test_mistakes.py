@@ -490,3 +490,20 @@ def test_logs_that_tell_nothing_are_not_accused():
     for change in ({"torque": still}, {"q": still, "dq": still, "ddq": still}, {"mask": np.zeros(q.shape, dtype=bool)}):
         assert find_mistakes(model, sy.Samples(**{**moving, **change})) == ()
     assert find_mistakes(model, sy.Samples(**{name: array[:3] for name, array in moving.items()})) == ()
+
+
+def test_signs_of_friction_just_where_joints_turn_back_are_no_delay():
+    """A joint turns back a few thousandths of a second after its encoder's smoothed velocity; all else is in time."""
+    robot = sy.Robot.from_dh([("pi/2", 0.0, 0.3, "q"), (0, 0.4, 0, "q")]).with_terms(sy.Viscous(), sy.Coulomb())
+    model, parameters = sy.Model(robot), np.zeros(24)
+    parameters[model.link_columns[1][[0, 3, 5, 6, 9]]] = 0.01, 0.2, 0.2, -0.4, 2.0
+    parameters[[10, 11, 22, 23]] = 0.3, 2.0, 0.2, 2.0
+    t, speed = np.arange(0.0, 20.0, 0.02), np.array([0.9, 1.3])
+    angle = speed * t[:, None]
+    q, dq, ddq = np.sin(angle), speed * np.cos(angle), -(speed**2) * np.sin(angle)
+    torque = model.inverse_dynamics(q, dq, ddq, parameters)
+    torque += 0.03 * torque.std(axis=0) * np.random.default_rng(0).normal(size=torque.shape)
+    soon = np.sign(dq - 0.003 * ddq) != np.sign(dq)
+    assert 1 <= soon.sum() <= 4
+    torque[soon] -= 4.0 * np.sign(dq[soon])
+    assert find_mistakes(model, sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque, t=t)) == ()

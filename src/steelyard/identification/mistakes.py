@@ -173,6 +173,8 @@ class _Candidate:
     correction: Correction
     cost: float
     fitted: _Fitted
+    usual: _Fitted | None = None
+    """The fit without it, where that is of other rows than the base's."""
 
 
 def find_mistakes(
@@ -345,8 +347,16 @@ class _Search:
             cost += self._strangeness(correction.apply(self.samples)) - self.strangeness
         return self._keep(kind, statement, correction, cost, fitted)
 
-    def _keep(self, kind: str, statement: str, correction: Correction, cost: float, fitted: _Fitted) -> float:
-        self.found.append(_Candidate(kind, statement, correction, cost, fitted))
+    def _keep(
+        self,
+        kind: str,
+        statement: str,
+        correction: Correction,
+        cost: float,
+        fitted: _Fitted,
+        usual: _Fitted | None = None,
+    ) -> float:
+        self.found.append(_Candidate(kind, statement, correction, cost, fitted, usual))
         tell("trying what may be wrong", len(self.found), None, "mistakes")
         if cost < self.best:
             self.best = cost
@@ -749,10 +759,15 @@ class _Search:
 
         tried: dict[float, _Fitted] = {}
 
+        def fitted(delay: float, without: NDArray[np.bool_] | None = None) -> _Fitted:
+            shifted = Correction(delay=delay).apply(samples) if delay else samples
+            if without is not None:
+                shifted = replace(shifted, mask=~without if shifted.mask is None else shifted.mask & ~without)
+            return self._fit(moments(self.model, _some(shifted, inside)))
+
         def cost(delay: float) -> float:
             if delay not in tried:
-                shifted = Correction(delay=delay).apply(samples) if delay else samples
-                tried[delay] = self._fit(moments(self.model, _some(shifted, inside)))
+                tried[delay] = fitted(delay)
             # Errors below a few per cent are all alike for a hypothesis, and yet tell which delay is the best.
             return tried[delay].cost + float(np.log(max(tried[delay].fit.error, 1e-6)))
 
@@ -763,12 +778,17 @@ class _Search:
         best = round(_least(cost, first + np.array([-0.3, 0.0, 0.3]) * abs(first), 5), 4)
         cost(best)
         cost(0.0)
-        usual = tried[0.0]
+        usual, mended = tried[0.0], tried[best]
+        if abs(best) < float(np.diff(t).mean()):
+            # Just where a joint turns back nobody knows the sign of its friction, and one row of the wrong sign can
+            # have half the error of its joint: a delay that does no more than move such signs is none.
+            turning = _turning_back(samples) | _turning_back(Correction(delay=best).apply(samples))
+            usual, mended = fitted(0.0, turning), fitted(best, turning)
         later = "later" if best > 0 else "earlier"
         statement = f"The torques look to be logged {1e3 * abs(best):.2g} ms {later} than the motion"
-        # Told against the same samples without the delay, which are others than those of the rest.
-        relative = self.base.cost + tried[best].cost - usual.cost + float(np.log(20.0))
-        self._keep("delay", statement, Correction(delay=best), relative, tried[best])
+        # Told against the same rows without the delay, which are others than those of the rest.
+        relative = self.base.cost + mended.cost - usual.cost + float(np.log(20.0))
+        self._keep("delay", statement, Correction(delay=best), relative, mended, usual)
 
     # What came of it
 
@@ -790,7 +810,7 @@ class _Search:
 
     def _judged(self, candidate: _Candidate, gain: float) -> Hypothesis | None:
         """The evidence for a candidate, or None where it is too weak."""
-        before, after = self.base.held_out, candidate.fitted.held_out
+        before, after = (candidate.usual or self.base).held_out, candidate.fitted.held_out
         errors, joint = (before.held_out_error, after.held_out_error), None
         if errors[1] > FALLEN * errors[0] or errors[0] < POOR:
             k = int(np.argmax(before.held_out - after.held_out))
@@ -884,6 +904,13 @@ def _times(log: float) -> str:
 
 def _small(log: float) -> str:
     return "small" if log > 0.0 else "large"
+
+
+def _turning_back(samples: Samples) -> NDArray[np.bool_]:
+    """(S, N) rows within a step of which a joint's velocity changes its sign; of even samples."""
+    assert samples.t is not None
+    step = float(np.diff(samples.t).mean())
+    return np.asarray(np.abs(samples.dq) < step * np.abs(samples.ddq))
 
 
 def _depth(function: Callable[[float], float], step: float) -> float:
