@@ -9,7 +9,9 @@ from scipy.integrate import solve_ivp
 
 import steelyard as sy
 from steelyard.errors import InputError
+from steelyard.estimators.joint_stiffness import JointStiffness
 from steelyard.identification import SecondEncoders, compare_estimates, predict_deflections, validate_estimate
+from steelyard.identification.elastic_model import elastic_model
 from steelyard.identification.transmission_torques import Transmissions
 
 STIFFNESS, INERTIA, WEIGHT, ROTOR, VISCOUS = 700.0, 0.6, 5.0, 0.3, 0.8
@@ -295,6 +297,22 @@ def test_a_rotor_is_that_of_its_joint_beside_joints_that_mimic(tmp_path):
     transmissions = Transmissions(model, values)
     pushed = model.inverse_dynamics([0.0, 0.0], [0.0, 0.0], [1.0, 1.0], values)
     assert [transmissions.rotor(0), transmissions.rotor(1)] == pytest.approx(pushed)
+
+
+def test_links_of_a_fit_without_rotors_give_up_the_inertia_of_a_motor():
+    """Links and motors that move as one need the torques that the fit was made of."""
+    model = sy.Model(sy.Robot.from_dh([(0, 0.3, 0, "q")], gravity=(0, -9.81, 0)).with_terms(sy.Viscous()))
+    body = sy.Inertia.from_com(2.0, [-0.1, 0.0, 0.0], 0.4 * np.eye(3)).parameters
+    parameters = np.array([*body, 0.8])
+    joint = JointStiffness("joint1", "measured", 700.0, (690.0, 710.0), 1 / 700.0, 1e-6, motor_inertia=0.3)
+    found = elastic_model(model, parameters, [joint])
+    q, dq, ddq = 0.3, 0.7, -1.9
+    both = found.model.inverse_dynamics([q, q], [dq, dq], [ddq, ddq], found.parameters)
+    np.testing.assert_allclose(both.sum(), model.inverse_dynamics([q], [dq], [ddq], parameters)[0], rtol=1e-6)
+    turned = found.model.inverse_dynamics([q, q], [0.0, 0.0], [0.0, 1.0], found.parameters)
+    held = found.model.inverse_dynamics([q, q], [0.0, 0.0], [0.0, 0.0], found.parameters)
+    np.testing.assert_allclose((turned - held)[1], 0.3, rtol=1e-6)
+    assert found.is_proved
 
 
 def test_the_inertia_of_a_motor_is_stated_once(robot):

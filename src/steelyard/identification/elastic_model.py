@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.dynamics import Model, elastic_robot
+from steelyard.dynamics import Model, RotorInertia, elastic_robot
 from steelyard.dynamics.elastic_robot import acts_on_motors
 from steelyard.errors import InputError, SolverError
 from steelyard.estimators.joint_stiffness import JointStiffness
@@ -168,14 +168,20 @@ def elastic_model(
     found = {one.joint: one for one in joints if one.verdict == "measured" and np.isfinite(one.stiffness)}
     if not found:
         return None
+    given = dict(zip(model.parameter_names, parameters, strict=True))
+    own_rotors = any(isinstance(term, RotorInertia) for term in model.robot.terms)
+    if not own_rotors:  # the links of the fit hold the motors' inertias, which elastic joints have beside them
+        model = Model(model.robot.with_terms(*model.robot.terms, RotorInertia()))
+        given = {name: given.get(name, 0.0) for name in model.parameter_names}
     robot = elastic_robot(model.robot, list(found))
     whole = Model(robot)
     names = list(robot.joint_names)
-    given = dict(zip(model.parameter_names, parameters, strict=True))
-    rotor = _rotor_symbol(model)
     for name, joint in found.items():  # what torques alone do not tell: how much of the inertia is that of the motor
-        if rotor and np.isfinite(joint.motor_inertia):
-            _move_inertia(model, given, f"{rotor}{_number(model, name)}", joint.motor_inertia)
+        if np.isfinite(joint.motor_inertia):
+            symbol = f"Ia{_number(model, name)}"
+            _move_inertia(model, given, symbol, joint.motor_inertia)
+            if not own_rotors:
+                given[symbol] = joint.motor_inertia
     values = dict.fromkeys(whole.parameter_names, 0.0)
     on_motor = {
         symbol.symbol for term in model.robot.terms if acts_on_motors(term, model.dof) for symbol in term.parameters
@@ -194,8 +200,6 @@ def elastic_model(
     for name, joint in found.items():
         number = _number(model, name)
         values[f"Kej{number}"], values[f"Dej{number}"] = joint.stiffness, joint.damping
-        if not rotor:
-            values[f"Ia{motor_of[number]}"] = joint.motor_inertia
     delta = np.array([values[name] for name in whole.parameter_names])
     feasible_set = FeasibleSet(whole, "inertia" if consistency == "inertia" else "full")
     delta = _with_rotors(feasible_set, whole, delta, len(found))
@@ -214,11 +218,6 @@ def _number(model: Model, name: str) -> int:
     """The number that the parameters of a driving joint bear."""
     robot = model.robot
     return robot.driving_joints[list(robot.joint_names).index(name)] + 1
-
-
-def _rotor_symbol(model: Model) -> str:
-    """The symbol of the inertia of single rotors; empty where the model has none."""
-    return "Ia" if any(one.symbol == "Ia" for term in model.robot.terms for one in term.parameters) else ""
 
 
 def _move_inertia(model: Model, given: dict[str, float], name: str, inertia: float) -> None:
