@@ -1,12 +1,14 @@
 """What a log shows of wrong units, held joints and swapped columns reaches the answer; sound logs show none."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import steelyard as sy
 from steelyard.identification.log_checks import heavy_ends
+from steelyard.identification.next_steps import found
 
 COUNT, RATE = 6000, 500.0
 
@@ -140,3 +142,22 @@ def test_a_tool_that_the_description_leaves_out_is_asked_for():
     assert remark.startswith("link2 comes out at")
     assert "where the description has 2 kg" in remark
     assert not said(body, body)
+
+
+@pytest.mark.parametrize(
+    ("before", "said"),
+    [
+        (0.03261, "3.26% of the torques of its own data unexplained, just as much."),
+        (0.0312, "3.26% of the torques of its own data unexplained instead of 3.12%."),
+    ],
+)
+def test_errors_that_print_alike_are_not_said_to_differ(before, said):
+    result = SimpleNamespace(
+        prediction=SimpleNamespace(word="good"),
+        parameters=None,
+        verdict=SimpleNamespace(feasible=False, violations=[]),
+        unconstrained=SimpleNamespace(relative_error=before),
+        estimate=SimpleNamespace(relative_error=0.03264),
+    )
+    (told,) = found(result)
+    assert told.endswith(said)

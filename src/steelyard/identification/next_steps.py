@@ -97,9 +97,10 @@ def found(identification: Identification) -> tuple[str, ...]:
         names = [violation.block for violation in verdict.violations]
         more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
         which = f" ({', '.join(names[:MOST_NAMED])}{more})" if names else ""
+        left = f"{after:.2%} of the torques of its own data unexplained"
+        compared = f" instead of {before:.2%}" if f"{before:.2%}" != f"{after:.2%}" else ", just as much"
         sentences.append(
-            f"Plain least squares found a robot that cannot exist{which}; one that can leaves {after:.2%} of the "
-            f"torques of its own data unexplained instead of {before:.2%}."
+            f"Plain least squares found a robot that cannot exist{which}; one that can leaves {left}{compared}."
         )
     return tuple(sentences)
 
