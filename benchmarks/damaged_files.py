@@ -81,6 +81,16 @@ def peak() -> int:
     return 1024 * max(int(own.split()[1]), resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)
 
 
+def used(process: int) -> float:
+    """Processor time of another process and its children so far, in s; 0 of one that has ended."""
+    try:
+        fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+        children = Path(f"/proc/{process}/task/{process}/children").read_text().split()
+    except OSError:
+        return 0.0
+    return sum(map(int, fields[11:15])) / os.sysconf("SC_CLK_TCK") + sum(used(int(child)) for child in children)
+
+
 def watch(kind: str, folder: Path, count: int, seed: int) -> collections.Counter[str]:
     """Let processes read damaged files of a kind; return what went wrong, and how often."""
     found: collections.Counter[str] = collections.Counter()
@@ -95,9 +105,15 @@ def watch(kind: str, folder: Path, count: int, seed: int) -> collections.Counter
             ended = False
             assert process.stdout is not None
             hung = False
+            begun = before = 0.0
             while True:
                 ready, _, _ = select.select([process.stdout], [], [], 6 * TIME)
                 if not ready:
+                    # Beside other work a process waits for a processor longer than it computes: it hangs if it
+                    # computes for long without an end, or if it waits for something else than a processor.
+                    last, before = before, used(process.pid)
+                    if before > last and before - begun < 2 * TIME:
+                        continue
                     hung = True
                     process.send_signal(signal.SIGKILL)
                     break
@@ -108,7 +124,7 @@ def watch(kind: str, folder: Path, count: int, seed: int) -> collections.Counter
                 if line.startswith("# end"):
                     ended = True
                 elif mark == "#":
-                    number = int(text)
+                    number, begun = int(text), used(process.pid)
                 else:
                     found[text] += 1
                     examples.setdefault(text, number)
