@@ -284,7 +284,7 @@ def test_force_control_needs_a_sensor(wam):
         ({"force": np.nan}, "force must be finite"),
         ({"normal": (0, 0, 0)}, "other than zero"),
         ({"bandwidth": -1.0}, "bandwidth"),
-        ({"order": 0}, "order must be a positive integer"),
+        ({"order": 0}, "order must be a whole number of at least 1, got 0"),
         ({"force_noise": 0.0}, "measurement_noise"),
     ],
 )

@@ -122,7 +122,7 @@ def test_poses_follow_the_quintic_and_the_shortest_turn(random):
         (lambda: PoseTrajectory([0.0, 1.0], [np.eye(4)] * 3), "as many poses"),
         (lambda: ConstantPose(-np.eye(4)), "rotation matrix, a position"),
         (lambda: PoseFunction(lambda t: np.eye(4)).target(1.0), "three arrays; at 1 s"),
-        (lambda: NumericalDifference(0), "positive integer"),
+        (lambda: NumericalDifference(0), "steps must be a whole number of at least 1, got 0"),
         (lambda: NumericalDifference(order=3), "1 or 2"),
         (lambda: FilteredDifference(0.0), "cutoff"),
     ],

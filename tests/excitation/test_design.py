@@ -292,6 +292,7 @@ def test_joints_without_limits_of_position(arm):
         ({"limits": MotionLimits.of(["a"], velocity=1)}, "of 1 joints, but arm has 3"),
         ({"parameters": np.ones(4)}, "parameters must be 39 finite numbers"),
         ({"starts": 0}, "starts must be a whole number of at least 1"),
+        ({"starts": "many"}, "starts must be a whole number of at least 1, got 'many'"),
         ({"seed": -1}, "seed must be"),
         ({"time_limit": 0.0}, "time_limit must be positive"),
         ({"rate": float("nan")}, "rate must be positive"),

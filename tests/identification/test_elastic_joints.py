@@ -1,6 +1,7 @@
 """Elastic joints from logs with both encoders: robot.toml to tables, and what is refused."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from steelyard.estimators.joint_stiffness import JointStiffness
 from steelyard.identification import SecondEncoders, compare_estimates, predict_deflections, validate_estimate
 from steelyard.identification.elastic_model import elastic_model
 from steelyard.identification.transmission_torques import Transmissions
+from steelyard.report.comparison_page import comparison_html
 
 STIFFNESS, INERTIA, WEIGHT, ROTOR, VISCOUS = 700.0, 0.6, 5.0, 0.3, 0.8
 ROBOT = """\
@@ -374,6 +376,8 @@ def test_compliances_are_compared_beside_base_parameters(tmp_path):
     np.testing.assert_allclose(one.half_width, 2.0423 * np.sqrt(2.0) * 1e-5, rtol=1e-4)
     assert "The compliance of elbow differs" in far.sentences[1]
     assert "stiffnesses of 1000 and 909.1" in far.sentences[1]
+    (drawn,) = re.findall(r'<table id="elastic-differences".*?</table>', comparison_html(far), re.DOTALL)
+    assert re.search(r"compliance of elbow, rad/\(N·m\).*0\.001.*0\.0011.*yes", drawn, re.DOTALL)
 
 
 def test_a_robot_file_without_the_section_is_told_what_to_add(robot):

@@ -178,6 +178,7 @@ def test_settings_are_checked(table, message):
         ({"start": np.nan}, "start must be finite"),
         ({"start_velocity": [1.0, 2.0]}, "start_velocity must be a number, or one for each of 1 joints"),
         ({"velocity_threshold": -1.0}, "velocity_threshold must be at least 0"),
+        ({"seed": -1}, "seed must be a whole number of at least 0, got -1"),
         ({"times": [0.0, 0.02, 0.01]}, "at least two finite, increasing numbers"),
     ],
 )

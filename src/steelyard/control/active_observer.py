@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
-from steelyard.files.arguments import positive
+from steelyard.files.arguments import positive, read_whole
 
 __all__ = ["ActiveObserver"]
 
@@ -80,9 +80,7 @@ class ActiveObserver:
                 f"An active observer needs matrices of shapes (n, n), (n,) and (n,), got {F.shape}, {G.shape} and "
                 f"{H.shape}."
             )
-        if isinstance(order, bool) or not isinstance(order, int) or order < 1:
-            raise InputError(f"order must be a positive integer, got {order!r}.")
-        self.order = order
+        self.order = order = read_whole(order, "order", 1)
         self.size = n
         size = n + order
         self._control = np.concatenate((G, np.zeros(order)))

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
-from steelyard.files.arguments import positive
+from steelyard.files.arguments import positive, read_whole
 from steelyard.simulation import Measurement
 
 __all__ = ["FilteredDifference", "MeasuredVelocity", "NumericalDifference", "VelocityEstimator"]
@@ -55,8 +55,7 @@ class NumericalDifference:
     """
 
     def __init__(self, steps: int = 1, order: int = 1) -> None:
-        if isinstance(steps, bool) or not isinstance(steps, int) or steps < 1:
-            raise InputError(f"steps must be a positive integer, got {steps!r}.")
+        steps = read_whole(steps, "steps", 1)
         if order not in (1, 2):
             raise InputError(f"order of a numerical difference must be 1 or 2, got {order!r}.")
         self._steps, self._order = steps, order

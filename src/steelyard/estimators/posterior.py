@@ -15,7 +15,7 @@ from steelyard.feasibility.barrier import Barrier, minimise
 from steelyard.feasibility.bounds.quantities import Combination, Quantity, quantities
 from steelyard.feasibility.feasible_set import FeasibleSet
 from steelyard.feasibility.growth import growing_links
-from steelyard.files import read_number, suggestion
+from steelyard.files import read_number, read_whole, suggestion
 from steelyard.regression import Estimate, Information, ParameterCovariance, column_lengths
 from steelyard.regression.factor import solve
 from steelyard.regression.parameter_covariance import NORMAL
@@ -274,8 +274,8 @@ def posterior(
     >>> bool(all(feasible_set.contains(sample) for sample in found.samples))
     True
     """
-    for name, value, least in (("chains", chains, 2), ("steps", steps, 20), ("kept", kept, 10)):
-        read_number(value, name, f"a whole number of at least {least}", least=least)
+    for name, value, least in (("chains", chains, 2), ("steps", steps, 20), ("kept", kept, 10), ("seed", seed, 0)):
+        read_whole(value, name, least)
     read_number(prior_weight, "prior_weight", "a positive number such as 10.0", above=0)
     if info.filtered_torque:
         raise InputError(

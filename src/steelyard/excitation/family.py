@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
+from steelyard.files import read_whole
 
 from .fourier import FourierTrajectory, RestToRestTrajectory
 from .spline import QuinticTrajectory, SplineTrajectory, hermite, splines
@@ -286,8 +287,8 @@ def make_family(
     if not (np.isfinite(period) and period > 0.0):
         raise InputError(f"period must be positive, in s, got {period!r}.")
     for what, number, least in (("harmonics", harmonics, 1), ("points", points, 3), ("periods", periods, 1)):
-        if number is not None and (int(number) != number or number < least):
-            raise InputError(f"{what} must be a whole number of at least {least}, got {number!r}.")
+        if number is not None:
+            read_whole(number, what, least)
     if ramp_time is not None and not (np.isfinite(ramp_time) and ramp_time >= 0.0):
         raise InputError(f"ramp_time must be a time in s, 0 for none, got {ramp_time!r}.")
     if name == "fourier":

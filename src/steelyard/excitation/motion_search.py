@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError, SolverError
-from steelyard.files import tell
+from steelyard.files import read_whole, tell
 
 from .design_problem import COARSE, FINE, DesignProblem, Iterate, minimise
 from .limit_margins import Margin, Verifier, keeps_all
@@ -66,8 +66,8 @@ class SearchOptions:
     def __post_init__(self) -> None:
         for name, least in (("starts", 1), ("workers", 1), ("seed", 0)):
             number = getattr(self, name)
-            if number is not None and (isinstance(number, bool) or int(number) != number or number < least):
-                raise InputError(f"{name} must be a whole number of at least {least}, got {number!r}.")
+            if number is not None:
+                read_whole(number, name, least)
         if self.time_limit is not None and not (np.isfinite(self.time_limit) and self.time_limit > 0.0):
             raise InputError(f"time_limit must be positive, got {self.time_limit!r}.")
 

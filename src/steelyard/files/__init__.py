@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from .arguments import is_number as is_number
     from .arguments import is_real as is_real
     from .arguments import read_number as read_number
+    from .arguments import read_whole as read_whole
     from .arguments import suggestion as suggestion
     from .reading import LARGEST_JSON as LARGEST_JSON
     from .reading import LARGEST_TEXT as LARGEST_TEXT

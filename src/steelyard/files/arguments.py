@@ -23,6 +23,7 @@ __all__ = [
     "per_joint",
     "positive",
     "read_number",
+    "read_whole",
     "suggestion",
 ]
 
@@ -89,6 +90,37 @@ def read_number(
     if not (fits and within):
         raise InputError(f"{what} must be {expected}, got {shown(value)}.")
     return number + 0.0
+
+
+def read_whole(value: object, what: str, least: int = 0) -> int:
+    """Return a whole number, of Python or NumPy, also one that is written as 3.0.
+
+    Parameters
+    ----------
+    value : object
+        What was given.
+    what : str
+        What it is; begins the message.
+    least : int
+        The smallest number that is allowed.
+
+    Raises
+    ------
+    InputError
+        If it is not a whole number, or a smaller one.
+
+    Examples
+    --------
+    >>> read_whole(3.0, "starts", 1)
+    3
+    >>> read_whole(-1, "seed")
+    Traceback (most recent call last):
+        ...
+    steelyard.errors.InputError: seed must be a whole number of at least 0, got -1.
+    """
+    if not (is_number(value) and float(value).is_integer() and value >= least):
+        raise InputError(f"{what} must be a whole number of at least {least}, got {shown(value)}.")
+    return int(value)
 
 
 def closest(name: object, known: Iterable[str]) -> str | None:

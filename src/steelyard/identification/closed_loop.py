@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.dynamics import Model
 from steelyard.errors import InputError, SolverError
-from steelyard.files.arguments import per_joint, positive
+from steelyard.files.arguments import per_joint, positive, read_whole
 from steelyard.recording import Recording, Samples
 from steelyard.simulation import Controller, Measurement, SimulationResult, Status, simulate
 
@@ -93,7 +93,7 @@ class ClosedLoop:
         method: str = "automatic",
     ) -> None:
         self.position_noise = per_joint(position_noise, model.dof, "position_noise", finite=True)
-        self.seed = seed
+        self.seed = read_whole(seed, "seed")
         self.model, self.controller, self.method, self.sign_width = model, controller, method, sign_width
         self.process = process
         self.times = np.asarray(times, dtype=np.float64)

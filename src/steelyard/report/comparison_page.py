@@ -69,6 +69,7 @@ def comparison_html(comparison: Comparison) -> str:
         ("robot", "The robots", _robots(comparison)),
         ("links", "Links and joints", _links(comparison)),
         ("base", "What the data says", _base_parameters(comparison)),
+        ("elastic", "Elastic joints", _compliances(comparison)),
         ("prediction", "What they predict", _prediction(comparison)),
         ("remarks", "Remarks", bullets(comparison.remarks)),
         ("sources", "Provenance", _sources(comparison)),
@@ -223,12 +224,35 @@ def _is_number(value: object) -> bool:
 
 
 def _base_parameters(comparison: Comparison) -> Markup:
+    left = len(comparison.differences) - MOST_ROWS
+    text = (
+        "Base parameters are what the data tells; those of plain least squares are compared, which no prior draws. "
+        "± is the 95 % interval of the difference; the grey band is that interval, the dot the difference."
+        + (f" {left} more differ less." if left > 0 else "")
+    )
+    caption = "Base parameters, those that differ most first"
+    drawn = _differences(comparison, comparison.differences[:MOST_ROWS], "Base parameter", caption, "base-differences")
+    return Markup(f"<p>{text}</p>{drawn}")
+
+
+def _compliances(comparison: Comparison) -> Markup:
+    if not comparison.elastic_differences:
+        return Markup("")
+    text = "Compliances, the inverses of stiffnesses, are compared: it is their errors that are normal."
+    caption = "Compliances of elastic joints"
+    drawn = _differences(comparison, comparison.elastic_differences, "Number", caption, "elastic-differences")
+    return Markup(f"<p>{text}</p>{drawn}")
+
+
+def _differences(
+    comparison: Comparison, shown: Sequence[ParameterDifference], what: str, caption: str, identifier: str
+) -> Markup:
+    """A table of numbers that are compared, each with its interval and a bar."""
     several = len(comparison.names) > 2
     short = dict(zip(comparison.names, labels(len(comparison.names)), strict=True))
-    shown = comparison.differences[:MOST_ROWS]
     rows = [
         (
-            one.name,
+            f"{one.name}, {one.unit}" if one.unit else one.name,
             *((short[one.second],) if several else ()),
             f"{one.first_value:.4g}",
             f"{one.second_value:.4g}",
@@ -239,17 +263,9 @@ def _base_parameters(comparison: Comparison) -> Markup:
         for one in shown
     ]
     values = ("Other", "A", "Value") if several else ("A", "B")
-    heads = ("Base parameter", *values, "±", Markup('<span class="hidden">Drawn</span>'), "Differs")
+    heads = (what, *values, "±", Markup('<span class="hidden">Drawn</span>'), "Differs")
     texts = (*((1,) if several else ()), len(heads) - 2, len(heads) - 1)
-    left = len(comparison.differences) - len(shown)
-    text = (
-        "Base parameters are what the data tells; those of plain least squares are compared, which no prior draws. "
-        "± is the 95 % interval of the difference; the grey band is that interval, the dot the difference."
-        + (f" {left} more differ less." if left else "")
-    )
-    caption = "Base parameters, those that differ most first"
-    drawn = table(caption, heads, rows, identifier="base-differences", texts=texts)
-    return Markup(f"<p>{text}</p>{drawn}")
+    return table(caption, heads, rows, identifier=identifier, texts=texts)
 
 
 def _difference_bar(one: ParameterDifference) -> Markup:

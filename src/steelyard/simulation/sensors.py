@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
-from steelyard.files.arguments import per_joint, positive
+from steelyard.files.arguments import per_joint, positive, read_whole
 
 from .controller import Measurement
 
@@ -75,6 +75,8 @@ class Sensors:
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, (int, float)) or not 0.0 <= value < math.inf:
                 raise InputError(f"{name} of Sensors must be at least 0 s, got {value!r}.")
+        if self.seed is not None:
+            read_whole(self.seed, "seed of Sensors")
         for name in ("velocity_cutoff", "rate"):
             if getattr(self, name) is not None:
                 positive(getattr(self, name), f"{name} of Sensors", "Hz")

@@ -13,7 +13,7 @@ from steelyard.dynamics import Model
 from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
 from steelyard.files import tell
-from steelyard.files.arguments import positive
+from steelyard.files.arguments import positive, read_whole
 
 from .actuators import Actuators
 from .compiled import motion_functions
@@ -136,8 +136,7 @@ def simulate(
     """
     positive(relative_tolerance, "relative_tolerance", "1")
     positive(absolute_tolerance, "absolute_tolerance", "rad")
-    if isinstance(seed, bool) or not isinstance(seed, (int, np.integer)) or seed < 0:
-        raise InputError(f"seed must be a whole number of at least 0, got {seed!r}.")
+    read_whole(seed, "seed")
     request = Request(
         model.without_channels,
         parameters,

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from steelyard.errors import InputError
-from steelyard.files import is_real
+from steelyard.files import is_real, read_whole
 from steelyard.lmi import AffineBlock
 from steelyard.robot.inertia import transformation
 from steelyard.robot.placement import axis_frame
@@ -80,8 +80,7 @@ class SymmetricLink:
         if self.order is not None:
             if self.axis is None:
                 raise InputError(f"{where} has an order without an axis; give an axis, or leave the order out.")
-            if isinstance(self.order, bool) or not isinstance(self.order, int) or self.order < 2:
-                raise InputError(f"order of {where} must be a whole number of at least 2, got {self.order!r}.")
+            read_whole(self.order, f"order of {where}", 2)
 
     def __repr__(self) -> str:
         text = f"SymmetricLink({self.link!r}"
