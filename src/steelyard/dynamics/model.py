@@ -6,12 +6,12 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from steelyard import codegen, dynamics  # what generates code is loaded when code is generated
+from steelyard import dynamics
 from steelyard.display import html_table
 from steelyard.errors import InputError
 from steelyard.graph import Function, Kernel
@@ -27,6 +27,9 @@ from .functions import DEFAULT_FUNCTIONS, BaseColumns, Evaluator, ModelFunctions
 from .layout import ParameterLayout
 from .terms import check_term, is_known_term, term_from_dict
 from .threads import one_thread
+
+if TYPE_CHECKING:
+    from steelyard import codegen
 
 __all__ = ["Model"]
 
@@ -654,6 +657,8 @@ class Model:
         project = dynamics.model_project(
             self._functions, functions, base=base, gravity=gravity, sign=sign, parameters=parameters
         )
+        from steelyard import codegen
+
         return codegen.generate(project, language, Path(directory))
 
     def symbolic(
@@ -689,16 +694,22 @@ class Model:
         MissingExtraError
             If SymPy is not installed.
         """
+        from steelyard import codegen
+
         return codegen.sympy_function(
             self.function(name, base=base, gravity=gravity), closed=closed, substitute=substitute or {}
         )
 
     def casadi(self, name: str, *, base: bool = False, gravity: str = "fixed", sign: str = "exact") -> Any:
         """Return a function of the model as a ``casadi.Function``, which CasADi differentiates; see `function`."""
+        from steelyard import codegen
+
         return codegen.casadi_function(self.function(name, base=base, gravity=gravity, sign=sign))
 
     def jax(self, name: str, *, base: bool = False, gravity: str = "fixed", sign: str = "exact") -> Any:
         """Return a function of the model for JAX, to compile, map and differentiate; see `function`."""
+        from steelyard import codegen
+
         return codegen.jax_function(self.function(name, base=base, gravity=gravity, sign=sign))
 
     @property

@@ -547,7 +547,7 @@ def _digest(*texts: str) -> str:
 # Where the arrays that a compiled function reads and writes stand in memory.
 
 
-def address_of(array: Array) -> int:
+def address_of(array: NDArray[Any]) -> int:
     """Return the address in memory of the first number of a contiguous array."""
     try:
         return ctypes.addressof(ctypes.c_char.from_buffer(array))  # type: ignore[arg-type]

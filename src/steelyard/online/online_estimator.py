@@ -26,7 +26,7 @@ from steelyard.identification.physical_prior import PhysicalPrior, physical_prio
 from steelyard.identification.plausible_fit import set_with_habits, untested_weight
 from steelyard.regression import Estimate, Factor, Information, ParameterCovariance
 from steelyard.regression.factor import Reduced, column_lengths, is_well_conditioned, solve
-from steelyard.regression.joint_weights import inverse_deviations
+from steelyard.regression.information import inverse_deviations
 from steelyard.regression.parameter_covariance import NORMAL
 from steelyard.regression.reduction import residuals_of_rows, rows_of_entries
 

@@ -21,14 +21,13 @@ from steelyard.recording.samples import regrouped
 
 from .batch_means import BATCH_LENGTHS, BatchMeans, BatchSums, added
 from .factor import LARGEST, Factor, Reduced, combined, solve, triangular, unidentifiable_columns
-from .joint_weights import given_weights, inverse_deviations
 from .reduction import CHUNK, JointReduction, WhitenedReduction, as_covariance, empty_factors, narrowing, require_joints
 from .time_blocks import TimeBlocks
 
 if TYPE_CHECKING:
     from steelyard.dynamics import Model
 
-__all__ = ["Information"]
+__all__ = ["Information", "inverse_deviations"]
 
 Array = NDArray[np.float64]
 FORMAT = "steelyard-information-2"
@@ -443,7 +442,7 @@ class Information:
         return weights is not None and not (isinstance(weights, str) and weights == "joint" and not self.by_joint)
 
     def joint_weights(self, weights: str | ArrayLike | None = "joint") -> Array:
-        """Return one weight for each factor, (N,); what ``"joint"`` is stands in `joint_weights.py`.
+        """Return one weight for each factor, (N,); what ``"joint"`` is stands at `inverse_deviations`.
 
         Parameters
         ----------
@@ -465,7 +464,7 @@ class Information:
         if isinstance(weights, str) and weights == "joint":
             return inverse_deviations(self.factors, solve(self.reduced(None)))
         assert weights is not None
-        return given_weights(weights, n)
+        return _given_weights(weights, n)
 
     @cached_property
     def condition_number(self) -> float:
@@ -633,3 +632,51 @@ def _finite(rows: Any) -> NDArray[np.float64]:
     if np.max(np.abs(matrix), initial=0.0) > LARGEST:
         raise ValueError(f"a matrix holds numbers beyond {LARGEST:g}")
     return matrix
+
+
+def inverse_deviations(factors: Sequence[Factor], base: Array) -> Array:
+    """Return the inverse standard deviations of the residuals of each joint (thesis eq. 4.32, 4.33).
+
+    Parameters
+    ----------
+    factors : sequence of Factor
+        The rows of each of N joints, unweighted.
+    base : (n_b,)
+        Base parameters of ordinary least squares, whose residuals they are.
+
+    Returns
+    -------
+    (N,)
+        In 1/(N·m) or 1/N; 1 for a joint without rows.
+
+    Examples
+    --------
+    >>> rows = np.array([[1.0, 1.0], [1.0, 3.0]])  # the regressor's only column, and the torque: residuals of ±1
+    >>> joints = [Factor(j, np.array([0]), scale * rows, 2) for j, scale in enumerate((1.0, 2.0))]
+    >>> inverse_deviations(joints, np.array([2.0])).round(4).tolist()
+    [0.7071, 0.3536]
+    """
+    freedom = [max(f.count - len(base), 1) for f in factors]
+    values = np.sqrt([f.residual2(base) / n for f, n in zip(factors, freedom, strict=True)])
+    # A joint without noise or without rows would get an infinite weight: bound it by the others.
+    largest = float(values.max(initial=0.0))
+    if largest == 0.0:
+        return np.ones(len(values))
+    floor = 1e-9 * largest
+    return np.where([f.count > 0 for f in factors], 1.0 / np.maximum(values, floor), 1.0)
+
+
+def _given_weights(weights: str | ArrayLike, joints: int) -> Array:
+    """Return the weights that a user gave, (joints,).
+
+    Raises
+    ------
+    InputError
+        If they are not one positive number for each joint.
+    """
+    if isinstance(weights, str):
+        raise InputError(f"weights must be None, 'joint' or one number for each joint, got {weights!r}.")
+    values = np.asarray(weights, dtype=np.float64)
+    if values.shape != (joints,) or not np.all(np.isfinite(values)) or np.any(values <= 0.0):
+        raise InputError(f"weights must be {joints} positive numbers, one for each joint, got {weights!r}.")
+    return values

@@ -5,7 +5,7 @@ import pytest
 
 from steelyard.feasibility.bounds.furthest import Region, furthest
 
-SHAPES = [(2, 3), (3, 6)]
+SHAPES = [(2, 3), (3, 6), (4, 10), (7, 28)]
 
 
 def corner(size: int) -> np.ndarray:

@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from steelyard.dynamics.threads import in_threads
+from steelyard.graph.kernel import address_of
+from steelyard.graph.machine import batch_lanes
+
+from .furthest_code import CONE, SINGLE, UNKNOWN, Word, compiled
 
 __all__ = ["Region", "furthest"]
 
@@ -17,18 +22,12 @@ Matrix = npt.NDArray[np.float64]
 Tensor = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.intp]
 
-SIDE_BY_SIDE = 64
-"""Problems that are solved together by one thread."""
-
-CACHED = 16
-"""Hessians that are made together: those of a robot with seven joints stay in the cache."""
+AT_ONCE = 4
+"""Groups of problems side by side that a thread solves before it takes others."""
 
 FIRST = 0.6
 """Part of the way to the end of the ellipsoid around the center with which the search begins; the ball counts as one
 condition there, so that from 0.7 on it may be left."""
-
-TO_BOUNDARY = 0.95
-"""Part of the way to the boundary that a step goes at most."""
 
 ENOUGH = 0.4
 """Gap of duality, relative to the way from the center, at which a search ends. The end of the tangent is then within
@@ -38,19 +37,8 @@ AHEAD = 0.05
 """Part of the way that is left to the tangent, at most. Where few conditions hold the region, the gap alone would leave
 half of the way to it; robots have so many that this decides nothing."""
 
-STEPS = 60
-"""At most; four to nine are usual."""
-
 SMALLEST = 1e-12
 """Width relative to the widest, below which a direction is one in which the region has no extent."""
-
-LIGHTEST = 1e-7
-"""Least part of the denominator at the center by which the accuracy of a ratio is judged; below it, the end of the
-tangent tells none."""
-
-RIDGE = 1e-13
-"""Relative to the diagonal of a Hessian, and added to it, so that directions in which nothing bounds the region leave a
-matrix that has a factor."""
 
 
 class Region:
@@ -86,171 +74,120 @@ class Region:
         self.rows, self.constants, self.groups = rows, constants, groups
         self.ball, self.middle, self.radius = ball, middle, radius
         self.size = ball.shape[1]
-        self.curvature = ball.T @ ball
-        # Where lines and matrices add to a Hessian of so many unknowns, and what each line adds there.
-        used = [np.flatnonzero(row) for row in rows]
-        places = [(own[:, None] * self.size + own).ravel() for own in used]
-        blocks = [(own[:, :, None] * self.size + own[:, None]).ravel() for own, _, _ in groups]
-        self.places = np.unique(np.concatenate([np.zeros(0, dtype=np.intp), *places, *blocks]))
-        self.products = np.zeros((len(rows), len(self.places)))
-        for product, row, own, place in zip(self.products, rows, used, places, strict=True):
-            product[np.searchsorted(self.places, place)] = np.outer(row[own], row[own]).ravel()
-        self.of_blocks = [np.searchsorted(self.places, own) for own in blocks]
-        self.flat = [coefficients.reshape(*coefficients.shape[:2], -1) for _, coefficients, _ in groups]
 
     @property
     def degree(self) -> int:
         """Conditions of all lines and matrices, and of the ball."""
         return int(1 + len(self.rows) + sum(len(i) * c.shape[-1] for i, _, c in self.groups))
 
-    def change(self, steps: Matrix) -> Slacks:
-        """By how much steps (p, n) change the slacks."""
-        matrices = [
-            np.einsum("pbi,biac->pbac", steps[:, indices], coefficients) for indices, coefficients, _ in self.groups
-        ]
-        ball = np.zeros((len(steps), len(self.ball) + 1))
-        np.matmul(steps, self.ball.T, out=ball[:, 1:])
-        return Slacks(steps @ self.rows.T, matrices, ball)
+    @cached_property
+    def table(self) -> tuple[Indices, dict[Word, npt.NDArray[Any]]]:
+        """What the method reads of the region: sizes and addresses, and the arrays that are there."""
+        # Unknowns and rows that are filled up have a unit of curvature and nothing else.
+        size, ball = (-(-length // 4) * 4 for length in (self.size, len(self.ball)))
+        rows = np.zeros((ball, size))
+        rows[: len(self.ball), : self.size] = self.ball
+        curvature = rows.T @ rows
+        further = np.arange(self.size, size)
+        curvature[further, further] = 1.0
+        matrices = _Matrices(self)
+        conic, missing = len(self.rows) + matrices.elements, ball - len(self.ball)
+        fixed = [self.constants, *(constants.ravel() for _, _, constants in self.groups), np.array([self.radius])]
+        arrays: dict[Word, npt.NDArray[Any]] = {
+            Word.CONSTANTS: np.concatenate([*fixed, self.middle, np.zeros(missing)]),
+            Word.ROWS: rows,
+            Word.ROWS_T: np.ascontiguousarray(rows.T),
+            Word.CURVATURE: curvature,
+            **self._linear(matrices, conic, size),
+            **self._products_of_lines(size),
+            **matrices.arrays,
+        }
+        words = np.zeros(Word.GROUPS + len(matrices.starts), dtype=np.int64)
+        words[[Word.SIZE, Word.LINES, Word.CONIC, Word.BALL]] = size, len(self.rows), conic, ball
+        words[Word.GROUPS :] = matrices.starts
+        for word, array in arrays.items():
+            words[word] = address_of(array)
+        return words, arrays
 
-    def slacks(self, points: Matrix) -> Slacks:
-        """What lines, matrices and ball are at points (p, n)."""
-        found = self.change(points)
-        found.lines += self.constants
-        for matrices, (_, _, constants) in zip(found.matrices, self.groups, strict=True):
-            matrices += constants
-        found.ball[:, 0] = self.radius
-        found.ball[:, 1:] += self.middle
-        return found
+    def _linear(self, matrices: _Matrices, conic: int, size: int) -> dict[Word, npt.NDArray[Any]]:
+        """How lines and matrices depend on the unknowns, by rows and by columns."""
+        rows, columns = np.nonzero(self.rows)
+        parts = [(rows, columns, self.rows[rows, columns]), *matrices.linear]
+        rows, columns, values = (np.concatenate(one) for one in zip(*parts, strict=True))
+        by_rows = Word.STARTS, Word.COLUMNS, Word.VALUES
+        by_columns = Word.STARTS_T, Word.COLUMNS_T, Word.VALUES_T
+        return {
+            **dict(zip(by_rows, _by_rows(rows, columns, values, conic), strict=True)),
+            **dict(zip(by_columns, _by_rows(columns, rows, values, size), strict=True)),
+        }
 
-    def adjoint(self, duals: Slacks) -> Matrix:
-        """The transpose of `change`, (p, n)."""
-        found = duals.lines @ self.rows
-        found += duals.ball[:, 1:] @ self.ball
-        for (indices, _, _), flat, matrices in zip(self.groups, self.flat, duals.matrices, strict=True):
-            parts = (flat @ matrices.reshape(*matrices.shape[:2], -1, 1))[..., 0]
-            for block, own in enumerate(indices):
-                found[:, own] += parts[:, block]
-        return found
-
-
-@dataclass
-class Slacks:
-    """A value in the cone of each problem: lines (p, m), matrices (p, b, d, d), and radius and ball, (p, 1 + k)."""
-
-    lines: Matrix
-    matrices: list[Tensor]
-    ball: Matrix
-
-    def at(self, which: Indices) -> Slacks:
-        """Those of some of the problems."""
-        return Slacks(self.lines[which], [m[which] for m in self.matrices], self.ball[which])
-
-    def put(self, which: Indices, other: Slacks) -> None:
-        """Replace those of some of the problems."""
-        self.lines[which], self.ball[which] = other.lines, other.ball
-        for mine, given in zip(self.matrices, other.matrices, strict=True):
-            mine[which] = given
-
-    def combined(self, own: Vector | float, other: Slacks, factor: Vector | float) -> Slacks:
-        """own · self + factor · other, each factor a number or one for each problem."""
-        a, b = (np.asarray(f, dtype=float)[..., None] for f in (own, factor))
-        c, d = a[..., None, None], b[..., None, None]
-        return Slacks(
-            a * self.lines + b * other.lines,
-            [c * m + d * o for m, o in zip(self.matrices, other.matrices, strict=True)],
-            a * self.ball + b * other.ball,
-        )
-
-    def tangent(self, slacks: Slacks, change: Slacks, factors: Vector) -> Slacks:
-        """What this, the inverse of slacks, becomes by a change of these, to first order, times factors."""
-        flipped = change.ball / _hyperbolic(slacks.ball, slacks.ball)[:, None]
-        flipped[:, 1:] *= -1.0
-        along = np.einsum("pi,pi->p", np.broadcast_to(self.ball, change.ball.shape), change.ball)
-        f = factors[:, None, None, None]
-        return Slacks(
-            factors[:, None] * (self.lines - self.lines**2 * change.lines),
-            [f * (i - i @ c @ i) for i, c in zip(self.matrices, change.matrices, strict=True)],
-            factors[:, None] * (self.ball - 2.0 * along[:, None] * self.ball + flipped),
-        )
-
-    def times(self, other: Slacks) -> Vector:
-        """The inner product of each problem, (p,)."""
-        found = np.einsum("pi,pi->p", self.lines, other.lines) + np.einsum("pi,pi->p", self.ball, other.ball)
-        for mine, given in zip(self.matrices, other.matrices, strict=True):
-            found += np.einsum("pbac,pbac->p", mine, given)
-        return np.asarray(found)
-
-    def inverse(self) -> Slacks:
-        """The gradient of the barrier -Σ log - log det - ½ log (radius² - ‖ball‖²), but for its sign."""
-        ball = self.ball / _hyperbolic(self.ball, self.ball)[:, None]
-        ball[:, 1:] *= -1.0
-        return Slacks(1.0 / self.lines, [_inverses(m) for m in self.matrices], ball)
+    def _products_of_lines(self, size: int) -> dict[Word, npt.NDArray[Any]]:
+        """What each line adds to the lower triangle of a Hessian."""
+        used = [np.flatnonzero(row) for row in self.rows]
+        lower = [np.tri(len(own), dtype=bool) for own in used]
+        products = [np.outer(row[own], row[own])[low] for row, own, low in zip(self.rows, used, lower, strict=True)]
+        places = [(own[:, None] * size + own)[low] for own, low in zip(used, lower, strict=True)]
+        return {
+            Word.PRODUCT_STARTS: _starts(products),
+            Word.PRODUCT_PLACES: _joined(places, np.int64),
+            Word.PRODUCTS: _joined(products, np.float64),
+        }
 
 
-def _hyperbolic(a: Matrix, b: Matrix) -> Vector:
-    """The product in which the first element counts positive, and all others negative."""
-    return np.asarray(2.0 * a[:, 0] * b[:, 0] - np.einsum("pi,pi->p", a, b))
+class _Matrices:
+    """The unknowns of the matrices of a region, and the elements that depend on each of them."""
+
+    def __init__(self, region: Region) -> None:
+        self.elements = 0
+        self.linear: list[tuple[Indices, Indices, Vector]] = []
+        self.starts: list[int] = []
+        self._owners: list[int] = [0]
+        self._unknowns: list[int] = []
+        self._elements: list[tuple[Indices, Indices, Indices, Vector]] = []
+        for indices, coefficients, _ in region.groups:
+            self.starts += [len(indices), len(region.rows) + self.elements, len(self._owners) - 1]
+            for own, matrices in zip(indices, coefficients, strict=True):
+                self._add(len(region.rows) + self.elements, own, matrices)
+
+    def _add(self, first: int, own: Indices, coefficients: Tensor) -> None:
+        width = coefficients.shape[-1]
+        for k in np.argsort(own):  # so that those before one are in the lower triangle
+            left, right = np.nonzero(coefficients[k])
+            values = coefficients[k, left, right]
+            self._unknowns.append(int(own[k]))
+            self._elements.append((left * width + right, left * width, right * width, values))
+            self.linear.append((first + left * width + right, np.full(len(left), own[k]), values))
+        self._owners.append(len(self._unknowns))
+        self.elements += width * width
+
+    @property
+    def arrays(self) -> dict[Word, npt.NDArray[Any]]:
+        """What the method reads of them."""
+        kinds = (np.int64, np.int64, np.int64, np.float64)
+        parts = (_joined([one[k] for one in self._elements], kind) for k, kind in enumerate(kinds))
+        words = Word.ELEMENTS, Word.LEFTS, Word.RIGHTS, Word.COEFFICIENTS
+        return {
+            Word.UNKNOWN_STARTS: np.array(self._owners, dtype=np.int64),
+            Word.UNKNOWNS: np.array(self._unknowns, dtype=np.int64),
+            Word.ELEMENT_STARTS: _starts([one[0] for one in self._elements]),
+            **dict(zip(words, parts, strict=True)),
+        }
 
 
-def _inverses(matrices: Tensor) -> Tensor:
-    """Of positive definite matrices (..., d, d), by one elimination for all: half of the time of as many calls."""
-    rest = np.ascontiguousarray(np.moveaxis(matrices, (-2, -1), (0, 1)))
-    for k in range(len(rest)):
-        pivot = 1.0 / rest[k, k]
-        row, column = rest[k] * pivot, rest[:, k].copy()
-        rest[k], column[k] = 0.0, -1.0
-        rest[:, k] = 0.0
-        row[k] = pivot
-        rest -= column[:, None] * row[None]
-    return np.ascontiguousarray(np.moveaxis(rest, (0, 1), (-2, -1)))
+def _by_rows(rows: Indices, columns: Indices, values: Vector, count: int) -> tuple[Indices, Indices, Vector]:
+    """A sparse matrix of so many rows: where each begins, columns and values."""
+    order = np.argsort(rows, kind="stable")
+    starts = np.searchsorted(rows[order], np.arange(count + 1))
+    return starts.astype(np.int64), columns[order].astype(np.int64), values[order]
 
 
-def _least_eigenvalues(products: Tensor) -> Matrix:
-    """Bounds from below, close ones, of the eigenvalues of matrices (..., d, d) whose eigenvalues are all real.
-
-    Laguerre's method on their characteristic polynomial, whose coefficients are those of traces of powers (Newton's
-    identities), begun below all of them, approaches the least one without passing it.
-    """
-    size = products.shape[-1]
-    power, sums = products, [np.einsum("...ii->...", products)]
-    for _ in range(size - 1):
-        if len(sums) < size - 1:
-            power = power @ products
-            sums.append(np.einsum("...ii->...", power))
-        else:
-            sums.append(np.einsum("...ij,...ji->...", power, products))
-    coefficients = [np.ones_like(sums[0])]
-    for k in range(1, size + 1):
-        coefficients.append(-np.sum([coefficients[k - j] * sums[j - 1] for j in range(1, k + 1)], axis=0) / k)
-    mean = sums[0] / size
-    # No eigenvalue is less (Wolkowicz and Styan, Bounds for eigenvalues using traces, 1980).
-    found = mean - np.sqrt((size - 1.0) * np.maximum(sums[1] / size - mean**2, 0.0))
-    found -= 1e-9 * np.abs(found)
-    for _ in range(2):
-        value, slope, bend = np.ones_like(found), np.zeros_like(found), np.zeros_like(found)
-        for coefficient in coefficients[1:]:
-            bend = bend * found + slope
-            slope = slope * found + value
-            value = value * found + coefficient
-        first = slope / value
-        second = first**2 - 2.0 * bend / value
-        root = np.sqrt(np.maximum((size - 1.0) * (size * second - first**2), 0.0))
-        step = size / (first - root)
-        found -= np.where((value > 0.0) & (slope < 0.0) & np.isfinite(step), step, 0.0)
-    return np.asarray(found)
+def _starts(parts: Sequence[Vector | Indices]) -> Indices:
+    """Where each part begins in all of them joined, and where the last one ends."""
+    return np.cumsum([0, *map(len, parts)], dtype=np.int64)
 
 
-def _longest(inverse: Slacks, value: Slacks, change: Slacks) -> Vector:
-    """How many times a change can be added to a value inside the cone; at most 10."""
-    least = np.min(change.lines * inverse.lines, axis=1, initial=-0.1)
-    for matrices, changes in zip(inverse.matrices, change.matrices, strict=True):
-        least = np.minimum(least, _least_eigenvalues(matrices @ changes).min(axis=1))
-    a, b = _hyperbolic(change.ball, change.ball), _hyperbolic(value.ball, change.ball)
-    c = _hyperbolic(value.ball, value.ball)
-    root = b * b - a * c
-    # The first x with c + 2 b x + a x² = 0, inverted.
-    first = np.where(root > 0.0, (np.sqrt(np.maximum(root, 0.0)) - b) / c, 0.0)
-    return np.asarray(1.0 / np.maximum(-least, first))
+def _joined(parts: Sequence[Vector | Indices], kind: npt.DTypeLike) -> npt.NDArray[Any]:
+    return np.concatenate([np.zeros(0, dtype=kind), *parts]).astype(kind)
 
 
 def furthest(region: Region, rows: Matrix, weights: Matrix | None = None, enough: float = ENOUGH) -> Matrix:
@@ -274,187 +211,89 @@ def furthest(region: Region, rows: Matrix, weights: Matrix | None = None, enough
     (p, n)
         Ends of the path, outside of the region by about the same hundredth.
     """
-    found = np.empty_like(rows)
-    denominators = np.zeros_like(rows) if weights is None else weights
-    chunks = np.array_split(np.arange(len(rows)), max(1, -(-len(rows) // SIDE_BY_SIDE)))
+    if not len(rows):
+        return np.zeros_like(rows)
+    functions = compiled(tuple(constants.shape[-1] for _, _, constants in region.groups))
+    table, _ = region.table
+    table = table.copy()
+    numbers = np.array([1.0 / region.degree, enough, AHEAD * enough / ENOUGH])
+    table[Word.NUMBERS] = address_of(numbers)
+    problems = _Problems(region, rows, weights)
+    center = _Room(region)
+    functions.center(address_of(table), problems.addresses(0), center.address)
+    for group in range(problems.count):
+        functions.direct(address_of(table), problems.addresses(group), center.address)
+    problems.begin()
+    rooms = [center]
 
-    def solve(own: Indices) -> None:
-        with np.errstate(all="ignore"):  # what breaks down stays where it was
-            found[own] = _furthest(region, rows[own], denominators[own], enough)
+    def solve(groups: Sequence[int]) -> None:
+        try:  # threads take rooms of others that have done with them
+            room = rooms.pop()
+        except IndexError:
+            room = _Room(region)
+        for group in groups:
+            functions.furthest(address_of(table), problems.addresses(group), room.address)
+        rooms.append(room)
 
-    in_threads(solve, chunks)
-    return found
-
-
-def _furthest(region: Region, rows: Matrix, weights: Matrix, enough: float) -> Matrix:
-    slacks = region.slacks(np.zeros((1, region.size)))
-    inverse = slacks.inverse()
-    # All share the Hessian of the center.
-    ahead = _Newton(region, slacks, inverse, inverse).solve(rows[None])[0]
-    widths = np.sqrt(np.maximum(np.einsum("pi,pi->p", rows, ahead), 0.0))
-    active = np.flatnonzero(widths > SMALLEST * np.max(widths, initial=0.0))
-    pulls = np.where(widths > 0.0, widths, 1.0) / FIRST
-    points = ahead / pulls[:, None]
-    duals = inverse.tangent(slacks, region.change(points), pulls)
-    found = np.zeros_like(points)
-    for _ in range(STEPS):
-        if not len(active):
-            break
-        point, dual, row = points[active], duals.at(active), rows[active]
-        slacks = region.slacks(point)
-        inverse = slacks.inverse()
-        gap = slacks.times(dual)
-        newton = _Newton(region, slacks, inverse, dual)
-        solved = newton.solve(np.stack([row, region.adjoint(inverse)], axis=1))
-        affine, centering = solved[:, 0], solved[:, 1]
-        end = point + affine
-        sound = np.isfinite(gap) & np.isfinite(end).all(axis=1)
-        found[active[sound]] = end[sound]
-        way = np.maximum(np.einsum("pi,pi->p", row, end), widths[active])
-        way *= np.clip(1.0 + np.einsum("pi,pi->p", weights[active], end), LIGHTEST, 1.0)
-        rest = np.einsum("pi,pi->p", row, affine)
-        going = np.flatnonzero(sound & ((gap > enough * way) | (rest > AHEAD * enough / ENOUGH * way)))
-        if len(going) < len(active):
-            newton.keep(going)
-            active, point, dual, gap = active[going], point[going], newton.dual, gap[going]
-            slacks, inverse, affine, centering = slacks.at(going), newton.inverse, affine[going], centering[going]
-        if not len(active):
-            break
-        change = region.change(affine)
-        answer = dual.combined(-1.0, newton.response(change), -1.0)
-        dual_inverse = dual.inverse()
-        length = np.minimum(_longest(inverse, slacks, change), _longest(dual_inverse, dual, answer))
-        target = (1.0 - np.minimum(length, 1.0)) ** 3 * gap / region.degree
-        second = newton.second(change, answer)
-        step = affine + target[:, None] * centering + newton.solve(region.adjoint(second)[:, None])[:, 0]
-        change = region.change(step)
-        answer = inverse.combined(target, dual, -1.0).combined(1.0, newton.response(change), -1.0)
-        answer = answer.combined(1.0, second, 1.0)
-        points[active] = point + np.minimum(1.0, TO_BOUNDARY * _longest(inverse, slacks, change))[:, None] * step
-        length = np.minimum(1.0, TO_BOUNDARY * _longest(dual_inverse, dual, answer))
-        duals.put(active, dual.combined(1.0, answer, length))
-    return np.asarray(found)
+    starts = range(0, problems.count, AT_ONCE)
+    in_threads(solve, [range(start, min(start + AT_ONCE, problems.count)) for start in starts])
+    return problems.ends()
 
 
-class _Newton:
-    """The Newton systems of many problems: the direction of Nesterov and Todd for lines and the ball, and for matrices
-    that of Helmberg, Rendl, Vanderbei and Wolkowicz, which needs no root of them.
-    """
+class _Problems:
+    """Rows, weights and ends of many problems, those of some side by side."""
 
-    def __init__(self, region: Region, slacks: Slacks, inverse: Slacks, dual: Slacks) -> None:
-        self.region, self.inverse, self.dual = region, inverse, dual
-        self.lines = dual.lines * inverse.lines
-        own, other = _hyperbolic(slacks.ball, slacks.ball), _hyperbolic(dual.ball, dual.ball)
-        a = slacks.ball / np.sqrt(own)[:, None]
-        b = dual.ball / np.sqrt(other)[:, None]
-        flipped = b.copy()
-        flipped[:, 1:] *= -1.0
-        half = np.sqrt(0.5 * (1.0 + np.einsum("pi,pi->p", a, b)))
-        self.root = (a + flipped) / (2.0 * half)[:, None]
-        self.size = np.sqrt(own / other)
-        self.turned = self.root.copy()
-        self.turned[:, 1:] *= -1.0
-        # The ball adds a multiple of its curvature, and what is highest along one direction of each problem.
-        self.along = self.turned[:, 1:] @ region.ball * np.sqrt(2.0 / self.size)[:, None]
-        self.factors = self._factor()
-        self.across: Matrix | None = None  # comes with the first solution: both together take half of the time
+    def __init__(self, region: Region, rows: Matrix, weights: Matrix | None) -> None:
+        self._rows, self._lanes = rows, batch_lanes()
+        self.count = -(-len(rows) // self._lanes)
+        # The last one fills up the last group.
+        self._of = np.minimum(np.arange(self.count * self._lanes), len(rows) - 1)
+        self._size = int(region.table[0][Word.SIZE])
+        self.row, self.weight = self._side_by_side(rows), self._side_by_side(weights)
+        self.ahead, self.end = np.zeros_like(self.row), np.zeros_like(self.row)
+        self.pull, self.width = (np.zeros((self.count, self._lanes)) for _ in range(2))
+        parts = (self.row, self.weight, self.ahead, self.end, self.pull, self.width)
+        self._addresses = np.array([[address_of(part[k]) for part in parts] for k in range(self.count)], dtype=np.int64)
 
-    def keep(self, which: Indices) -> None:
-        """Go on with some of the problems."""
-        self.inverse, self.dual = self.inverse.at(which), self.dual.at(which)
-        self.lines, self.size = self.lines[which], self.size[which]
-        self.root, self.turned = self.root[which], self.turned[which]
-        self.along = self.along[which]
-        self.across = None if self.across is None else self.across[which]
-        self.factors = [self.factors[k] for k in which]
-
-    def response(self, change: Slacks) -> Slacks:
-        """The change of duals that a change of slacks asks for."""
-        matrices = []
-        for inverse, dual, given in zip(self.inverse.matrices, self.dual.matrices, change.matrices, strict=True):
-            product = inverse @ given @ dual
-            matrices.append(0.5 * (product + product.swapaxes(-1, -2)))
-        flipped = change.ball.copy()
-        flipped[:, 1:] *= -1.0
-        along = np.einsum("pi,pi->p", self.turned, change.ball)
-        ball = (2.0 * along[:, None] * self.turned - flipped) / self.size[:, None]
-        return Slacks(self.lines * change.lines, matrices, ball)
-
-    def second(self, change: Slacks, answer: Slacks) -> Slacks:
-        """What the product of both changes adds to the duals (Mehrotra)."""
-        matrices = []
-        for inverse, own, other in zip(self.inverse.matrices, change.matrices, answer.matrices, strict=True):
-            product = inverse @ own @ other
-            matrices.append(-0.5 * (product + product.swapaxes(-1, -2)))
-        scaled, back, middle = self._back(change.ball), self._forth(answer.ball), self._forth(self.dual.ball)
-        product = scaled[:, :1] * back + back[:, :1] * scaled
-        product[:, 0] = np.einsum("pi,pi->p", scaled, back)
-        first = _hyperbolic(middle, product) / _hyperbolic(middle, middle)
-        found = (product - middle * first[:, None]) / middle[:, :1]
-        found[:, 0] = first
-        return Slacks(-change.lines * answer.lines * self.inverse.lines, matrices, -self._back(found))
-
-    def _forth(self, values: Matrix) -> Matrix:
-        return _boosted(self.root, values) * np.sqrt(self.size)[:, None]
-
-    def _back(self, values: Matrix) -> Matrix:
-        return _boosted(self.turned, values) / np.sqrt(self.size)[:, None]
-
-    def _factor(self) -> list[Matrix]:
-        from scipy.linalg.lapack import dpotrf
-
-        region, factors = self.region, []
-        added = self.lines @ region.products
-        for flat, places, inverse, dual in zip(
-            region.flat, region.of_blocks, self.inverse.matrices, self.dual.matrices, strict=True
-        ):
-            size = inverse.shape[-1]
-            both = inverse[..., :, None, :, None] * dual[..., None, :, None, :]
-            both = both.reshape(*both.shape[:2], size * size, size * size)
-            found = flat @ both @ flat.swapaxes(-1, -2)
-            found = 0.5 * (found + found.swapaxes(-1, -2))
-            for block, own in enumerate(np.split(places, len(flat))):
-                added[:, own] += found[:, block].reshape(len(added), -1)
-        for start in range(0, len(added), CACHED):
-            part = slice(start, start + CACHED)
-            hessians = region.curvature / self.size[part, None, None]
-            hessians.reshape(len(hessians), -1)[:, region.places] += added[part]
-            diagonals = hessians.reshape(len(hessians), -1)[:, :: region.size + 1]
-            diagonals *= 1.0 + RIDGE
-            for hessian, diagonal in zip(hessians, diagonals, strict=True):
-                # Symmetric, so that its transpose, which LAPACK takes without a copy, is the same.
-                factor, fails = dpotrf(hessian.T, lower=1, clean=0)
-                ridge = RIDGE
-                while fails and ridge < 1.0:
-                    ridge *= 100.0
-                    diagonal *= 1.0 + ridge
-                    factor, fails = dpotrf(hessian.T, lower=1, clean=0)
-                factors.append(factor)
-        return factors
-
-    def solve(self, rows: Tensor) -> Tensor:
-        """H⁻¹ times the vectors (p, k, n) of each problem."""
-        if self.across is None:
-            found = self._without_ball(np.concatenate([rows, self.along[:, None]], axis=1))
-            found, self.across = found[:, :-1], found[:, -1]
-        else:
-            found = self._without_ball(rows)
-        whole = 1.0 + np.einsum("pn,pn->p", self.along, self.across)
-        along = np.einsum("pkn,pn->pk", rows, self.across) / whole[:, None]
-        return np.asarray(found - along[:, :, None] * self.across[:, None])
-
-    def _without_ball(self, rows: Tensor) -> Tensor:
-        from scipy.linalg.lapack import dpotrs
-
-        found = np.empty_like(rows)
-        for factor, own, row in zip(self.factors, found, rows, strict=True):
-            own[:] = dpotrs(factor, row.T, lower=1)[0].T
+    def _side_by_side(self, rows: Matrix | None) -> Tensor:
+        found = np.zeros((self.count, self._size, self._lanes))
+        if rows is not None:
+            found[:, : rows.shape[1]] = rows[self._of].reshape(self.count, self._lanes, -1).swapaxes(1, 2)
         return found
 
+    def _one_by_one(self, values: Tensor) -> Matrix:
+        found = values.swapaxes(1, 2).reshape(-1, self._size)
+        return np.asarray(found[: len(self._rows), : self._rows.shape[1]])
 
-def _boosted(root: Matrix, values: Matrix) -> Matrix:
-    """The hyperbolic rotation that takes (1, 0) to `root`, of values."""
-    along = np.einsum("pi,pi->p", root[:, 1:], values[:, 1:])
-    found = values + root * (values[:, 0] + along / (1.0 + root[:, 0]))[:, None]
-    found[:, 0] = root[:, 0] * values[:, 0] + along
-    return np.asarray(found)
+    def addresses(self, group: int) -> int:
+        """Where the addresses of the arrays of a group are."""
+        return address_of(self._addresses[group])
+
+    def begin(self) -> None:
+        """Widths of the ellipsoid around the center, and where the search begins; none where the region has none."""
+        squares = np.einsum("pi,pi->p", self._rows, self._one_by_one(self.ahead))
+        with np.errstate(invalid="ignore"):
+            widths = np.sqrt(np.maximum(squares, 0.0))
+        solved = widths > SMALLEST * np.max(widths, initial=0.0)
+        self.width.ravel()[:] = widths[self._of]
+        self.pull.ravel()[:] = np.where(solved, widths / FIRST, 0.0)[self._of]
+
+    def ends(self) -> Matrix:
+        return self._one_by_one(self.end)
+
+
+class _Room:
+    """The memory of a search."""
+
+    def __init__(self, region: Region) -> None:
+        words, lanes = region.table[0], batch_lanes()
+        size, cone = int(words[Word.SIZE]), int(words[Word.CONIC] + words[Word.BALL] + 1)
+        # Products of a matrix need room for two.
+        widest = max((2 * constants.shape[-1] ** 2 for _, _, constants in region.groups), default=0)
+        lengths = [size] * len(UNKNOWN) + [max(cone, widest)] * len(CONE) + [1] * len(SINGLE) + [size * size]
+        places = np.cumsum([0, *lengths]) * lanes
+        self._memory = np.empty(int(places[-1]) + 8)
+        # A register that is read from two lines of the cache takes twice as long.
+        begin = -(-address_of(self._memory) // 64) * 64
+        self._addresses = begin + 8 * places[:-1]
+        self.address = address_of(self._addresses)

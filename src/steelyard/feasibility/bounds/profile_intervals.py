@@ -13,7 +13,8 @@ from steelyard.regression import ParameterCovariance
 
 from ..barrier import Barrier, linear_conditions, matrix_conditions, minimise
 from ..feasible_set import FeasibleSet
-from .furthest import ENOUGH, LIGHTEST, Region, furthest
+from .furthest import ENOUGH, Region, furthest
+from .furthest_code import LIGHTEST
 from .quantities import Quantity, standard_errors
 
 __all__ = ["ProfileIntervals", "profile_intervals"]
