@@ -363,6 +363,8 @@ class WhitenedReduction:
 
 def residuals(model: Model, samples: Samples, base: Array) -> Iterator[tuple[slice, Array]]:
     """For some samples at a time, ``omega - W beta`` of all joints, (samples, N), also where masked."""
+    columns = model.base_columns
     with one_thread():
-        for part, rows in joint_rows(model, samples):
-            yield part, residuals_of_rows(model, rows, base)
+        for part, entries in _entries(model, samples, BLOCK):
+            predicted = [w @ base[c] for w, c in zip(columns.by_joint(entries), columns.joints, strict=True)]
+            yield part, samples.torque[part] - np.column_stack(predicted)

@@ -50,8 +50,8 @@ def exact_vector(values: npt.NDArray[np.float64]) -> tuple[Fraction, ...]:
 
 
 def _elements(matrix: npt.NDArray[np.float64]) -> dict[tuple[int, int], Fraction]:
-    rows, columns = np.nonzero(np.triu(matrix))
-    return {(i, j): exact_number(matrix[i, j]) for i, j in zip(rows.tolist(), columns.tolist(), strict=True)}
+    rows, columns = (places.tolist() for places in np.nonzero(matrix))
+    return {(i, j): exact_number(matrix[i, j]) for i, j in zip(rows, columns, strict=True) if i <= j}
 
 
 def _condition(block: AffineBlock) -> MatrixCondition:

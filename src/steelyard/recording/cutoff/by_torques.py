@@ -76,10 +76,12 @@ class TorqueFit:
         """Add rows, of each joint those that are `used` (S, N)."""
         for k, columns in enumerate(self.parts(samples, rows)):
             own = used[:, k]
-            both = np.column_stack([columns[own], samples.torque[rows, k][own]])
+            both = np.empty((np.count_nonzero(own), columns.shape[1] + 1))
+            np.compress(own, columns, axis=0, out=both[:, :-1])
+            both[:, -1] = samples.torque[rows[own], k]
             places = np.append(self.columns.joints[k], len(self.products[k]) - 1)
             self.products[k][np.ix_(places, places)] += both.T @ both
-            self.counts[k] += np.count_nonzero(own)
+            self.counts[k] += len(both)
 
     def fitted(self) -> tuple[Array, Array]:
         """Return the base parameters, each joint weighted by its own residual, and the relative residuals (N,).

@@ -207,14 +207,15 @@ def _clipped_at(values: Array) -> float | None:
     spread = float(top - values.min())
     if spread <= 0.0:
         return None
+    width = max(1e-6 * spread, 1e-9 * abs(top))
+    # Those within half a step of a quantised signal are within this width, too.
+    if np.count_nonzero(values >= top - width) < FEWEST:
+        return None
     unequal = np.unique(values)
     gaps = np.diff(unequal[-200:])
     # One step of a quantised signal, or else next to nothing.
-    width = max(
-        1e-6 * spread,
-        1e-9 * abs(top),
-        0.5 * float(gaps.min()) if len(gaps) and len(unequal) < len(values) // 4 else 0.0,
-    )
+    if len(gaps) and len(unequal) < len(values) // 4:
+        width = max(width, 0.5 * float(gaps.min()))
     at = values >= top - width
     longest = max((stop - start for start, stop in runs(at)), default=0)
     step = max(2.0 * width, 1e-3 * spread)
@@ -269,8 +270,10 @@ def _resting_throughout(recording: Measurements, at: NDArray[np.bool_]) -> NDArr
     same torque: it is constant, and need not be clipped. Nor is a small torque of a joint at rest, whatever its encoder
     flickers.
     """
-    tolerance, _ = stiction_duration(recording)
     found = np.zeros(at.shape[1], dtype=bool)
+    if not at.any():
+        return found
+    tolerance, _ = stiction_duration(recording)
     for joint, column in enumerate(at.T):
         pieces = runs(column)
         small = SMALL * np.abs(recording.torque[:, joint]).max()
