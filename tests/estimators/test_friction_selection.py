@@ -1,5 +1,7 @@
 """Laws of friction that are chosen on pendulums with torques in closed form; presliding against SciPy's integrator."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -125,3 +127,21 @@ def test_a_velocity_at_the_end_of_those_that_are_tried_is_no_law():
     model, samples = pendulum(lambda dq: 1.5 * np.sign(dq) * np.exp(-((dq / 0.03) ** 2)), seed=1, noise=0.005)
     found = select_friction(model, samples, candidates=[one for one in FEW if one.kind == "stribeck"])
     assert found.chosen == ()
+
+
+@pytest.mark.parametrize("seed", [1, 9, 15, 19, 20])
+def test_of_laws_that_are_nearly_alike_the_likelier_is_taken(seed):
+    """A knee has a held-out error as small as that of this polynomial, or smaller, in noise that lasts."""
+    model, samples = pendulum(lambda dq: -0.25 * dq * np.abs(dq) + 0.04 * dq**3, seed, noise=0.1)
+    laws = [one for one in CANDIDATES if one.kind in ("friction_polynomial", "friction_piecewise")]
+    found = select_friction(model, samples, candidates=laws)
+    assert found.kinds == ("friction_polynomial",)
+    assert found.trials[1].verdict == "another is better"
+
+
+def test_a_joint_without_a_row_tells_nothing_and_says_so():
+    model, samples = pendulum(lambda dq: 0.9 * np.sign(dq) * np.exp(-((dq / 0.3) ** 2)), seed=1)
+    none = replace(samples, mask=np.zeros_like(samples.mask))
+    found = select_friction(model, none, candidates=FEW)
+    assert found.chosen == ()
+    assert "joint1" in found.remarks[0]

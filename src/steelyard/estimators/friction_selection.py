@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import pairwise
 from typing import Any
 
@@ -16,10 +16,11 @@ from steelyard.dynamics import Model
 from steelyard.errors import InputError
 from steelyard.files import tell
 from steelyard.recording import Samples
-from steelyard.regression.coloured_noise import correlation_sum
+from steelyard.regression.coloured_noise import correlation_sum, stretches_of
 from steelyard.regression.reduction import joint_rows, require_joints
 
 from .friction_candidates import CANDIDATES, FrictionCandidate, JointMotion, lugre_is_passive
+from .friction_numbers import MovableLaw, NumberedJoint, WhiteRows, numbers_together
 
 __all__ = ["ChosenFriction", "FrictionData", "FrictionSelection", "FrictionTrial", "select_friction"]
 
@@ -47,7 +48,9 @@ INDEPENDENT = 2.0
 FREE = 16.0
 """Independent rows beyond the number of parameters below which a joint tells nothing of its friction."""
 MOST_ROWS = 8_000
-"""Rows of a joint that are used: more tell shapes no better than the laws hold."""
+"""Rows of a joint by which laws are chosen: more tell shapes no better than the laws hold."""
+MOST_NUMBERED = 40_000
+"""Rows by which their numbers are found, and laws that are nearly alike told apart."""
 DRIVING = 0.02
 """Part of the largest friction of a joint by which a law may drive it at some speed: noise moves Coulomb friction."""
 RIDGE = 1e-10
@@ -71,6 +74,9 @@ SWEEPS = 4
 """Rounds in which the shapes of the laws that were chosen are moved, each with half the step of the one before."""
 MOST_LAWS = 4
 """Laws that are added at most, one after the other."""
+MOST_RISE = 1.05
+"""Factor by which numbers that all joints tell together may raise the held-out error of a joint by itself. That error
+is of rows that are not whitened: numbers of LuGre's friction that are nearer to the truth raise it by 2 % at times."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +96,8 @@ class FrictionData:
         Rows of `motion` at which a log begins.
     memory : float
         Rows over which errors are alike at least, since torques were filtered.
+    breaks : tuple of int
+        Rows that do not follow the row before in time: those of `starts`, and those behind gaps.
     """
 
     model: Model
@@ -98,6 +106,7 @@ class FrictionData:
     motion: Samples
     starts: tuple[int, ...]
     memory: float = 1.0
+    breaks: tuple[int, ...] = (0,)
 
     @classmethod
     def of(cls, model: Model, samples: Samples | Sequence[Samples], memory: float = 1.0) -> FrictionData:
@@ -109,16 +118,20 @@ class FrictionData:
             require_joints(model, part)
         pieces = [rows for part in parts for _, rows in joint_rows(model, part)]
         starts = np.cumsum([0, *(part.count for part in parts[:-1])])
+        breaks = [
+            int(start) + stretch.start
+            for part, start in zip(parts, starts, strict=True)
+            for stretch in stretches_of(part)
+        ]
         motion = Samples.joined(parts)
         used = np.ones(motion.q.shape, dtype=bool) if motion.mask is None else motion.mask
         rows = tuple(np.vstack(own) for own in zip(*pieces, strict=True))
-        return cls(model, rows, used, motion, tuple(int(start) for start in starts), memory)
+        return cls(model, rows, used, motion, tuple(int(start) for start in starts), memory, tuple(breaks))
 
     @cached_property
     def loads(self) -> Array:
         """(S, N) torques of the links alone, by least squares."""
-        m = self.motion
-        return np.asarray(self.model.computed_torque(m.q, m.dq, m.ddq, self.parameters))
+        return _loads(self.model, self.motion, self.parameters)
 
     @cached_property
     def gravity(self) -> Array:
@@ -348,9 +361,11 @@ def select_friction(
     - and its velocities, displacements and harmonics are within those that are tried: one at their end says that
       another law is meant, or that a few rows decide.
 
-    Of several the one that lowers this error most is taken, unless beside a simpler one it lowers it by less than that.
-    A law that is there for sure at one joint is added at others where it is likely (5 %, uncorrected) and lowers the
-    error by twice `least_gain`. In the end each law is taken back that the others make needless.
+    Of several the one that lowers this error most is taken, unless beside a simpler one it lowers it by less than that;
+    of equally simple ones that are so near, the one of the greatest likelihood with noise that lasts. A law that is
+    there for sure at one joint is added at others where it is likely (5 %, uncorrected) and lowers the error by twice
+    `least_gain`. In the end each law is taken back that the others make needless, and the numbers of the others are
+    found by all joints together, with the rows of each made white (`numbers_together`).
 
     Parameters
     ----------
@@ -422,6 +437,7 @@ def select_friction(
             trial.joint.remove(trial)
     for joint in joints:
         joint.refine()
+    _number_together(model, joints)
     chosen = [one for k, joint in enumerate(joints) for one in joint.chosen(k)]
     kept = {one.kind for one in chosen}
     trials = [
@@ -559,14 +575,56 @@ def _best(told: Sequence[_Told], least_gain: float) -> _Told | None:
     if not helpful:
         return None
     best = max(helpful, key=lambda one: one.total)
+    found, least = best, -2.0 * np.log(1.0 - least_gain) * len(best.taken)
     for one in sorted(helpful, key=lambda one: (one.candidate.parameter_count, -one.total)):
         if one.candidate.parameter_count >= best.candidate.parameter_count:
             break
         short = best.falls - one.falls
-        least = -2.0 * np.log(1.0 - least_gain) * len(best.taken)
         if float(short.sum()) <= max(least, np.sqrt(len(short)) * float(short.std(ddof=1))):
-            return one
-    return best
+            found = one
+            break
+    alike = [one for one in helpful if one.candidate.parameter_count == found.candidate.parameter_count]
+    rivals = [one for one in alike if one.total >= found.total - least]
+    return found if len(rivals) == 1 else _likeliest(rivals)
+
+
+def _likeliest(rivals: Sequence[_Told]) -> _Told:
+    """The law of the greatest likelihood with noise that lasts, at the joints where any of some laws would be added.
+
+    Where speeds are mostly slow and noise lasts, a knee and a polynomial leave residuals of nearly the same size; those
+    of the wrong law differ in what changes fast.
+    """
+    joints = list(dict.fromkeys(trial.joint for one in rivals for trial in one.taken))
+    lost = np.zeros(len(rivals))
+    for joint in joints:
+        laws = [[*joint.laws, *(trial for trial in one.trials if trial.joint is joint)] for one in rivals]
+        left = [joint.residuals(own) for own in laws]
+        sizes = [float(np.linalg.norm(one[joint.grid_used])) for one in left]
+        white = joint.white(left[int(np.argmin(sizes))])
+        lost += [joint.loss(own, white) for own in laws]
+    return rivals[int(np.argmin(lost))]
+
+
+def _loads(model: Model, motion: Samples, parameters: Array) -> Array:
+    """(S, N) torques of the links alone."""
+    return np.asarray(model.computed_torque(motion.q, motion.dq, motion.ddq, parameters))
+
+
+def _number_together(model: Model, joints: Sequence[_Joint]) -> None:
+    """Let all joints together tell the numbers of the laws that were added, where that is no worse for any joint."""
+    if not any(joint.laws for joint in joints):
+        return
+    told, base = [joint for joint in joints if joint.moves], model.base_parameters()
+    found = numbers_together([joint.numbered() for joint in told], base.count)
+    if any(law.candidate.kind == "load" for joint in joints for law in joint.laws):
+        # The loads were those of a fit without friction by load, which took a part of it for links.
+        loads = _loads(model, joints[0].data.motion, np.asarray(base.Pb @ found.base))
+        for joint in joints:
+            joint.motion = joint.motion._replace(load=loads[:, joint.number])
+        found = numbers_together([joint.numbered() for joint in told], base.count)
+    for joint, shapes, coefficients in zip(told, found.shapes, found.coefficients, strict=True):
+        if joint.laws:
+            joint.take(shapes, coefficients, found.base[list(model.base_columns.joints[joint.number])])
 
 
 def _correct(trials: Sequence[_Trial]) -> None:
@@ -588,6 +646,12 @@ class _Joint:
         self.rows = used[:: max(1, -(-len(used) // MOST_ROWS))]
         own = data.rows[number][self.rows]
         self.regressor, self.torque = own[:, :-1], own[:, -1]
+        # Of rows that follow each other evenly, as noise that lasts is told by.
+        every = max(1, -(-len(data.motion.q) // MOST_NUMBERED))
+        self.grid = np.arange(0, len(data.motion.q), every)
+        self.grid_used = np.isin(self.grid, used, assume_unique=True)
+        self.grid_breaks = [-(-one // every) for one in data.breaks]
+        self.told: tuple[float, float, list[Array]] | None = None  # by all joints together
         self.viscous, self.coulomb = (_place(data.model, number, kind) for kind in ("viscous", "coulomb"))
         place = self.coulomb
         rest = self.regressor if place is None else np.delete(self.regressor, place, axis=1)
@@ -645,6 +709,82 @@ class _Joint:
         if candidate.kind not in self._states:  # of which to integrate the states takes most of the time
             self._states[candidate.kind] = self._columns(candidate, shapes)
         return self._states[candidate.kind]
+
+    def _grid_regressor(self, laws: Sequence[_Trial]) -> Array:
+        own = self.data.rows[self.number][self.grid]
+        return (
+            own
+            if self.coulomb is None or not any(law.candidate.replaces for law in laws)
+            else np.delete(own, self.coulomb, axis=1)
+        )
+
+    def _grid_columns(self, law: _Trial, shapes: Sequence[Shape]) -> list[Array]:
+        columns = [own[self.grid] for own in law.candidate.columns(self.motion, shapes)]
+        undamped = ~law.columns.any(axis=0)
+        if undamped.any():
+            columns = [np.where(undamped, 0.0, own) for own in columns]
+        return columns
+
+    def residuals(self, laws: Sequence[_Trial], white: WhiteRows | None = None) -> Array:
+        """What least squares leave of the torque, at rows that follow each other, whitened or as they are."""
+        rows = np.column_stack([*(self._grid_columns(law, [law.shape])[0] for law in laws), self._grid_regressor(laws)])
+        if white is not None:
+            rows = white.of(rows)
+        matrix = _scaled(np.where(self.grid_used[:, None], rows[:, :-1], 0.0))[0]
+        basis = _orthonormal(matrix)
+        return np.asarray(rows[:, -1] - basis @ (basis.T @ np.where(self.grid_used, rows[:, -1], 0.0)))
+
+    def white(self, left: Array) -> WhiteRows:
+        """What makes the rows of a fit white, by its residuals."""
+        return WhiteRows(left, self.grid_used, self.grid_breaks)
+
+    def loss(self, laws: Sequence[_Trial], white: WhiteRows) -> float:
+        """Minus twice the logarithm of the likelihood of some laws, save a constant."""
+        count = int(np.count_nonzero(self.grid_used))
+        return count * float(np.log(max(float(np.sum(self.residuals(laws, white) ** 2)), 1e-300)))
+
+    def numbered(self) -> NumberedJoint:
+        """The rows of the joint and its laws, for a fit of all joints."""
+        rows = self._grid_regressor(self.laws)
+        own = list(self.data.model.base_columns.joints[self.number])
+        if rows.shape[1] <= len(own):  # a law takes the place of Coulomb friction
+            own = [place for k, place in enumerate(own) if k != self.coulomb]
+        laws = []
+        for law in self.laws:
+            shapes = law.candidate.shapes(self.motion)
+            tried = np.array(shapes).reshape(len(shapes), len(law.shape))
+            fixed = {name for name, _ in law.candidate.steps}
+            free = tuple(k for k, name in enumerate(law.candidate.shape_names) if name not in fixed)
+            lower, upper = tried.min(axis=0) / REACH, tried.max(axis=0) * REACH
+            columns = partial(self._grid_columns, law)
+            laws.append(MovableLaw(columns, law.shape, free, tuple(lower), tuple(upper)))
+        return NumberedJoint(self.white(self.residuals(self.laws)), rows[:, :-1], rows[:, -1], own, tuple(laws))
+
+    def take(self, shapes: Sequence[Shape], coefficients: Sequence[Array], base: Array) -> None:
+        """Take numbers that a fit of all joints found, unless its friction is none or the joint's error rises."""
+        old, before = [(law.shape, law.columns, law.lengths) for law in self.laws], self.error(self.laws)
+        viscous = 0.0 if self.viscous is None else float(base[self.viscous])
+        replaced = any(law.candidate.replaces for law in self.laws)
+        coulomb = 0.0 if self.coulomb is None or replaced else float(base[self.coulomb])
+        flags = [flag for law in self.laws for flag in law.candidate.nonnegative]
+        self.told = (viscous, coulomb, list(coefficients))
+        for law, shape in zip(self.laws, shapes, strict=True):
+            undamped = ~law.columns.any(axis=0)
+            law.shape = shape
+            ((law.columns, law.lengths),) = self._columns(law.candidate, [shape])
+            law.columns[:, undamped] = 0.0
+        self._known, self._bases, self._kept = {}, {}, {}
+        good = (
+            all(value >= 0.0 for value, flag in zip(np.concatenate(coefficients), flags, strict=True) if flag)
+            and all(_is_within(law.candidate, law.shape, law.candidate.shapes(self.motion)) for law in self.laws)
+            and self._dissipates(self.laws, self.told)
+            and self.error(self.laws) <= MOST_RISE * before
+        )
+        if not good:
+            self.told = None
+            for law, kept in zip(self.laws, old, strict=True):
+                law.shape, law.columns, law.lengths = kept
+            self._known, self._bases, self._kept = {}, {}, {}
 
     def tried(self, candidate: FrictionCandidate) -> _Trial | None:
         """Try a law beside those that were added, with the shape that explains most; None where nothing is told."""
@@ -785,11 +925,11 @@ class _Joint:
             [own / law.lengths for law, own in zip(laws, of_laws, strict=True)],
         )
 
-    def _dissipates(self, laws: Sequence[_Trial]) -> bool:
+    def _dissipates(self, laws: Sequence[_Trial], numbers: tuple[float, float, list[Array]] | None = None) -> bool:
         """Whether the friction of the joint brakes it at all speeds of the motion, both ways."""
         if self.viscous is None:
             return True
-        viscous, coulomb, of_laws = self._coefficients(laws)
+        viscous, coulomb, of_laws = self._coefficients(laws) if numbers is None else numbers
         fastest = self.motion.speed
         speeds = np.concatenate([np.linspace(-fastest, 0.0, 50)[:-1], np.linspace(0.0, fastest, 50)[1:]])
         motion = JointMotion(np.zeros_like(speeds), speeds, np.zeros_like(speeds), ())
@@ -918,7 +1058,7 @@ class _Joint:
 
     def chosen(self, number: int) -> list[ChosenFriction]:
         """The laws that were added, with their coefficients."""
-        viscous, coulomb, of_laws = self._coefficients(self.laws)
+        viscous, coulomb, of_laws = self._coefficients(self.laws) if self.told is None else self.told
         return [
             ChosenFriction(
                 number,
@@ -971,8 +1111,8 @@ def _scaled(columns: Array) -> tuple[Array, Array]:
 def _orthonormal(matrix: Array) -> Array:
     """An orthonormal basis of the columns, without those that hardly differ from others."""
     scaled, _ = _scaled(matrix)
-    if not scaled.shape[1]:
-        return scaled
+    if not scaled.size:
+        return scaled[:, :0]
     vectors, values, _ = np.linalg.svd(scaled, full_matrices=False)
     return np.asarray(vectors[:, values > 1e-6 * values[0]])
 
