@@ -12,12 +12,13 @@ the estimates; the share of 95 % intervals that hold the truth; the root mean sq
 instrumental variables; how many answers are proved feasible, and how many did not converge; and the median of the
 processor time and its ratio to the first.
 
-    python benchmarks/estimators.py                                 # 100 logs
+    python benchmarks/estimators.py --results estimators.jsonl      # 100 logs; a run that was stopped goes on
     python benchmarks/estimators.py --logs 10 --only "least squares" "instrumental variables"
 """
 
 import argparse
 import dataclasses
+import json
 import tempfile
 import time
 from functools import cached_property
@@ -213,12 +214,26 @@ class Tally:
     proved: int = 0
     unfinished: int = 0
 
-    def add(self, truth, estimate, seconds):
-        self.errors.append(estimate.base - truth)
-        self.deviations.append(estimate.standard_error)
-        self.seconds.append(seconds)
-        self.proved += verify_document(estimate.certificate).valid
-        self.unfinished += any("did not converge" in remark for remark in estimate.remarks)
+    def add(self, trial):
+        self.errors.append(trial["error"])
+        self.deviations.append(trial["standard_error"])
+        self.seconds.append(trial["seconds"])
+        self.proved += trial["proved"]
+        self.unfinished += trial["unfinished"]
+
+
+def tried(laboratory, samples, name):
+    """What one estimator said of a log, as plain numbers."""
+    start = time.process_time()
+    estimate = ESTIMATORS[name](laboratory, samples)
+    seconds = time.process_time() - start
+    return {
+        "error": (estimate.base - laboratory.base).tolist(),
+        "standard_error": np.asarray(estimate.standard_error).tolist(),
+        "seconds": seconds,
+        "proved": verify_document(estimate.certificate).valid,
+        "unfinished": any("did not converge" in remark for remark in estimate.remarks),
+    }
 
 
 def figures(tally):
@@ -239,16 +254,24 @@ def main():
     parser.add_argument("--threshold", type=float, default=THRESHOLD, help="rad/s, of the rows that are left out")
     parser.add_argument("--first", type=int, default=1, help="seed of the first log")
     parser.add_argument("--only", nargs="*", choices=list(ESTIMATORS), default=list(ESTIMATORS))
+    parser.add_argument("--results", type=Path, help="where results are kept, so that a run can go on later")
     arguments = parser.parse_args()
     laboratory, tallies = Laboratory(threshold=arguments.threshold), {name: Tally() for name in arguments.only}
     laboratory.loop(laboratory.base)  # compiles, which is not part of the times
+    kept = arguments.results
+    lines = kept.read_text().splitlines() if kept is not None and kept.exists() else []
+    done = {(one["name"], one["seed"], one["threshold"]): one for one in map(json.loads, lines)}
     for seed in range(arguments.first, arguments.first + arguments.logs):
-        samples = laboratory.samples(seed)
+        missing = [name for name in tallies if (name, seed, arguments.threshold) not in done]
+        samples = laboratory.samples(seed) if missing else None
+        for name in missing:
+            key = {"name": name, "seed": seed, "threshold": arguments.threshold}
+            done[tuple(key.values())] = key | tried(laboratory, samples, name)
+            if kept is not None:
+                with kept.open("a") as file:
+                    file.write(json.dumps(done[tuple(key.values())]) + "\n")
         for name, tally in tallies.items():
-            start = time.process_time()
-            estimate = ESTIMATORS[name](laboratory, samples)
-            seconds = time.process_time() - start
-            tally.add(laboratory.base, estimate, seconds)
+            tally.add(done[name, seed, arguments.threshold])
         if seed % 10 == 0:
             print(f"{seed} logs", flush=True)
     told = {name: figures(tally) for name, tally in tallies.items()}

@@ -8,8 +8,12 @@ import pytest
 import steelyard as sy
 from steelyard.errors import InputError
 from steelyard.identification import DriveSettings, identify_from_positions
-from steelyard.identification.positions import _freed_inertials
+from steelyard.identification.drive_logs import read_drive_logs, refuse_still
+from steelyard.identification.drive_remarks import remarks_on_logs, remarks_on_rows, remarks_on_zeros
+from steelyard.identification.given import given_robot
+from steelyard.identification.positions import _freed_inertials, _problem
 from steelyard.identification.saved_result import SavedResult
+from steelyard.identification.shooting import PositionLog
 from steelyard.robot.inertia import pseudo_inertia
 from steelyard.simulation.driven_joints import DRIVE_PARAMETERS, Directions, FrictionLaw, branches_of, drive
 
@@ -180,6 +184,113 @@ def test_logs_that_are_too_short_choose_no_friction(arm):
     log = log_of(t, command - 0.1 * np.sin(60.0 * t)[:, None], command)
     with pytest.raises(InputError, match="15 rows, too few to choose friction"):
         identify_from_positions(sy.Robot.from_mjcf(arm), log, settings=SETTINGS, friction="auto")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+def test_gains_that_are_off_by_a_factor_of_two_are_told(arm, factor):
+    """The simulation misses 1 to 9 mrad then, a few percent of the motion, which friction alone may leave as well."""
+    t = np.arange(400) * 0.005
+    command = commands(t)
+    q = simulated(arm, t, command, 2.5e-4)
+    noisy = q + np.random.default_rng(2).normal(size=q.shape) * 2e-4
+    robot, log = sy.Robot.from_mjcf(arm), log_of(t, noisy, command)
+    sound = identify_from_positions(robot, log, settings=SETTINGS)
+    assert not any("Do not believe" in remark for remark in sound.remarks)
+    wrong = identify_from_positions(robot, log, settings={**SETTINGS, "kp": factor * KP, "kd": factor * KD})
+    assert "other position gains explain the motion far better" in wrong.remarks[0]
+    for joint in ("shoulder", "elbow"):
+        told = wrong.remarks[0].split(f"{joint}: ")[1]
+        assert float(told.split(" instead")[0]) == pytest.approx(KP, rel=0.03)
+        assert f"instead of {factor * KP:g}" in told
+
+
+def test_stretches_side_by_side_are_one_simulation(arm):
+    """And where they are not joined, rows follow one another."""
+    t = np.arange(150) * 0.005
+    command = commands(t)
+    log = PositionLog(t, command - 0.05 * np.sin(3.0 * t)[:, np.newaxis], command)
+    robot = sy.Robot.from_mjcf(arm)
+    settings = DriveSettings.from_dict({**SETTINGS, "delay": 0.0})
+    problem = _problem(robot, branches_of(robot), settings, [log], [frozenset()] * 2)
+    values = np.array([0.02, 0.25, 0.3, 0.05, 0.035, 0.15, 0.5, -0.08])
+    states = problem.start_states()
+    (joined,), passed = problem.simulate(values, states)
+    own = np.stack(states)
+    (plain,) = problem._row_by_row([0], values, own)
+    np.testing.assert_allclose(joined, plain[:, 0], rtol=0, atol=1e-8)
+    np.testing.assert_allclose(passed[0], own[0], rtol=0, atol=1e-7)
+    assert len(passed[0]) == 3
+    assert np.abs(states[0] - passed[0]).max() > 1e-3  # what was guessed was no motion
+
+
+def test_commands_that_are_missing_hold_and_rows_without_positions_go(arm, tmp_path):
+    """Commands that come less often than positions leave cells empty; a second without positions parts a log."""
+    (tmp_path / "arm.toml").write_text(
+        '[description]\nfile = "arm.xml"\n[log]\nmissing = "fill"\n[drive]\ncommand = "target{}"\nkp = 20.0\n'
+    )
+    t = np.arange(400) * 0.005
+    command = commands(t)
+    log = log_of(t, command - 0.1, command)
+    slow = np.arange(400) % 6 != 0
+    for name in ("target1", "target2"):
+        log[name] = np.where(slow, np.nan, log[name])
+    log["q1"][200:260] = np.nan
+    file, _ = given_robot(tmp_path / "arm.toml")
+    settings = DriveSettings.from_dict(file.section("drive"))
+    (first, second), held_out = read_drive_logs(file, settings, log, ())
+    assert not held_out
+    np.testing.assert_array_equal(first.command, command[np.arange(200) // 6 * 6])
+    np.testing.assert_array_equal(second.command, command[np.arange(260, 400) // 6 * 6])
+    assert (first.begin, second.begin) == (0.0, pytest.approx(1.3))
+    log["q2"][5:] = np.nan
+    with pytest.raises(InputError, match="log 1 has 5 rows with all positions and commands"):
+        read_drive_logs(file, settings, log, ())
+    log["target2"][:] = np.nan
+    with pytest.raises(InputError, match='no command of joint "elbow" in any row'):
+        read_drive_logs(file, settings, log, ())
+
+
+def test_noise_of_an_encoder_is_no_motion(arm):
+    noise = 4e-4 * np.random.default_rng(4).normal(size=(2000, 2))
+    t = np.arange(2000) * 0.005
+    moving = noise + np.sin(t)[:, np.newaxis] * [1.0, 0.0]
+    with pytest.raises(InputError, match='joint "elbow" stands still'):
+        refuse_still(sy.Robot.from_mjcf(arm), [PositionLog(t, moving, moving)])
+
+
+def test_what_spoils_values_at_times_is_told_with_its_time(tmp_path):
+    """A burst of errors, a stop, a drive at its limit, a joint without commands and a zero that is off."""
+    path = tmp_path / "arm.xml"
+    path.write_text(
+        ARM.replace('"shoulder" axis', '"shoulder" actuatorfrclimited="true" actuatorfrcrange="-3 3" axis').replace(
+            '"elbow" axis', '"elbow" limited="true" range="-1 1" axis'
+        )
+    )
+    robot, settings = sy.Robot.from_mjcf(path), DriveSettings.from_dict(SETTINGS)
+    t = np.arange(1000) * 0.01
+    q = np.stack([np.sin(t), np.maximum(np.sin(t), -1.0)], axis=1)
+    command = np.stack([q[:, 0] + 0.2, 1.2 * np.sin(t)], axis=1)
+    drives = np.zeros((len(DRIVE_PARAMETERS), 2))
+    drives[DRIVE_PARAMETERS.index("kp")] = KP
+    both, log = np.array([True, True]), PositionLog(t, q, command, "log 1", 5.0)
+    stop, limit = remarks_on_logs(robot, settings, [log], drives, both)
+    assert "elbow in " in stop
+    assert "limits of the description" in stop
+    assert "shoulder for more than 3 N·m in 100% of the rows" in limit
+    assert remarks_on_logs(robot, settings, [log], drives, ~both) == []
+    rest = PositionLog(t, q, np.where([True, False], command, 0.0))
+    assert remarks_on_logs(robot, settings, [rest], drives, ~both)[0].startswith("The commands of elbow never change")
+    drives[DRIVE_PARAMETERS.index("offset")] = [1.0, 14.0]
+    (zero,) = remarks_on_zeros(robot, drives)
+    assert "elbow by 0.7 rad" in zero
+    assert "shoulder" not in zero
+    residuals = 1e-4 * np.random.default_rng(6).normal(size=(1000, 2))
+    assert remarks_on_rows(robot, [log], [residuals], both) == []
+    residuals[400:420, 1] += 0.02
+    (burst,) = remarks_on_rows(robot, [log], [residuals], both)
+    assert "elbow, most of all from 9" in burst
+    assert "shoulder" not in burst
 
 
 @pytest.mark.parametrize(("law", "load"), [(FrictionLaw.mujoco(), 0.3), (FrictionLaw.coulomb(), 0.0)])
@@ -449,6 +560,8 @@ def test_sweeps_of_a_real_leg_robot_are_predicted_from_commands(shared_data):
     robot = sy.Robot.from_urdf(folder / "go2.urdf")
     found = identify_from_positions(robot, logs[:2], validate=logs[2:], settings=settings, weights="equal")
     assert np.sqrt(np.mean(found.validation_error**2)) < 6.3e-3
+    # What its friction leaves is neither of wrong gains nor of a few rows.
+    assert not any(remark.startswith(("Do not believe", "Most of what")) for remark in found.remarks)
     # Friction of the calves differs along their travel, which two sweeps tell of two others.
     chosen = identify_from_positions(
         robot, logs[:2], validate=logs[2:], settings=settings, weights="equal", friction="auto"

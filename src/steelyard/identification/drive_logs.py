@@ -14,6 +14,7 @@ from steelyard.display import few_digits
 from steelyard.errors import InputError
 from steelyard.recording import LogColumns, Recording, Samples
 from steelyard.recording.columns import POSITION_UNITS
+from steelyard.recording.diagnosis.detectors import noise_deviation
 from steelyard.recording.formats import LogFiles
 from steelyard.robot import Robot, RobotFile
 
@@ -32,7 +33,10 @@ LEAST_ROWS = 10
 """Of a motion without gaps."""
 
 STILL = 2e-3
-"""rad or m that a joint must move at least."""
+"""rad or m that a joint must move at least, beyond what the noise of its encoder spreads over."""
+
+NOISE_SPREAD = 8.0
+"""Standard deviations from the lowest to the highest of thousands of rows of white noise."""
 
 SAME = 1e-6
 """rms of commands less positions, relative to the joint's travel, from which on they are one and the same signal."""
@@ -71,13 +75,13 @@ def refuse_still(robot: Robot, logs: Sequence[PositionLog]) -> None:
     InputError
         If one does.
     """
-    travel = np.max([np.ptp(log.q, axis=0) for log in logs], axis=0)
+    travel = np.max([np.ptp(log.q, axis=0) - NOISE_SPREAD * noise_deviation(log.q) for log in logs], axis=0)
     for k, joint in enumerate(robot.joint_names):
         if travel[k] < STILL:
             names = ", ".join(dict.fromkeys(log.name for log in logs))
             raise InputError(
-                f'{names}: joint "{joint}" stands still (it moves by {travel[k]:.2g}), so that nothing shows its '
-                "drive; lock it in [description], or record a motion of it."
+                f'{names}: joint "{joint}" stands still (it moves by {max(travel[k], 0.0):.2g}), so that nothing shows '
+                "its drive; lock it in [description], or record a motion of it."
             )
 
 
@@ -118,7 +122,11 @@ def _read(file: RobotFile, settings: DriveSettings, log: Any, number: int) -> li
             f"{', '.join(files.names[:30])}: correct `{'scale' if missing[0] in scale else 'command'}`."
         )
     columns = {**section, "torque": list(command), "torque_unit": "N·m", "velocity": "none", "acceleration": "none"}
-    recording = Recording.read(log, columns, robot.joint_names)
+    try:
+        recording = Recording.read(log, columns, robot.joint_names)
+    except InputError:
+        _refuse_uncommanded(robot, files, command, name)
+        raise
     told = np.array(recording.torque)
     if settings.law == "position":
         layout = recording.layout
@@ -136,10 +144,25 @@ def _read(file: RobotFile, settings: DriveSettings, log: Any, number: int) -> li
             )
         told *= factor[:, np.newaxis]
     q, t = np.array(recording.q), np.array(recording.t)
+    first = float(t[0])
+    if section.get("missing") == "fill":
+        no_command, no_position = (
+            np.zeros(q.shape, dtype=bool) if one is None else one
+            for one in (recording.torque_missing, recording.position_missing)
+        )
+        known, told = _held(no_command, told)
+        known &= ~no_position.any(axis=1)
+        q, t, told = q[known], t[known], told[known]
+        if len(t) < LEAST_ROWS:
+            raise InputError(f"{name} has {len(t)} rows with all positions and commands; record {LEAST_ROWS} at least.")
     _refuse_copies(robot, settings, name, q, told)
     ends = [0, *(np.flatnonzero(np.diff(t) > LONGEST_GAP) + 1).tolist(), len(t)]
     # Times since the epoch resolve no more than a quarter of a microsecond.
-    parts = [PositionLog(t[a:b] - t[a], q[a:b], told[a:b], name) for a, b in pairwise(ends) if b - a >= LEAST_ROWS]
+    parts = [
+        PositionLog(t[a:b] - t[a], q[a:b], told[a:b], name, float(t[a]) - first)
+        for a, b in pairwise(ends)
+        if b - a >= LEAST_ROWS
+    ]
     if not parts:
         raise InputError(
             f"{name} has {len(t)} rows, {few_digits(float(np.median(np.diff(t))))} s apart, and nowhere {LEAST_ROWS} "
@@ -147,6 +170,24 @@ def _read(file: RobotFile, settings: DriveSettings, log: Any, number: int) -> li
             "at a hundred."
         )
     return parts
+
+
+def _held(missing: NDArray[np.bool_], command: Array) -> tuple[NDArray[np.bool_], Array]:
+    """Return which rows (S,) have commands of all joints, and commands (S, N) that hold until the next one."""
+    rows = np.where(missing, 0, np.arange(len(command))[:, np.newaxis])
+    last = np.maximum.accumulate(rows, axis=0)
+    held = np.take_along_axis(command, last, axis=0)
+    return np.asarray(~np.take_along_axis(missing, last, axis=0).any(axis=1)), held
+
+
+def _refuse_uncommanded(robot: Robot, files: LogFiles, columns: Sequence[str], name: str) -> None:
+    there = files.read(list(columns))
+    for joint, column in zip(robot.joint_names, columns, strict=True):
+        if not np.isfinite(np.asarray(there[column], dtype=float)).any():
+            raise InputError(
+                f'{name} has no command of joint "{joint}" in any row (column {column!r} is empty): lock the joint in '
+                "[description] if its drive was off."
+            )
 
 
 def _refuse_copies(robot: Robot, settings: DriveSettings, name: str, q: Array, command: Array) -> None:

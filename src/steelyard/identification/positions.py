@@ -22,12 +22,21 @@ from steelyard.simulation.driven_joints import COULOMB, DRIVE_PARAMETERS, Branch
 
 from .drive_choice import DriveChoice, choose_drive_terms
 from .drive_logs import read_drive_logs, refuse_still, rms_of_joints
-from .drive_remarks import remarks_on_settings, remarks_on_values, unbelievable
+from .drive_remarks import (
+    above_noise,
+    remarks_on_gains,
+    remarks_on_logs,
+    remarks_on_rows,
+    remarks_on_settings,
+    remarks_on_values,
+    remarks_on_zeros,
+    unbelievable,
+)
 from .drive_result import DriveValue, PositionIdentification, described_alike, descriptions_of_results
 from .drive_settings import BY_LOAD, BY_POSITION, FIND, FRICTION_LAWS, FURTHER_TERMS, SPRING, TERMS, DriveSettings
 from .given import given_robot
 from .saved import parameters_of_description
-from .shooting import PositionLog, Shooting, Unknown
+from .shooting import COARSEST_STEP, PositionLog, Shooting, Unknown
 
 __all__ = ["identify_from_positions"]
 
@@ -197,7 +206,26 @@ def identify_from_positions(
             f"The search did not settle in {found.steps} steps: the values are those of the least error that it met."
         )
     error = rms_of_joints(found.residuals)
-    remarks = [*unbelievable(body, chosen, fitted, error), *remarks, *remarks_on_values(values)]
+    above = above_noise(fitted, error)
+    doubts = unbelievable(body, chosen, fitted, error)
+    if is_position and chosen.kp != FIND and above.any() and not doubts:
+        say("looking whether other gains explain more")
+        other = _problem(
+            body,
+            branches,
+            replace(chosen, kp=FIND, kd=FIND),
+            fitted,
+            stated if choice is None else choice.terms,
+        )
+        doubts = _doubtful_gains(body, replace(other, longest_step=COARSEST_STEP), drives, error, weights, above)
+    remarks = [
+        *doubts,
+        *remarks_on_rows(body, fitted, found.residuals, above),
+        *remarks_on_logs(body, chosen, fitted, drives, above),
+        *remarks_on_zeros(body, drives),
+        *remarks,
+        *remarks_on_values(values),
+    ]
     return PositionIdentification(
         robot=body,
         settings=chosen,
@@ -216,6 +244,19 @@ def identify_from_positions(
         settled=found.settled,
         robot_file=file.path,
     )
+
+
+def _doubtful_gains(
+    robot: Robot, other: Shooting, drives: Array, error: Array, weights: str, above: NDArray[np.bool_]
+) -> list[str]:
+    """Say where the gains that another problem finds explain the motion better than those of the drives (12, N)."""
+    try:
+        found = other.solve(weights)
+    except InputError:  # without a motion there is nothing to compare
+        return []
+    gain = DRIVE_PARAMETERS.index("kp")
+    nearer = rms_of_joints(found.residuals)
+    return remarks_on_gains(robot, drives[gain], other.drives(found.values)[0][gain], error, nearer, above)
 
 
 def _each(value: str | tuple[float, ...] | None, count: int, key: str, robot: Robot) -> Array:
