@@ -84,7 +84,7 @@ def test_yaml_is_a_joint_trajectory(tmp_path):
             "motion.json: A spline trajectory needs",
         ),
         ("motion.csv", "t,q1,dq1\n0,0,0\n1,0,0\n", "ddq1 is missing"),
-        ("motion.csv", "", "cannot be read as a table"),
+        ("motion.csv", "", "cannot be read as CSV"),
         ("motion.csv", "t,q1,dq1,ddq1\n0,0,0,x\n1,0,0,0\n", "cannot be read as numbers"),
         ("motion.csv", "t,q1,dq1,ddq1\n0,0,0,0\n0,0,0,0\n", "must increase"),
         ("motion.yaml", "joint_names: []\n", "no line 'points:'"),

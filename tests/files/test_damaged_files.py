@@ -12,10 +12,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mutations import LIMITS, READERS, ROBOT, TAKES_LONG, URDF, damaged, is_readable, write_samples
+from mutations import LIMITS, READERS, ROBOT, SDF, TAKES_LONG, URDF, damaged, is_readable, write_samples
 
 import steelyard as sy
 from steelyard.errors import InputError, SteelyardError
+from steelyard.excitation import load_trajectory
 from steelyard.feasibility.constraints.center_of_mass import read_points
 
 MESHES = {kind for kind in READERS if "mesh" in kind or kind == "binary.ply"}
@@ -266,3 +267,28 @@ def test_points_of_an_array_that_claims_too_much(tmp_path: Path) -> None:
     path.write_bytes(path.read_bytes().replace(b"(3, 3)", b"(99,3)"))
     with pytest.raises(InputError, match="is no array of numbers"):
         read_points(path)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('type="revolute"', f'type="rev{"9" * 5000}"'),
+        ("<child>fore</child>", "<child>fo\nre</child>"),
+        ('<link name="fore">', f'<link name="{"fore" * 999}">'),
+    ],
+)
+def test_names_that_no_robot_has_do_not_fill_a_message(old: str, new: str, tmp_path: Path) -> None:
+    path = tmp_path / "robot.sdf"
+    assert old in SDF
+    path.write_text(SDF.replace(old, new))
+    with pytest.raises(InputError, match="give a name of one line") as caught:
+        sy.Robot.from_sdf(path)
+    assert len(str(caught.value)) < 600
+    assert "\n" not in str(caught.value)
+
+
+def test_a_trajectory_with_infinite_numbers_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "trajectory.csv"
+    path.write_text("t,q1,dq1,ddq1\n-inf,0,0,0\n1,1,0,0\n")
+    with pytest.raises(InputError, match="missing or not finite"):
+        load_trajectory(path)

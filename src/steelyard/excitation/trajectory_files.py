@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
-from steelyard.files import read_json, reading_table, require_file, shown
+from steelyard.files import read_json, read_table, reading_table, shown
 
 from .fourier import FourierTrajectory, RestToRestTrajectory
 from .ros import read_joint_trajectory
@@ -64,7 +64,7 @@ def _loaded(source: Path, suffix: str) -> Trajectory:
             return _from_document(read_json(source), source)
         if suffix in (".yaml", ".yml"):
             return QuinticTrajectory(*read_joint_trajectory(source))
-        return QuinticTrajectory(*_read_table(source, suffix))
+        return QuinticTrajectory(*_read_table(source))
     except OSError as error:
         raise InputError(f"{source}: cannot be read ({error.strerror or error}).") from None
     except InputError as error:
@@ -97,12 +97,10 @@ def _from_document(document: dict[str, Any], source: Path) -> Trajectory:
     return make(document)
 
 
-def _read_table(path: Path, suffix: str) -> tuple[Array, Array, Array, Array]:
+def _read_table(path: Path) -> tuple[Array, Array, Array, Array]:
     import polars
 
-    require_file(path, "give a trajectory")
-    with reading_table(path, "a table"):
-        frame = polars.read_csv(path, glob=False) if suffix == ".csv" else polars.read_parquet(path, glob=False)
+    frame = read_table(path, "give a trajectory")
     count = sum(name.startswith("q") for name in frame.columns)
     wanted = ["t", *(f"{name}{k + 1}" for name in ("q", "dq", "ddq") for k in range(count))]
     missing = [name for name in wanted if name not in frame.columns]
@@ -112,5 +110,7 @@ def _read_table(path: Path, suffix: str) -> tuple[Array, Array, Array, Array]:
         )
     with reading_table(path, "numbers"):
         values = frame.select(wanted).cast(polars.Float64).to_numpy()
+    if not np.isfinite(values).all():
+        raise InputError(f"{path}: some of its numbers are missing or not finite; save it again.")
     t, q, dq, ddq = np.split(values, [1, 1 + count, 1 + 2 * count], axis=1)
     return t[:, 0] - t[0, 0], q, dq, ddq

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from .reading import reading_table as reading_table
     from .reading import require_file as require_file
     from .reading import shown as shown
+    from .table_files import check_parquet as check_parquet
+    from .table_files import read_table as read_table
     from .toml_table import TomlSection as TomlSection
     from .toml_table import TomlTable as TomlTable
     from .toml_table import made_from_table as made_from_table

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from steelyard.errors import InputError
-from steelyard.files import TomlTable, read_toml, reading_table, require_file, shown
+from steelyard.files import TomlTable, read_table, read_toml, require_file, shown
 
 __all__ = ["FleetEntry", "FleetManifest"]
 
@@ -262,14 +262,7 @@ def _date(table: TomlTable) -> str:
 
 def _rows(path: Path, shared: str | None) -> Iterator[FleetEntry]:
     """Yield what the rows of a table say; empty cells say nothing."""
-    import polars
-
-    require_file(path, "correct `table` in the manifest")
-    with reading_table(path, "Parquet" if path.suffix.lower() == ".parquet" else "CSV"):
-        if path.suffix.lower() == ".parquet":
-            frame = polars.read_parquet(path)
-        else:
-            frame = polars.read_csv(path, infer_schema=False)
+    frame = read_table(path, "correct `table` in the manifest", text=True)
     TomlTable(dict.fromkeys(frame.columns), str(path), ROBOT_KEYS, "is no column of a manifest")
     for number, row in enumerate(frame.iter_rows(named=True), start=1):
         yield _entry(TomlTable(_cells(row), f"{path}, row {number}", ROBOT_KEYS), path, shared)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from steelyard.dynamics import Model
 from steelyard.errors import InputError
-from steelyard.files import reading_table, require_file
+from steelyard.files import read_table, reading_table
 from steelyard.regression import Estimate
 from steelyard.robot import RobotFile
 from steelyard.simulation import (
@@ -290,12 +290,9 @@ class TorqueTable:
         import polars
 
         source = Path(path)
-        readers: dict[str, Any] = {".csv": polars.read_csv, ".parquet": polars.read_parquet}
-        if source.suffix not in readers:
+        if source.suffix not in (".csv", ".parquet"):
             raise InputError(f"{source}: torques are read from .csv or .parquet, got {source.suffix or 'no suffix'!r}.")
-        require_file(source, "give a table with t and tau1, tau2, …")
-        with reading_table(source, "a table"):
-            frame = readers[source.suffix](source, glob=False)
+        frame = read_table(source, "give a table with t and tau1, tau2, …")
         names = ["t", *(f"tau{k + 1}" for k in range(count))]
         missing = [name for name in names if name not in frame.columns]
         if missing:

@@ -225,7 +225,10 @@ class SdfReader(XmlReader):
         """Take in a `<model>`; `include` is the element that names its file, where there is one."""
         given = element if include is None else include
         written = None if include is None else self.only(include, "name", "an <include>")
-        name = self.text(element, "name", "a model") if written is None else (written.text or "").strip()
+        if written is None:
+            name = self.text(element, "name", "a model")
+        else:
+            name = self.one_line(written, (written.text or "").strip(), "the name of a model")
         pose, relative = self.pose(element, f'model "{name}"')
         if include is not None and self.children(include, "pose"):
             pose, relative = self.pose(include, f'model "{name}"')
@@ -497,7 +500,7 @@ class SdfReader(XmlReader):
         text = "" if found is None else (found.text or "").strip()
         if not text:
             raise self.said(element, f'joint "{joint}" has no <{tag}>; add one with the name of a link')
-        return text
+        return self.one_line(element, text, f'the <{tag}> of joint "{joint}"')
 
     def pose(self, element: etree._Element, owner: str) -> tuple[Matrix, str | None]:
         """Read the `<pose>` of an element: the placement (4, 4), and the name of the frame in which it is."""

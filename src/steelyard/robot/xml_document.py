@@ -22,6 +22,7 @@ DRIVES_NAMESPACE = "urn:steelyard:drives:1"
 DRIVES = f"{{{DRIVES_NAMESPACE}}}drives"
 """The extension for what formats have no place for, see `drive_extension`."""
 
+LONGEST_NAME = 200  # characters, so that a message with two of them stays a sentence
 # The length below which an axis is taken for a zero vector, whose direction would be rounding error.
 SHORTEST_AXIS = 1e-9
 
@@ -120,7 +121,13 @@ class XmlReader:
         value = element.get(key)
         if not value:
             raise self.error(element, f"{owner} has no {key}; add the attribute {key}")
-        return value
+        return self.one_line(element, value, f"the {key} of {owner}")
+
+    def one_line(self, element: etree._Element, text: str, what: str) -> str:
+        """Return a name that fits into a message, as that of every robot does."""
+        if len(text) > LONGEST_NAME or "\n" in text:
+            raise self.error(element, f"{what} is {shown(text)}; give a name of one line")
+        return text
 
     def number(
         self, element: etree._Element, key: str, owner: str, default: float | None = None, infinite: bool = False

@@ -8,6 +8,8 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from steelyard.files import check_parquet
+
 from .log_file import flattened
 from .table_file import TableFile
 
@@ -23,6 +25,7 @@ class ParquetFile(TableFile):
     def _scanned(self) -> Any:
         import polars as pl
 
+        check_parquet(self.path)
         return pl.scan_parquet(self.path, glob=False)
 
     @classmethod

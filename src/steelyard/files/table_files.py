@@ -1,0 +1,176 @@
+"""Tables of CSV and Parquet, read whole; and what a Parquet file says of its pages, before Polars believes it."""
+
+from __future__ import annotations
+
+import mmap
+import struct
+from pathlib import Path
+from typing import Any
+
+from steelyard.errors import InputError
+
+from .reading import reading_table, require_file
+
+__all__ = ["check_parquet", "read_table"]
+
+MARK = b"PAR1"
+LARGEST_FOOTER = 2**28
+"""Bytes; that of a table of a hundred million numbers, written as Polars does, has a few hundred thousand."""
+
+# Thrift's compact protocol, https://github.com/apache/thrift/blob/master/doc/specs/thrift-compact-protocol.md, and the
+# numbers of the fields of https://github.com/apache/parquet-format/blob/master/src/main/thrift/parquet.thrift.
+TRUE, FALSE, BYTE, SHORT, INTEGER, LONG, DOUBLE, BINARY, LIST, SET, MAP, STRUCT = range(1, 13)
+ROW_GROUPS, COLUMNS, ROWS = 4, 1, 3
+FILE, META_DATA = 1, 3  # of a column chunk
+VALUES, COMPRESSED, DATA_PAGE, DICTIONARY = 5, 7, 9, 11  # of its metadata
+SIZES = (2, 3)  # of a page, decoded and as it stands
+COUNTS = {5: (1,), 7: (1,), 8: (1, 2, 3, 5, 6)}
+"""Of what a page holds, by the field of its header: values; values of a dictionary; values, nulls, rows and lengths."""
+
+
+def read_table(path: str | Path, remedy: str, *, text: bool = False) -> Any:
+    """Return a table as a data frame of Polars.
+
+    Parameters
+    ----------
+    path : str or Path
+        A ``.parquet`` file, or CSV.
+    remedy : str
+        What to do where there is no file; ends the message.
+    text : bool
+        Whether the cells of CSV are taken as they are written.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read.
+    """
+    import polars
+
+    require_file(path, remedy)
+    parquet = Path(path).suffix.lower() == ".parquet"
+    with reading_table(path, "Parquet" if parquet else "CSV"):
+        if parquet:
+            check_parquet(path)
+            return polars.read_parquet(path, glob=False)
+        return polars.read_csv(path, glob=False, infer_schema=not text)
+
+
+def check_parquet(path: str | Path) -> None:
+    """Make sure that the pages of a Parquet file hold no more values than its columns, and none of less than none.
+
+    Polars makes room for as many values as the header of a page says. Where one damaged byte makes them negative, or
+    many more than memory holds, it does not raise an error but ends the process.
+
+    Raises
+    ------
+    InputError
+        If the file or one of its pages is damaged.
+    """
+    if not Path(path).stat().st_size:
+        return  # an empty file cannot be mapped; Polars says what it is
+    try:
+        with Path(path).open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+            for rows, column in _columns(content):
+                if not _is_sound(content, rows, column):
+                    raise ValueError("the header of a page is damaged")
+    except (ValueError, IndexError, KeyError, TypeError, OverflowError, RecursionError, struct.error) as error:
+        reason = str(error) if type(error) is ValueError else "its metadata is damaged"
+        raise InputError(f"{path} cannot be read as Parquet: {reason}; save it again.") from None
+
+
+def _columns(content: mmap.mmap) -> list[tuple[int, dict[int, Any]]]:
+    """The rows and the metadata of all columns of all row groups of which the pages are in this file."""
+    if len(content) < 12 or content[-4:] != MARK:
+        return []  # what is no Parquet, or encrypted, Polars refuses by itself
+    (length,) = struct.unpack("<I", content[-8:-4])
+    if length > min(LARGEST_FOOTER, len(content) - 12):
+        raise ValueError(f"its metadata would take {length} bytes")
+    footer, _ = _read_struct(content[-8 - length : -8], 0)
+    chunks = [(group[ROWS], chunk) for group in footer[ROW_GROUPS] for chunk in group[COLUMNS]]
+    return [(rows, chunk[META_DATA]) for rows, chunk in chunks if FILE not in chunk]
+
+
+def _is_sound(content: mmap.mmap, rows: int, column: dict[int, Any]) -> bool:
+    """Whether the pages of a column follow one another, with sizes and counts that can be.
+
+    A row has one value at least, also where that is null or an empty list. Some writers tell fewer bytes of a column
+    than its pages take, so that these are followed until all values are there.
+    """
+    left = column[VALUES]
+    begins = [place for place in (column[DATA_PAGE], column.get(DICTIONARY, 0)) if place > 0]
+    if not begins:
+        return rows == left == 0
+    place = min(begins)
+    end = place + column[COMPRESSED]
+    if not (place <= end <= len(content) and 0 <= rows <= left):
+        return False
+    while left > 0 or place < end:
+        page, place = _read_struct(content, place)
+        counts = [page[kind][field] for kind, fields in COUNTS.items() if kind in page for field in fields]
+        values = sum(page[kind][1] for kind in (5, 8) if kind in page)
+        if min(*counts, *(page[field] for field in SIZES)) < 0 or values > left:
+            return False
+        left -= values
+        place += page[SIZES[1]]
+    return left == 0 and place <= len(content)
+
+
+def _read_struct(content: bytes | mmap.mmap, place: int) -> tuple[dict[int, Any], int]:
+    """Return the fields of a struct by their numbers, and where it ends."""
+    found: dict[int, Any] = {}
+    number = 0
+    while head := content[place]:
+        place += 1
+        if head >> 4:
+            number += head >> 4
+        else:
+            number, place = _read_integer(content, place)
+        kind = head & 15
+        if kind in (TRUE, FALSE):
+            found[number] = kind == TRUE
+        else:
+            found[number], place = _read_value(content, place, kind)
+    return found, place + 1
+
+
+def _read_value(content: bytes | mmap.mmap, place: int, kind: int) -> tuple[Any, int]:
+    if kind in (SHORT, INTEGER, LONG):
+        return _read_integer(content, place)
+    if kind == BINARY:
+        length, place = _read_varint(content, place)
+        return None, place + length  # names and statistics, which nothing here needs
+    if kind == STRUCT:
+        return _read_struct(content, place)
+    if kind in (LIST, SET):
+        head, place = content[place], place + 1
+        count, inner = head >> 4, head & 15
+        if count == 15:
+            count, place = _read_varint(content, place)
+        found = []
+        for _ in range(count):
+            one, place = _read_value(content, place, inner)
+            if place > len(content):
+                raise ValueError("its metadata is damaged")
+            found.append(one)
+        return found, place
+    if kind in (TRUE, FALSE, BYTE):  # elements of a list
+        return content[place], place + 1
+    if kind == DOUBLE:
+        return None, place + 8
+    raise ValueError("its metadata is damaged")
+
+
+def _read_integer(content: bytes | mmap.mmap, place: int) -> tuple[int, int]:
+    value, place = _read_varint(content, place)
+    return (value >> 1) ^ -(value & 1), place
+
+
+def _read_varint(content: bytes | mmap.mmap, place: int) -> tuple[int, int]:
+    value = shift = 0
+    while (byte := content[place]) & 0x80:
+        value |= (byte & 0x7F) << shift
+        shift, place = shift + 7, place + 1
+        if shift > 63:
+            raise ValueError("its metadata is damaged")
+    return value | byte << shift, place + 1
