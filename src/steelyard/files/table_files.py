@@ -97,10 +97,10 @@ def _is_sound(content: mmap.mmap, rows: int, column: dict[int, Any]) -> bool:
     A row has one value at least, also where that is null or an empty list. Some writers tell fewer bytes of a column
     than its pages take, so that these are followed until all values are there.
     """
-    left = column[VALUES]
+    left: int = column[VALUES]
     begins = [place for place in (column[DATA_PAGE], column.get(DICTIONARY, 0)) if place > 0]
     if not begins:
-        return rows == left == 0
+        return not rows and not left
     place = min(begins)
     end = place + column[COMPRESSED]
     if not (place <= end <= len(content) and 0 <= rows <= left):
@@ -113,7 +113,7 @@ def _is_sound(content: mmap.mmap, rows: int, column: dict[int, Any]) -> bool:
             return False
         left -= values
         place += page[SIZES[1]]
-    return left == 0 and place <= len(content)
+    return not left and place <= len(content)
 
 
 def _read_struct(content: bytes | mmap.mmap, place: int) -> tuple[dict[int, Any], int]:
