@@ -315,7 +315,7 @@ class _Fits:
         found = BARRIER * self.barrier.value(points) + self.weights[which] * self.links.distances(points)
         errors = points - self.reference
         found += 0.5 * np.einsum("pi,pi->p", self.stiffness[which] * errors, errors)
-        for number in np.unique(data):
+        for number in set(data.tolist()):
             own = data == number
             products = points[own] @ self.curvatures[number]
             found[own] += np.einsum("pi,pi->p", 0.5 * products - self.slopes[number], points[own])
@@ -324,7 +324,7 @@ class _Fits:
     def derivatives(self, points: Matrix, problems: npt.NDArray[np.intp]) -> tuple[Matrix, Tensor]:
         data, which = np.divmod(problems, len(self.weights))
         hessians, gradients = self.curvatures[data], np.empty_like(points)
-        for number in np.unique(data):
+        for number in set(data.tolist()):
             own = data == number
             gradients[own] = points[own] @ self.curvatures[number] - self.slopes[number]
         gradients += self.stiffness[which] * (points - self.reference)

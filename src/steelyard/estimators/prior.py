@@ -290,7 +290,7 @@ class PreparedPrior:
             inertial = errors[:, columns]
             return np.asarray(found + 0.5 * np.einsum("pbi,bij,pbj->p", inertial, self.metric, inertial))
         found += points[:, columns].reshape(len(points), -1) @ self._traces.ravel()
-        rest = np.linalg.slogdet(pseudo_inertia(self.bodies))[1] - log_determinants(pseudo_inertia(points[:, columns]))
+        rest = self._logarithms - log_determinants(pseudo_inertia(points[:, columns]))
         return np.asarray(found + (rest - 4.0).sum(axis=1))
 
     def gradients(self, points: Matrix) -> Matrix:
@@ -320,6 +320,11 @@ class PreparedPrior:
         coefficients = np.broadcast_to(PSEUDO_INERTIA, (len(columns), *PSEUDO_INERTIA.shape))
         matrices = pseudo_inertia(points[:, columns])
         add_log_determinants(matrices, coefficients, columns, -factors, gradients, hessians)
+
+    @cached_property
+    def _logarithms(self) -> Vector:
+        """Those of the determinants of the pseudo-inertias P₀, (links,)."""
+        return np.asarray(np.linalg.slogdet(pseudo_inertia(self.bodies))[1])
 
     @cached_property
     def _traces(self) -> Matrix:
