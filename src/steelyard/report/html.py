@@ -10,9 +10,8 @@ from steelyard.identification import Identification
 
 from . import answer_sections as answer
 from . import sections
-from .elastic_section import elastic_joints
+from .drive_sections import elastic_joints, friction
 from .excitation_section import excitation
-from .friction_section import friction
 from .head import head, remarks
 from .html_document import Markup, Section, html_document
 from .impossible_section import impossible

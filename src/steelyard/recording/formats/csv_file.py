@@ -5,15 +5,16 @@ from __future__ import annotations
 import csv
 import io
 import re
+import sys
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any, NamedTuple, Self
+from typing import IO, Any, NamedTuple, Self, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.errors import InputError
+from steelyard.errors import InputError, require_package
 from steelyard.files import reading_table, shown, tell
 
 from ..columns import LogColumns
@@ -119,12 +120,7 @@ class CsvFile(LogFile):
         return len(self.names) + self._head.dialect.ends_with_separator
 
     def _open(self, start: int = 0) -> IO[bytes]:
-        if _is_compressed(self.path):
-            from .compressed import open_compressed
-
-            file = open_compressed(self.path)
-        else:
-            file = self.path.open("rb")
+        file = _open_compressed(self.path) if _is_compressed(self.path) else self.path.open("rb")
         file.seek(start)
         return file
 
@@ -145,7 +141,9 @@ class CsvFile(LogFile):
                     raise InputError(f"{self.path} is not a text file; expected a CSV with a line of column names.")
                 line = raw.decode("utf-8-sig" if place == 0 else "utf-8", errors="replace").strip("\r\n")
                 if "\r" in line and not lines and raw.count(b"\r") > 1:
-                    raise InputError(f"{self.path} has lines that end with CR alone; save it with other ends of lines.")
+                    raise InputError(
+                        f"{self.path} has lines that end with CR alone; save it with LF or CR LF as line endings."
+                    )
                 begin, place = place, place + len(raw)
                 if line.strip():
                     lines.append(Line(begin, place, line))
@@ -543,3 +541,14 @@ def _ros_names(fields: Sequence[str]) -> list[str] | None:
         elif all(numbers[place : place + joints]):
             names += [f"{kind}[{k}]" for k in range(joints)]
     return names if len(names) == len(fields) else None
+
+
+def _open_compressed(path: Path) -> IO[bytes]:
+    """Open a file ``.gz``, ``.zst`` or ``.zstd`` as a stream, so that neither memory nor a disk holds it whole."""
+    if path.suffix.lower() == ".gz":
+        import gzip  # loaded for compressed logs alone
+
+        return cast("IO[bytes]", gzip.open(path, "rb"))
+    module = "compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd"
+    need = "Files compressed by zstd are read with the module"
+    return cast("IO[bytes]", require_package(module, need, "zstd").open(path, "rb"))

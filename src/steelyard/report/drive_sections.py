@@ -1,4 +1,4 @@
-"""The part of the report on how friction was chosen."""
+"""Parts of the report on drives: friction that was chosen, and elastic joints."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from steelyard.identification import Identification
 
 from .html_document import Markup, bullets, escape, table
 
-__all__ = ["friction"]
+__all__ = ["elastic_joints", "friction"]
 
 
 def friction(identification: Identification) -> Markup:
@@ -35,3 +35,14 @@ def friction(identification: Identification) -> Markup:
     if selection.chosen:
         parts.append(Markup(f"<p>The terms, for a robot.toml:</p><pre>{escape(choice.toml)}</pre>"))
     return Markup("".join(parts))
+
+
+def elastic_joints(identification: Identification) -> Markup:
+    """Return stiffness, damping and second encoder of each elastic joint; nothing where there is none."""
+    if not identification.elastic_joints:
+        return Markup("")
+    heads, rows = identification.elastic_table()
+    sentences = [*(one.sentence for one in identification.elastic_joints), *identification.elastic_sentences]
+    told = "".join(f"<p>{escape(one)}</p>" for one in sentences)
+    caption = "Stiffness with its interval of 95 %, on the joint side of the gears"
+    return Markup(table(caption, heads, rows, identifier="elastic-joints", texts=[1, 5]) + told)
