@@ -228,7 +228,8 @@ def test_a_term_that_is_no_friction_of_a_description_is_not_written_as_such(pair
     model = sy.Model(pair.with_terms(sy.Coulomb(), Drag()))
     delta = np.zeros(model.parameter_count)
     delta[[model.parameter_names.index(name) for name in ("Fcj1", "Fq1", "Fcj2", "Fq2")]] = 0.5, 3.0, 0.25, 2.0
-    damping, friction = model.joint_friction(delta)
+    drives = model.drives(delta)
+    damping, friction = drives.damping, drives.friction
     assert (damping.tolist(), friction.tolist()) == ([0.0, 0.0], [0.5, 0.25])
 
 

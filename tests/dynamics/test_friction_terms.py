@@ -162,6 +162,7 @@ def test_slow_shapes_are_identifiable():
 def test_descriptions_get_the_mean_of_both_directions():
     model = sy.Model(sy.Robot.from_dh([("pi/2", 0, 0.3, "q")]).with_terms(CoulombByDirection(), ViscousByDirection()))
     parameters = np.array([0.0] * 10 + [2.0, 1.0, 0.5, 0.7])
-    damping, friction = model.joint_friction(parameters)
+    drives = model.drives(parameters)
+    damping, friction = drives.damping, drives.friction
     assert damping[0] == pytest.approx(0.6)
     assert friction[0] == pytest.approx(1.5)

@@ -33,13 +33,15 @@ def test_friction_of_a_joint_that_moves_alone(wam, random):
     names = wam.parameter_names
     parameters[names.index("Fvj2")], parameters[names.index("Fvm2")], parameters[names.index("Fvm3")] = 0.5, 0.2, 0.1
     parameters[names.index("Fcj3")], parameters[names.index("Fcm3")], parameters[names.index("Foj3")] = 0.4, 0.3, 9.0
-    damping, friction = wam.joint_friction(parameters)
+    drives = wam.drives(parameters)
+    damping, friction = drives.damping, drives.friction
     # Thesis table 4.2: joint 2 feels Fvj2 + Fvm2 + Fvm3, joint 3 feels Fvj3 + (Fvm2 + Fvm3) / 1.68².
     assert damping[1] == pytest.approx(0.5 + 0.2 + 0.1)
     assert damping[2] == pytest.approx(0.3 / 1.68**2)
     assert friction[2] == pytest.approx(0.4 + 0.3 / 1.68)
     bare = sy.Model(sy.Robot.from_dh([(0, 0, 0, "q")]))
-    assert np.isnan(bare.joint_friction(np.zeros(10))).all()
+    assert np.isnan(bare.drives(np.zeros(10)).damping).all()
+    assert np.isnan(bare.drives(np.zeros(10)).friction).all()
 
 
 class Spring(sy.Term):

@@ -182,9 +182,9 @@ class Names:
     def __contains__(self, name: str) -> bool:
         return self._key(name) in self._reserved or self._key(name) in self._taken
 
-    def take(self, wanted: str, suffix: str = "_") -> str:
-        """Return `wanted`, with `suffix` where it is reserved, and with a number where it is taken."""
-        name = wanted + suffix if self._key(wanted) in self._reserved else wanted
+    def take(self, wanted: str) -> str:
+        """Return `wanted`, with an underscore where it is reserved, and with a number where it is taken."""
+        name = f"{wanted}_" if self._key(wanted) in self._reserved else wanted
         candidate, count = name, 1
         while candidate in self:
             count += 1

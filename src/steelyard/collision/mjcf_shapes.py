@@ -65,13 +65,13 @@ class _Geoms:
         kind = attributes.get("type", "sphere")
         try:
             if kind == "mesh":
-                return self.mesh(geom, attributes), frame @ self.reader.placement(geom, attributes)
+                return self.mesh(attributes), frame @ self.reader.placement(geom, attributes)
             if "mesh" in attributes:
-                raise InputError(f"a {kind} that is fitted to a mesh is no shape that is read")
+                raise InputError(f"the shape of a {kind} that is fitted to a mesh cannot be read; give its size")
             (x, y, z), placement = self.reader.sized(geom, attributes)
             return self.shape(kind, x, y, z), frame @ placement
         except BeyondReadingError as reason:
-            raise InputError(f"{reason} is no shape that is read") from None
+            raise InputError(f"{reason}, which cannot be read as a shape") from None
         except InputError as error:
             text = str(error)
             raise (error if text.startswith(str(geom.file.path)) else InputError(f"{geom.where}: {text}")) from None
@@ -88,9 +88,9 @@ class _Geoms:
                 return Box((2.0 * x, 2.0 * y, 2.0 * z))
             case "ellipsoid":
                 return ellipsoid(x, y, z)
-        raise InputError(f"a geom of the type {kind} is no shape that is read")
+        raise InputError(f"the shape of a geom of the type {kind} cannot be read; give a mesh or a solid")
 
-    def mesh(self, geom: MjcfElement, attributes: Attributes) -> Mesh:
+    def mesh(self, attributes: Attributes) -> Mesh:
         """Return a mesh in the frame of its geom, where its file puts it."""
         name = attributes.get("mesh", "")
         if name not in self.assets:

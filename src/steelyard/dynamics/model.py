@@ -418,24 +418,6 @@ class Model:
         """Return the time derivative of `jacobian` while the robot moves with `dq`, (..., 6, N)."""
         return self._call(f"jacobian_rate({self._link_name(link)})", (q, dq, point), None, out)
 
-    def joint_friction(self, parameters: ArrayLike) -> tuple[Array, Array]:
-        """Return viscous and Coulomb friction (N,) of each joint moving alone, all the terms together.
-
-        Coupled motors count with what the joint feels of them. NaN where the robot has no terms.
-
-        Parameters
-        ----------
-        parameters : array_like
-            (n,).
-
-        Returns
-        -------
-        damping, friction : ndarray
-            (N,) each: N·m·s/rad and N·m, or N·s/m and N.
-        """
-        drives = self.drives(parameters)
-        return drives.damping, drives.friction
-
     def drives(self, parameters: ArrayLike) -> Drives:
         """Return what the terms add at each joint moving alone: friction, rotor inertia and offset.
 

@@ -26,12 +26,12 @@ Matrix = npt.NDArray[np.float64]
 Tensor = npt.NDArray[np.float64]
 
 WEIGHTS = np.geomspace(1e-1, 1e6, 15)
-"""Of the prior, for `TYPICAL_COUNT` rows. On twelve simulated arms the best one lay between 1 and 1e5; at the ends the
-answer is that of the data alone, and the prior itself."""
+"""The weights of the prior that are tried, for `TYPICAL_COUNT` rows. On twelve simulated arms the best one lay between
+1 and 1e5; at the ends the answer is that of the data alone, and the prior itself."""
 
 MANY_PARAMETERS = 150
-"""Of a robot with eleven joints and three terms. With more, every third weight is tried: a fit takes the cube of their
-number, 0.1 s for a humanoid of 29 joints."""
+"""The number of parameters of a robot with eleven joints and three terms. With more, every third weight is tried: a fit
+takes the cube of their number, 0.1 s for a humanoid of 29 joints."""
 
 TYPICAL_COUNT = 1e4
 """Rows beyond which the weights grow with their number, as the squared residual does."""
@@ -68,8 +68,6 @@ class CrossValidation:
         Rows of each fold.
     joint_errors : (k, N)
         Root mean square of the held-out residuals of each joint, N·m or N; (k, 1) where joints are not known apart.
-    plain_losses : (f,)
-        As `losses`, of plain least squares.
     plain_joint_errors : (N,)
         As `joint_errors`, of plain least squares.
     parameters : (k, n)
@@ -85,7 +83,6 @@ class CrossValidation:
     training_losses: Vector = field(repr=False)
     counts: npt.NDArray[np.intp] = field(repr=False)
     joint_errors: Matrix = field(repr=False)
-    plain_losses: Vector = field(repr=False)
     plain_joint_errors: Vector = field(repr=False)
     parameters: Matrix = field(repr=False)
     best_index: int
@@ -108,7 +105,7 @@ class CrossValidation:
 
 
 def term_deviations(info: Information, feasible_set: FeasibleSet) -> Vector:
-    """How far the parameters of drive terms are from zero as a rule, in standard deviations, (n,).
+    """Return standard deviations of the parameters of drive terms about zero, as they are as a rule, (n,).
 
     Such a parameter, times what multiplies it in the joint where its like is seen best (at least one rad/s, since
     motions for identification are no faster than what follows), makes three tenths of the root mean square of the
@@ -205,7 +202,7 @@ def cross_validation(
     plain = np.array([solve(data.reduced(used)) for data in training])
 
     squares, losses = _held_out(stretches, bases[1:], used)
-    plain_squares, plain_losses = _held_out(stretches, plain[:, None], used)
+    plain_squares, _ = _held_out(stretches, plain[:, None], used)
     counts = np.maximum(np.sum([[f.count for f in s.measured] for s in stretches], axis=0), 1)
     best, largest = _choose(losses)
     return CrossValidation(
@@ -214,7 +211,6 @@ def cross_validation(
         training_losses=_held_out([info], bases[:1], used)[1][0] / regression.variance,
         counts=np.array([s.count for s in stretches]),
         joint_errors=np.sqrt(squares.sum(axis=0) / counts),
-        plain_losses=plain_losses[:, 0] / regression.variance,
         plain_joint_errors=np.sqrt(plain_squares.sum(axis=0)[0] / counts),
         parameters=parameters[0],
         best_index=best,

@@ -125,11 +125,6 @@ class Checkpoints:
         """Keep bytes under a key; the file is there whole or not at all."""
         write_bytes(content, self._path(key), swept=True)
 
-    def forget(self, keys: list[str] | tuple[str, ...]) -> None:
-        """Remove what is kept under keys; keys without anything are passed over."""
-        for key in keys:
-            self._path(key).unlink(missing_ok=True)
-
     @property
     def names(self) -> tuple[str, ...]:
         """The names of the files of all that is kept, also by earlier runs."""

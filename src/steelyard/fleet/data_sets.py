@@ -62,8 +62,6 @@ class ReducedDataSet:
     ----------
     information : Information
         Of all the logs together, with batch means.
-    log_informations : tuple of Information
-        Of each log, without them.
     stretches : tuple of Information
         Contiguous parts of all the logs, for cross-validation.
     logs : tuple of str
@@ -73,7 +71,6 @@ class ReducedDataSet:
     """
 
     information: Information
-    log_informations: tuple[Information, ...]
     stretches: tuple[Information, ...]
     logs: tuple[str, ...]
     remarks: tuple[str, ...]
@@ -105,7 +102,7 @@ def reduced_logs(file: RobotFile, model: Model, logs: Sequence[GivenLog]) -> Red
     total = replace(Information.total(parts), batch_means=tree.total())
     names, remarks = tuple(map(str, logs)), tuple(dict.fromkeys(reader.remarks))
     decided = {name: plain(value) for name, value in reader.decided.items()}
-    return ReducedDataSet(total, tuple(parts), total.stretches(blocks), names, remarks, decided)
+    return ReducedDataSet(total, total.stretches(blocks), names, remarks, decided)
 
 
 def _reduced(common: Any, task: _Task) -> bytes:

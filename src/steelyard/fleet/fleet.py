@@ -30,16 +30,16 @@ __all__ = ["Finding", "Fleet", "RobotGroup", "RobotRow", "identify_fleet"]
 
 Array = NDArray[np.float64]
 MOST_SENTENCES = 40
-"""That are printed; the tables have all."""
+"""The most sentences that are printed; the tables have all findings."""
 LINES = 20
-"""Of progress while robots are estimated."""
+"""The most lines of progress that are printed while robots are estimated."""
 SURE = 0.05
 """Probability, of all causes of a group together, by which the siblings as a whole have drifted."""
 
 
 @dataclass(frozen=True, eq=False)
 class RobotRow:
-    """A robot at a time, and what came of it.
+    """One robot at one date, and its result.
 
     Attributes
     ----------
@@ -91,26 +91,20 @@ class RobotGroup:
     model : Model
     latest : tuple of int
         For each robot the number, among the rows of the fleet, of its latest date.
-    first : tuple of int
-        Of the robots with several dates: the number of the first.
     last : tuple of int
-        Likewise the latest.
+        Numbers of the latest rows of the robots with several dates.
     siblings : SiblingComparison or None
         None where there are fewer than three robots.
     drift : SiblingComparison or None
-        Of what changed from the first date to the latest; None where fewer than three robots have several dates.
-    common_drift : tuple of (Cause, float, float, float)
-        What changed in all robots on average: amplitude and both ends of its interval.
+        What changed from the first date to the latest; None where fewer than three robots have several dates.
     """
 
     name: str
     model: Model = field(repr=False)
     latest: tuple[int, ...] = field(repr=False)
-    first: tuple[int, ...] = field(repr=False)
     last: tuple[int, ...] = field(repr=False)
     siblings: SiblingComparison | None = field(default=None, repr=False)
     drift: SiblingComparison | None = field(default=None, repr=False)
-    common_drift: tuple[tuple[Cause, float, float, float], ...] = field(default=(), repr=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +130,7 @@ class Fleet:
 
     @property
     def failed(self) -> tuple[RobotRow, ...]:
-        """Rows of which nothing came."""
+        """The rows whose robots could not be estimated."""
         return tuple(row for row in self.rows if row.reason)
 
     @property
@@ -184,7 +178,7 @@ class Fleet:
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain data: the findings and the reasons; the tables are files of their own."""
+        """Return the result as plain data: the findings and the reasons; the tables are files of their own."""
         return {
             "format": "steelyard-fleet-1",
             "name": self.manifest.name,
@@ -473,7 +467,6 @@ def _compared(
     remarks: list[str] = []
     called = f"the group {name}" if name else "the fleet"
     siblings = drift = None
-    common: list[tuple[Cause, float, float, float]] = []
     if len(latest) >= FEWEST:
         bases, covariances = _arrays(rows, latest)
         siblings = compare_siblings(bases, covariances, causes, directions, rate=rate)
@@ -494,7 +487,6 @@ def _compared(
         before, before_errors = _arrays(rows, firsts)
         after, after_errors = _arrays(rows, lasts)
         drift = compare_siblings(after - before, after_errors + before_errors, causes, directions, rate=rate)
-        common = _common(drift)
         for one in drift.deviations:
             own = several[one.robot]
             history = _history(rows, own, one, drift.mean)
@@ -503,7 +495,7 @@ def _compared(
             when = rows[own[0]].entry.date
             told = sentence(one, "drift", when=when, since=since)
             findings.append(Finding("drift", row.entry.id, name, row.entry.date, since, one, told, history))
-        for cause, value, lower, upper in common:
+        for cause, value, lower, upper in _common(drift):
             remarks.append(
                 f"In {called}, {_what(cause)} changed on average by {_amount(cause, value)} "
                 f"({_amount(cause, lower)} to {_amount(cause, upper)}) from the first date to the latest."
@@ -513,7 +505,7 @@ def _compared(
             f"{len(several)} robot{'s' * (len(several) > 1)} of {called} have several dates, and drift is told from "
             f"what changes in siblings where there are {FEWEST} or more; compare single ones with steelyard compare."
         )
-    group = RobotGroup(name, model, tuple(latest), tuple(firsts), tuple(lasts), siblings, drift, tuple(common))
+    group = RobotGroup(name, model, tuple(latest), tuple(lasts), siblings, drift)
     return group, findings, remarks
 
 

@@ -372,7 +372,7 @@ class _Patient:
 
     @property
     def remedies(self) -> Settings:
-        """Those of all findings; that of a finding which is read with other columns comes last."""
+        """The lines of all findings; those of findings that change the columns come last."""
         found: Settings = {}
         for finding in sorted(self.findings, key=lambda one: one.kind == "held joint"):
             found = merged(found, finding.remedy)
@@ -396,7 +396,7 @@ class _Patient:
         survey = LogSurvey.of(recording)
         diagnosis = recording.diagnose()
         clock = self._clock(recording, self._whole_clock(diagnosis.clock))
-        self._signals(recording, survey, diagnosis)
+        self._signals(recording, diagnosis)
         suspect = self._units(survey)
         information = None
         if self.model is not None and self.file is not None:
@@ -603,7 +603,7 @@ class _Patient:
             remedy: Settings = {"processing": {option: True}}
             self.add(Finding(option, " ".join(sentences) + where, harm, share, remedy))
 
-    def _signals(self, recording: Recording, survey: LogSurvey, diagnosis: Diagnosis) -> None:
+    def _signals(self, recording: Recording, diagnosis: Diagnosis) -> None:
         """Look at rows that would harm a regression, at joints that do not move, and at coarse or noisy channels."""
         self._faulty_rows(diagnosis)
         held = HeldJoints.of(recording)

@@ -334,7 +334,7 @@ def write_example(name: str, folder: str | Path, *, progress: Callable[[str], No
             errors.append(experiment.error_of_truth(number, recording))
         write_text(_robot_toml(name, example), made / "robot.toml")
         experiment.truth_estimate().save(made / "truth.json")
-        write_text(_read_me(name, experiment, errors), made / "README.md")
+        write_text(_read_me(experiment, errors), made / "README.md")
     return Path(folder)
 
 
@@ -364,7 +364,7 @@ torque = "tau{{}}"
 """
 
 
-def _read_me(name: str, experiment: _Experiment, errors: list[float]) -> str:
+def _read_me(experiment: _Experiment, errors: list[float]) -> str:
     """What the folder holds, what to run, and what must come out."""
     model, truth = experiment.model, experiment.truth
     described = np.nan_to_num(np.asarray(model.robot.parameters))

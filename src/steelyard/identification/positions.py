@@ -50,7 +50,8 @@ KNOWN = 0.1
 """Half an interval relative to its value, up to which a value counts as measured."""
 
 BOUNDS = {"offset": (-math.inf, math.inf), "gain": (-math.inf, math.inf), "load_friction": (0.0, 0.9)}
-"""Of what may be found; 0 and above without one. Friction that grew by as much as the load would lock a joint."""
+"""The bounds of what may be found; what has no entry is 0 or above. Friction that grew by as much as the load would
+lock a joint."""
 
 FREED = 0.3
 """Standard deviation of what is freed of a link's inertia, about its description: each factor of its pseudo-inertia
@@ -192,7 +193,7 @@ def identify_from_positions(
         own, _ = problem.inertials(number, problem.freed(number, found.values))
         for place, link in enumerate(branch.links):
             parameters[10 * link : 10 * link + 10] = own[10 * place : 10 * place + 10]
-    values = _values(body, chosen, problem.unknowns, found.values, np.sqrt(np.diag(found.covariance)))
+    values = _values(body, problem.unknowns, found.values, np.sqrt(np.diag(found.covariance)))
     validation = None
     if held_out:
         say("simulating the logs that were held out")
@@ -461,9 +462,7 @@ def _differentiated(t: Array, q: Array) -> tuple[Array, Array, Array]:
     return back[0], back[1], back[2]
 
 
-def _values(
-    robot: Robot, settings: DriveSettings, unknowns: Sequence[Unknown], values: Array, deviations: Array
-) -> tuple[DriveValue, ...]:
+def _values(robot: Robot, unknowns: Sequence[Unknown], values: Array, deviations: Array) -> tuple[DriveValue, ...]:
     found = []
     for unknown, value, deviation in zip(unknowns, values, deviations, strict=True):
         if unknown.kind == "inertial":

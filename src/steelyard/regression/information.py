@@ -117,13 +117,8 @@ class Information:
 
     @property
     def method(self) -> str:
-        """What least squares of these rows are where the rows decide it; else empty."""
+        """The name of the method that least squares of these rows are; empty where the weights decide it."""
         return "" if self.covariance is None else "generalised least squares"
-
-    @property
-    def joint_blocks(self) -> tuple[Factor, ...]:
-        """The factors, one for each joint."""
-        return self.factors
 
     @property
     def base_count(self) -> int:
@@ -518,7 +513,7 @@ class Information:
         beta = np.asarray(base, dtype=np.float64)
         if beta.shape != (self.base_count,):
             raise InputError(
-                f"There are {self.base_count} base parameters: expected that many values, got {beta.shape}."
+                f"base must have shape ({self.base_count},), one number a base parameter, got shape {beta.shape}."
             )
         return beta
 

@@ -126,7 +126,7 @@ def excitation_html(design: ExcitationDesign, model: Model, expected: PredictedI
     motion = _Motion(t, q, dq, ddq, torque)
     parts = [
         ("start", "Where it starts", _start(design, model.robot)),
-        ("space", "The motion in space", _space(design, model.robot, motion)),
+        ("space", "The motion in space", _space(model.robot, motion)),
         ("limits", "Joints and their limits", _limits(design, model.robot, motion)),
         ("distances", "Distances", _distances(design, motion)),
         ("shows", "What it will show", _shows(model, expected)),
@@ -187,7 +187,7 @@ def _reach(low: float, high: float) -> str:
     return f"{low:.4g} … {high:.4g}".replace("-inf", "open").replace("inf", "open")
 
 
-def _space(design: ExcitationDesign, robot: Robot, motion: _Motion) -> Markup:
+def _space(robot: Robot, motion: _Motion) -> Markup:
     if robot.lengths:
         return Markup("<p>The robot has lengths that are symbols, so that it has no place in space.</p>")
     tips = _tips(robot)

@@ -9,12 +9,11 @@ import logging
 import math
 import queue
 import socket
-import threading
 import time
 import webbrowser
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -543,10 +542,11 @@ class Viewer:
                 self._last_chart = now
                 self._follow()
 
-    def run(self, stopped: threading.Event) -> None:
-        """Serve until the event is set."""
+    def run(self) -> NoReturn:
+        """Serve until Ctrl-C."""
         last = time.monotonic()
-        while not stopped.wait(max(0.0, 1.0 / FRAME_RATE - (time.monotonic() - last))):
+        while True:
+            time.sleep(max(0.0, 1.0 / FRAME_RATE - (time.monotonic() - last)))
             now = time.monotonic()
             self.advance(now - last)
             last = now
@@ -632,9 +632,8 @@ def view_robot(
     port: int = 8080,
     open_browser: bool = True,
     ready: Callable[[str], None] | None = None,
-    stopped: threading.Event | None = None,
 ) -> None:
-    """Serve a robot to a browser until Ctrl-C, or until an event is set.
+    """Serve a robot to a browser until Ctrl-C.
 
     Parameters
     ----------
@@ -651,7 +650,6 @@ def view_robot(
     open_browser : bool
     ready : callable, optional
         Called with the address of the page once it is served.
-    stopped : threading.Event, optional
 
     Raises
     ------
@@ -677,7 +675,7 @@ def view_robot(
         if open_browser:
             webbrowser.open(address)
         with contextlib.suppress(KeyboardInterrupt):
-            viewer.run(stopped or threading.Event())
+            viewer.run()
     finally:
         with contextlib.redirect_stdout(io.StringIO()):  # viser says that it stopped, which the user knows
             server.stop()

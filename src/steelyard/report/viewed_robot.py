@@ -143,7 +143,6 @@ def load_viewed_robot(
     given: str | Path,
     robot: str | Path | None = None,
     *,
-    largest_mesh: int = LARGEST_MESH,
     allow_extensions: bool = False,
 ) -> ViewedRobot:
     """Read what is to be looked at: a robot, or what was identified of one.
@@ -154,8 +153,6 @@ def load_viewed_robot(
         A URDF or robot.toml; or a folder that ``steelyard identify`` wrote, or an ``estimate.json``.
     robot : str or Path, optional
         The robot file of results; by default the one that their record names.
-    largest_mesh : int
-        Bytes above which a mesh is left out.
     allow_extensions : bool
         See :meth:`steelyard.RobotFile.load`.
 
@@ -193,7 +190,7 @@ def load_viewed_robot(
         else:
             known = _knowledge(result, model, identified, remarks)
     described = np.asarray(model.robot.parameters)
-    shapes = _shapes(model, largest_mesh, remarks)
+    shapes = _shapes(model, remarks)
     viewed = ViewedRobot(file, model, result, identified, described, shapes, known)
     return replace(viewed, remarks=(*remarks, *_odd(viewed)))
 
@@ -216,7 +213,7 @@ def _knowledge(result: SavedResult, model: Model, identified: Array, remarks: li
     return tuple(LinkKnowledge(link) for link in links)
 
 
-def _shapes(model: Model, largest: int, remarks: list[str]) -> tuple[PlacedShape, ...]:
+def _shapes(model: Model, remarks: list[str]) -> tuple[PlacedShape, ...]:
     """Return what the description shows; what cannot be read is told in the remarks."""
     robot = model.robot
     if robot.source is None:
@@ -224,7 +221,7 @@ def _shapes(model: Model, largest: int, remarks: list[str]) -> tuple[PlacedShape
         return ()
     skipped: list[tuple[str, str]] = []
     try:
-        found = tuple(visual_shapes(robot, robot.source, skipped, largest))
+        found = tuple(visual_shapes(robot, robot.source, skipped, LARGEST_MESH))
     except (InputError, MissingExtraError) as error:
         remarks.append(f"No shapes are drawn: {error}")
         return ()

@@ -171,7 +171,7 @@ class MjcfReader:
         for one, name, place in joints:
             self.joints.append(self.joint_row(one, index, self.joint_attributes(one, name), place))
         if index:
-            self.bodies[index]["inertia"] = self.inertia(element, inside, moves)
+            self.bodies[index]["inertia"] = self.inertia(inside, moves)
         elif joints:
             raise InputError(f"{joints[0][0].where}: the world has a joint; put it into a body")
         for one, name, place in inside:
@@ -209,7 +209,7 @@ class MjcfReader:
 
     # Inertias
 
-    def inertia(self, body: MjcfElement, inside: Sequence[tuple[MjcfElement, str, Matrix]], moves: bool) -> Inertia:
+    def inertia(self, inside: Sequence[tuple[MjcfElement, str, Matrix]], moves: bool) -> Inertia:
         """Return the inertia of a body in its frame."""
         written = [one for one, _, _ in inside if one.tag == "inertial"]
         if len(written) > 1:

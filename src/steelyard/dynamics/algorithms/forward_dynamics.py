@@ -118,7 +118,7 @@ def _turned(frame: JointFrame, body: _Articulated) -> _Articulated:
     return j, h, m
 
 
-def _reduced(frame: JointFrame, body: _Articulated, angular: Vector3, linear: Vector3, divisor: Any) -> _Articulated:
+def _reduced(body: _Articulated, angular: Vector3, linear: Vector3, divisor: Any) -> _Articulated:
     """Return the inertia that the parent feels: that of the body without what the joint's motion gives way to."""
     j, h, m = body
     ratio, slope = scale(angular, 1.0 / divisor), scale(linear, 1.0 / divisor)
@@ -190,7 +190,7 @@ def articulated_body(
         kept.append((angular, linear, divisor, rest))
         if frame.joint.parent < 0:
             continue
-        body = _reduced(frame, body, angular, linear, divisor)
+        body = _reduced(body, angular, linear, divisor)
         if is_zero(rotors[k]):
             body = _without_axis(frame, body)
         gain = rest / divisor

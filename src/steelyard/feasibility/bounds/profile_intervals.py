@@ -1,7 +1,7 @@
 """Ends of intervals of many quantities at once: what noise, unidentifiable directions and physics leave possible."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -67,14 +67,11 @@ class ProfileIntervals:
     chi_squared : float
         Squared distance, in standard deviations, from the estimate of least squares to the most likely feasible
         parameters; with the number of base parameters that the data determines it is of their size, where all is well.
-    most_likely : (n,)
-        These parameters.
     """
 
     lower: Vector
     upper: Vector
     chi_squared: float
-    most_likely: Vector = field(repr=False)
 
 
 def profile_intervals(
@@ -148,7 +145,7 @@ def profile_intervals(
     for index, quantity in enumerate(quantities):
         if quantity.never_negative:
             lower[index] = max(lower[index], 0.0)
-    return ProfileIntervals(lower, upper, chi_squared, likely)
+    return ProfileIntervals(lower, upper, chi_squared)
 
 
 def _far_blocks(feasible_set: FeasibleSet, covariance: ParameterCovariance, reach: Vector) -> tuple[AffineBlock, ...]:

@@ -127,12 +127,6 @@ class Slice:
         """The blocks that vary over the slice, grouped by size, as functions of w."""
         return grouped(self.feasible_set.blocks, self.directions @ self.bounded_basis, self.reference)
 
-    @cached_property
-    def fixed(self) -> tuple[int, ...]:
-        """Indices of the other blocks."""
-        varying = {int(i) for group in self.groups for i in group.indices}
-        return tuple(i for i in range(len(self.feasible_set.blocks)) if i not in varying)
-
     def parameters(self, coordinates: Vector) -> Vector:
         """δ at w."""
         return np.asarray(self.reference + self.directions @ (self.bounded_basis @ coordinates))
