@@ -139,7 +139,7 @@ scale="2 1 1"/></asset><worldbody><body name="a"><joint name="one" axis="0 1 0"/
         ("arm.xml", ('type="cylinder"', 'type="box" mesh="inline"'), "a box that is fitted to a mesh is no shape"),
         ("arm.sdf", ("<radius>0.05</radius>", "<radius>0</radius>"), r'arm\.sdf, line 3: link "a": .*radius'),
         ("arm.sdf", ("<uri>parts", "<submesh><name>x</name></submesh><uri>parts"), ""),
-        ("arm.sdf", ('<box><size>0.1 0.2 0.4</size></box>', "<cone/>"), "<cone> is no shape that is read"),
+        ("arm.sdf", ('<box><size>0.1 0.2 0.4</size></box>', "<cone/>"), "<cone> cannot be read as a shape"),
     ],
 )  # fmt: skip
 def test_shapes_that_cannot_be_read_are_named_with_their_line(place, name, change, message):

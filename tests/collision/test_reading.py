@@ -148,7 +148,7 @@ def test_a_package_above_the_urdf_that_holds_it(tmp_path, monkeypatch):
         (shape('<sphere radius="0"/>'), r'line 3: link "arm": a sphere: radius must be positive'),
         (shape('<box size="1 1"/>'), "size of <box> must be 3 numbers, finite, got '1 1'"),
         (shape('<cylinder radius="1" length="x"/>'), "length of <cylinder> must be one number"),
-        (shape('<cylindre radius="1" length="1"/>'), '<cylindre> is no shape that is read; did you mean "cylinder"'),
+        (shape('<cylindre radius="1" length="1"/>'), '<cylindre> cannot be read as a shape; did you mean "cylinder"'),
         (shape("<mesh/>"), "has no filename"),
         (shape('<mesh filename="no.stl"/>'), r'line 3: link "arm": the mesh "no.stl" is not found .*no.stl\); mend'),
         (shape('<mesh filename="file:///no/a.stl"/>'), "is not found"),

@@ -229,7 +229,7 @@ def test_words(two_links):
 
 
 def test_nothing_given_is_told(two_links):
-    with pytest.raises(InputError, match="nothing is given of the estimate"):
+    with pytest.raises(InputError, match="neither base= nor info= was given"):
         explain_infeasibility(FeasibleSet(two_links))
 
 

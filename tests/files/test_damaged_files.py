@@ -96,7 +96,7 @@ TEXTS = {
         ROBOT,
         'convention = "standard"\nrows = [["pi/2", 0, 0.3, "q"], [0, 0.5, 0, "q+pi/2"]]',
         'urdf = "a\\u0000b"',
-        "a character that no text has",
+        "a character that is not valid in a text",
     ),
     "endless URDF": (
         "robot.toml",

@@ -143,7 +143,7 @@ ESCAPE = "[c for c in ().__class__.__base__.__subclasses__()]"
             '<xacro:property name="p" value="${xacro.load_yaml(\'/etc/passwd\')}"/><a b="${p}"/>',
             "outside of the package",
         ),
-        ('<xacro:include filename="$(find ..)/secret/x.xacro"/>', "'..' is no name of a package"),
+        ('<xacro:include filename="$(find ..)/secret/x.xacro"/>', "'..' cannot be the name of a package"),
         ('<xacro:include filename="no.xacro"/>', "No such file"),
         ('<xacro:include filename="bomb.xacro"/>', "bomb.xacro has a DOCTYPE declaration"),
         (f'<a b="${{{ESCAPE}}}"/>', "uses __"),

@@ -36,7 +36,7 @@ def doctor(
     from steelyard.identification import examine
 
     if robot is None and lines:
-        raise InputError("--set gives lines of a robot file; give ROBOT, too.")
+        raise InputError("--set changes lines of a robot file, and none is given; give ROBOT, too.")
     file = None if robot is None else load_robot(robot, lines, allow_extensions=allow_extensions)
     with progress(quiet=quiet) as say:
         found = examine(log, file, topic=topic, progress=say)

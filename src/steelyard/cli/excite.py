@@ -150,12 +150,14 @@ def _require_meaning(context: typer.Context, on_the_fly: bool) -> None:
     named = _named(context)
     for name in _DESIGN_ALONE if on_the_fly else _ON_THE_FLY_ALONE:
         if name in named:
-            kind = "the design of a motion beforehand; leave out" if on_the_fly else "a motion on the fly; add"
-            raise InputError(f"--{name.replace('_', '-')} is of {kind} --on-the-fly.")
+            kind = (
+                "that is designed beforehand; leave one of both out" if on_the_fly else "on the fly; add --on-the-fly"
+            )
+            raise InputError(f"--{name.replace('_', '-')} belongs to a motion {kind}.")
     if on_the_fly and "criterion" in named and context.params["criterion"] == "condition":
         raise InputError(
-            "--criterion condition is of the design of a motion beforehand; a motion on the fly takes d or a, and "
-            "without --criterion makes the expected error of torques small."
+            "--criterion condition belongs to a motion that is designed beforehand; with --on-the-fly give d or a, or "
+            "leave it out, which makes the expected error of the torques small."
         )
 
 

@@ -31,7 +31,9 @@ def executor_of(workers: int, cluster: str | None, tls: Sequence[str] | None) ->
         If they contradict each other.
     """
     if tls and cluster is None:
-        raise InputError("--tls is of a cluster; give its address with --cluster.")
+        raise InputError(
+            "--tls secures the connection to a cluster, and none is given; give its address with --cluster."
+        )
     if cluster is None and workers == 1:
         return None
     from steelyard.fleet import Cluster, Workers

@@ -331,7 +331,7 @@ class _ShapeReader(UrdfReader):
                 return Box((x, y, z))
             case "mesh":
                 return self.mesh(element, owner)
-        raise InputError(f"<{kind}> is no shape that is read; {suggestion(kind, KINDS)}")
+        raise InputError(f"<{kind}> cannot be read as a shape; {suggestion(kind, KINDS)}")
 
     def mesh(self, element: etree._Element, owner: str) -> Mesh:
         scale = np.array(self.vector(element, "scale", owner, (1.0, 1.0, 1.0)))

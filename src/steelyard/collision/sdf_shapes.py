@@ -85,10 +85,12 @@ class _SdfShapes:
                 return ellipsoid(*self.vector(element, "radii", owner))
             case "mesh":
                 if self.reader.children(element, "submesh"):
-                    raise InputError("one part of a mesh (<submesh>) is no shape that is read; name a file with it")
+                    raise InputError(
+                        "one part of a mesh (<submesh>) cannot be read; name a file that holds this part alone"
+                    )
                 scale = np.diag([*self.vector(element, "scale", owner), 1.0])
                 return self.read.mesh(self.text(element, "uri"), scale, self.reader.file(element))
-        raise InputError(f"<{kind}> is no shape that is read; {suggestion(kind, KINDS)}")
+        raise InputError(f"<{kind}> cannot be read as a shape; {suggestion(kind, KINDS)}")
 
     def vector(self, element: etree._Element, key: str, owner: str) -> tuple[float, ...]:
         """Return the three numbers of a child; 1 each where there is none, as the format says."""

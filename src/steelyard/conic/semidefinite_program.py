@@ -128,7 +128,7 @@ class SemidefiniteProgram:
         variable_names: Sequence[str] = (),
         block_names: Sequence[str] = (),
     ) -> "SemidefiniteProgram":
-        """Build one from dense blocks.
+        """Build a semidefinite program from dense blocks.
 
         Parameters
         ----------
@@ -220,7 +220,7 @@ class SemidefiniteProgram:
         return cls(problem.q, tuple(sizes), matrix, block[place], row[place], column[place], value)
 
     def to_conic(self) -> ConicProblem:
-        """The same as a conic problem: diagonal blocks as nonnegative cones, the others as semidefinite ones.
+        """Return the program as a conic problem: diagonal blocks as nonnegative cones, the others as semidefinite ones.
 
         Raises
         ------

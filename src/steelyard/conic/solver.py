@@ -248,7 +248,7 @@ class SolverTable:
 
     @property
     def headings(self) -> tuple[str, ...]:
-        """Of the columns."""
+        """The headings of the columns."""
         return _HEADINGS
 
     @property

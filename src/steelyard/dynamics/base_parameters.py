@@ -123,8 +123,11 @@ class BaseParameters:
 
     @property
     def gap(self) -> float:
-        """How clearly the motions show the rank: the smallest relative distance of an independent column from those
-        left of it, over `error` (or rounding, if that is larger). The rank does not rest on it."""
+        """The margin by which random motions show the rank, which does not rest on it.
+
+        It is the smallest relative distance of an independent column from those left of it, over `error`, or over
+        rounding if that is larger.
+        """
         error, nearest = self._measured
         return nearest / max(error, 1e-15)
 

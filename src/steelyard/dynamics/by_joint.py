@@ -75,7 +75,7 @@ class ByJoint(Term):
 
     @cached_property
     def parameters(self) -> tuple[TermParameter, ...]:  # type: ignore[override]
-        """Those of all the laws, each symbol once."""
+        """The parameters of all the laws, each symbol once."""
         found: dict[str, TermParameter] = {}
         for law in self.laws:
             for one in law.parameters:
@@ -86,12 +86,12 @@ class ByJoint(Term):
 
     @property
     def speeds(self) -> tuple[float, ...]:
-        """Those of all the laws."""
+        """The speeds that any of the laws names."""
         return tuple(speed for law in self.laws for speed in law.speeds)
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """What the laws need of a log."""
+        """The channels of a log that any of the laws needs."""
         return tuple(dict.fromkeys(name for law in self.laws for name in law.channels))
 
     def without_channels(self) -> Term:
@@ -112,7 +112,7 @@ class ByJoint(Term):
 
     @property
     def identity(self) -> Mapping[str, Any]:
-        """What tells it from others: that of each law."""
+        """What tells this term from others of its kind: the identities of its laws."""
         return {"kind": self.kind, "laws": [dict(law.identity) for law in self.laws]}
 
     def at_joint(self, k: int) -> tuple[Term, ...]:

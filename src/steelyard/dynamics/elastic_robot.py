@@ -102,7 +102,7 @@ class Transmission(Term):
         return (0.5 * deflection * deflection, 0.0)
 
     def check(self, robot: Robot) -> None:
-        """Refuse coordinates that the robot has not."""
+        """Refuse coordinates that the robot does not have."""
         beyond = max(*self.joints, *self.motors)
         if beyond > robot.dof:
             raise InputError(
@@ -149,17 +149,17 @@ class AtCoordinates(Term):
 
     @property
     def parameters(self) -> tuple[TermParameter, ...]:  # type: ignore[override]
-        """Those of the term."""
+        """The parameters of the term."""
         return self.term.parameters
 
     @property
     def speeds(self) -> tuple[float, ...]:
-        """Those of the term."""
+        """The speeds that the term names."""
         return self.term.speeds
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Those of the term."""
+        """The channels that the term needs."""
         return self.term.channels
 
     def check_channel(self, name: str, values: NDArray[np.float64]) -> None:
@@ -167,7 +167,7 @@ class AtCoordinates(Term):
         self.term.check_channel(name, values)
 
     def without_channels(self) -> Term | None:
-        """Return the same with the term that needs none."""
+        """Return this term with one that needs no channels."""
         plain = self.term.without_channels()
         return None if plain is None else self if plain is self.term else AtCoordinates(plain, self._numbers)
 
@@ -220,16 +220,16 @@ class AtCoordinates(Term):
         return self.term.conditions()
 
     def check(self, robot: Robot) -> None:
-        """Refuse coordinates that the robot has not."""
+        """Refuse coordinates that the robot does not have."""
         if max(self.coordinates) >= robot.dof:
             raise InputError(
                 f"The term {self.kind!r} is to act at coordinate {max(self.coordinates) + 1}, but {robot.name} has "
-                f"{robot.dof}."
+                f"{robot.dof} coordinates; correct `coordinates`."
             )
 
     @property
     def identity(self) -> Mapping[str, Any]:
-        """What tells it from others."""
+        """What tells this term from others: the term and its coordinates."""
         return {"kind": self.kind, "term": dict(self.term.identity), "coordinates": self._numbers}
 
     def to_dict(self) -> dict[str, Any]:
@@ -343,7 +343,7 @@ def _places(robot: Robot, joints: Sequence[str | int]) -> tuple[int, ...]:
             found.append(names.index(one))
         else:
             raise InputError(
-                f"{shown(one)} is no joint of {robot.name} that could be elastic; {suggestion(str(one), names)}."
+                f"{shown(one)} is no joint of {robot.name} that could be elastic; {suggestion(str(one), names)}"
             )
     if not found or len(set(found)) < len(found):
         raise InputError(f"The elastic joints must be named, each once, got {shown(list(joints))}.")

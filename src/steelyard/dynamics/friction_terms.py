@@ -44,7 +44,7 @@ tangent is exact to 5e-17."""
 
 
 class CoulombByDirection(ShapedTerm):
-    """Coulomb friction that is another in each direction, ``Fcp`` forward and ``Fcn`` backward.
+    """Coulomb friction that differs by direction, ``Fcp`` forward and ``Fcn`` backward.
 
     In motion it is a Coulomb friction of their mean and an offset of half their difference, so that beside the term
     ``offset`` the two are not told apart. It says more than these two: neither direction drives the joint, so that the
@@ -83,7 +83,7 @@ class CoulombByDirection(ShapedTerm):
 
 
 class ViscousByDirection(ShapedTerm):
-    """Viscous friction that is another in each direction, ``Fvp dq`` forward and ``Fvn dq`` backward.
+    """Viscous friction that differs by direction, ``Fvp dq`` forward and ``Fvn dq`` backward.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ class ViscousByDirection(ShapedTerm):
 
 
 class Stribeck(ShapedTerm):
-    """Coulomb friction that is another near rest: ``(Fc + Fs exp(-|dq / velocity| ** exponent)) sign(dq)``.
+    """Coulomb friction that differs near rest: ``(Fc + Fs exp(-|dq / velocity| ** exponent)) sign(dq)``.
 
     It takes the place of `Coulomb`, with which it shares the parameter. ``Fc + Fs`` is the friction of a joint that
     just begins to move. It dissipates at every speed if and only if ``Fc >= 0`` and ``Fc + Fs >= 0``.
@@ -292,7 +292,7 @@ class PolynomialFriction(ShapedTerm):
 
     @cached_property
     def parameters(self) -> tuple[TermParameter, ...]:  # type: ignore[override]
-        """One for each power, and one for each number that the sums of squares leave open."""
+        """One parameter for each power, and one for each number that the sums of squares leave open."""
         result = []
         for power in self.powers:
             what = {0: "Coulomb friction", 1: "viscous friction"}.get(power, f"friction by the speed to the {power}")
@@ -632,7 +632,8 @@ class ChannelFriction(ShapedTerm):
         held = self.shape["held"]
         if held is None and channels is None:
             raise InputError(
-                f"The term {self.kind!r} needs the channel {self.shape['channel']!r}, which was not given."
+                f"The term {self.kind!r} needs the channel {self.shape['channel']!r}, which was not given; give it "
+                "as channels=, or hold it at one value with `held`."
             )
         signal = float(held) if held is not None or channels is None else channels[self.shape["channel"]][k]
         beyond = signal - float(self.shape["reference"])
@@ -644,7 +645,7 @@ class ChannelFriction(ShapedTerm):
         return tuple(column.get(k) for column in self.columns(k, q, dq, ddq, algebra))
 
     def check_channel(self, name: str, values: NDArray[np.float64]) -> None:
-        """Refuse values beyond the range."""
+        """Refuse values of the channel beyond the range in which the friction is proved to dissipate."""
         low, high = self.shape["range"]
         least, greatest = float(values.min(initial=np.inf)), float(values.max(initial=-np.inf))
         if least < low or greatest > high:

@@ -27,7 +27,7 @@ from .terms import is_known_term
 __all__ = ["DEFAULT_FUNCTIONS", "BaseColumns", "Evaluator", "ModelFunctions", "SmoothSign", "parameter_values"]
 
 DEFAULT_FUNCTIONS = ("inverse_dynamics", "forward_dynamics", "inertia_matrix", "coriolis", "gravity", "regressor")
-"""Those of which source is generated where none are named."""
+"""The functions of which source is generated where none are named."""
 
 
 class SmoothSign:

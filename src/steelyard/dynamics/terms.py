@@ -109,7 +109,7 @@ class Offset(_JointTerm):
     def columns(
         self, k: int, q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any], algebra: Any
     ) -> tuple[dict[int, Any], ...]:
-        """Return one."""
+        """Return the column of ones at the joint."""
         return ({k: 1.0},)
 
 
@@ -309,11 +309,12 @@ class ShapedTerm(Term):
                 )
 
     def check(self, robot: Robot) -> None:
-        """Refuse joints that the robot has not, and other numbers of values than it has joints."""
+        """Refuse joints that the robot does not have, and other numbers of values than it has joints."""
         beyond = max(self.joints or (0,))
         if beyond > robot.dof:
             raise InputError(
-                f"The term {self.kind!r} is to act at joint {beyond}, but {robot.name} has {robot.dof} joints."
+                f"The term {self.kind!r} is to act at joint {beyond}, but {robot.name} has {robot.dof} joints; "
+                "correct `joints`."
             )
         for name in self.per_joint:
             value = self.shape.get(name)

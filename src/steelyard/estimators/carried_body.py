@@ -116,19 +116,19 @@ class CarriedBody:
 
     @cached_property
     def effects(self) -> Array:
-        """How the body, and a change of friction, change the robot's base parameters, (n_b, 10 + f)."""
+        """The effects of the body and of a change of friction on the robot's base parameters, (n_b, 10 + f)."""
         K = self.model.base_parameters().K
         own = np.asarray(self.model.link_columns[self.link])
         return np.hstack([K[:, own] @ transformation(self.placement), K[:, self.friction]])
 
     @cached_property
     def base(self) -> BaseParameters:
-        """Which combinations of the body and of changes of friction can be told where the robot is known."""
+        """The combinations of the body and of changes of friction that can be told where the robot is known."""
         return base_parameters_of(self.effects, self.names)
 
     @cached_property
     def shown_effects(self) -> Array:
-        """Those of `base` on the robot's base parameters, (n_b, r)."""
+        """The effects of these combinations on the robot's base parameters, (n_b, r)."""
         return np.asarray(self.effects[:, self.base.independent])
 
     @cached_property

@@ -30,13 +30,13 @@ __all__ = ["DriveGains", "KnownPayload", "estimate_drive_gains", "gains_from_equ
 Array = NDArray[np.float64]
 
 STEPS = 50
-"""Of Gauss and Newton at most; ten are usual."""
+"""The most steps of Gauss and Newton; ten are usual."""
 
 SETTLED = 1e-10
 """Relative change of the squared residual with which they have converged."""
 
 NOISE_FREE = 1e-9
-"""Of the currents, relative to them: joints without noise would get an infinite weight."""
+"""The least noise of the currents, relative to them: joints without noise would get an infinite weight."""
 
 NOT_THE_PAYLOAD = 1.5
 """Ratio of the errors with and without regard to physics from which the payload cannot be the one that is stated; equal
@@ -46,7 +46,7 @@ LEAST_ERROR = 1e-3
 """Smaller errors without regard to physics count as this one."""
 
 PASSES = 4
-"""Of the linear start, each with the weights of the one before."""
+"""Passes of the linear start, each with the weights of the one before."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -486,7 +486,7 @@ class _Search:
         )
 
     def _relative_error(self, x: Array, h: Array) -> float:
-        """Of the currents, over all joints of equal weight."""
+        """Return the relative error of the currents, over all joints of equal weight."""
         pairs = zip(self.residuals(x, h), self.sizes, strict=True)
         return float(np.sqrt(np.mean([float(r @ r) / size**2 for r, size in pairs])))
 

@@ -42,8 +42,9 @@ WINDOW = 0.2
 """Seconds. A window passes what is slower than about 1 / WINDOW, which are the motions of arms."""
 
 POWER = 6
-"""Of the test function (1 - s²)^POWER. The more of its derivatives vanish at the ends, the nearer sums over the samples
-are to integrals: 38 samples in a window, motions to 0.8 Hz, and parameters are off by 1e-5 with 4, 1e-7 with 6."""
+"""The exponent of the test function (1 - s²)^POWER. The more of its derivatives vanish at the ends, the nearer sums
+over the samples are to integrals: 38 samples in a window, motions to 0.8 Hz, and parameters are off by 1e-5 with 4,
+1e-7 with 6."""
 
 OVERLAP = 4
 """Windows that begin within half a window: rows every eighth of a window lose nothing that it passes."""
@@ -52,13 +53,13 @@ FEWEST = 8
 """Samples in half a window."""
 
 STILL = 0.5
-"""Of a window may be near standstill, where a mask leaves out what friction does: `_without_passages` takes that out.
-Without the windows over such passages 40 % of a log of the TX40 were lost, and the error of what follows it was 10.5
-instead of 8.4 %."""
+"""This share of a window may be near standstill, where a mask leaves out what friction does: `_without_passages` takes
+that out. Without the windows over such passages 40 % of a log of the TX40 were lost, and the error of what follows it
+was 10.5 instead of 8.4 %."""
 
 PASSAGE_ORDER = 2
-"""Of the polynomials that stand for what friction does over such a passage: sticking, and a sign that noise hides, are
-torques of which windows tell little more than their sum, their slope and their bend. Estimates on 30 logs of
+"""The order of the polynomials that stand for what friction does over such a passage: sticking, and a sign that noise
+hides, are torques of which windows tell little more than their sum, their slope and their bend. Estimates on 30 logs of
 benchmarks/estimators.py, without anything taken out and with orders 0, 1 and 2: errors of 1, 0.18, 0.12 and 0.1, bias
 of 1.9, 1.3, 0.9 and 0.3 standard errors."""
 
@@ -67,7 +68,7 @@ MOST_TOGETHER = 500
 and a passage over the end of such a group is then taken out twice, which loses little."""
 
 JITTER = 0.01
-"""Of the time between samples: a step that differs by more ends a stretch."""
+"""The share of the time between samples by which a step may differ: a step that differs by more ends a stretch."""
 
 PIECE = 2048
 """Samples of which the regressors stand in memory together."""
@@ -83,7 +84,7 @@ class _Balance:
 
 
 _Kind = Callable[[Model, Samples, Array], _Balance]
-"""Of the samples, beside the velocity of `_smooth_velocity` and its derivative, (2, S, N)."""
+"""The balances of samples, given the velocity of `_smooth_velocity` and its derivative, (2, S, N)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +104,7 @@ class BalanceInformation(Information):
 
     @property
     def method(self) -> str:
-        """What least squares of these rows are."""
+        """The name of the method that least squares of these rows are."""
         return f"balance of {self.kept}"
 
     def __add__(self, other: Information) -> Information:

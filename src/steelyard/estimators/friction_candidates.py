@@ -23,10 +23,10 @@ Array = NDArray[np.float64]
 Shape = tuple[float, ...]
 
 FRACTIONS = np.geomspace(0.01, 0.6, 14)
-"""Of the fastest speed of a joint: Stribeck velocities, knees and widths that are tried, each 1.37 times the one
-before; a search between neighbours follows."""
+"""The shares of the fastest speed of a joint that are tried as Stribeck velocities, knees and widths that are tried,
+each 1.37 times the one before; a search between neighbours follows."""
 TRAVELS = np.geomspace(1e-4, 0.3, 14)
-"""Of the range of a joint: presliding displacements that are tried."""
+"""The shares of the range of a joint that are tried as presliding displacements."""
 MOST_HARMONICS = 64
 """Periods in a turn (or in a metre over 2 π) of a ripple that are tried; a ripple must be seen at two samples a
 period, and over one period at least."""

@@ -31,7 +31,7 @@ SIGNIFICANCE = 0.002
 """Probability with which any law is added to a robot that has none of them, after Holm's correction. Laws that robots
 have are at 1e-5 and below, and a test by forty blocks is not exact."""
 LIKELY = 0.05
-"""The same of a joint, before any correction, of a law that was found at another."""
+"""The level of significance at a joint, before any correction, of a law that was found at another joint."""
 LEAST_GAIN = 0.02
 """Part by which the error of a joint on stretches that are left out must fall. Speeds from noisy encoders make a law
 significant that explains less."""
@@ -836,7 +836,7 @@ class _Joint:
         return trial
 
     def _p_value(self, trial: _Trial) -> float:
-        """Of the law's coefficients being zero, by how they vary where blocks of neighbouring rows are left out.
+        """Return the p-value of the law's coefficients being zero, by a jackknife over blocks of neighbouring rows.
 
         Unlike sums of scores over blocks, this jackknife holds where single blocks decide, such as those in which the
         joint is slow.

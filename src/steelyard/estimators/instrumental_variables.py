@@ -105,7 +105,7 @@ class InstrumentalInformation(Information):
 
     @property
     def method(self) -> str:
-        """What least squares of these rows are."""
+        """The name of the method that least squares of these rows are."""
         return "instrumental variables"
 
 

@@ -41,7 +41,8 @@ MOST_ITERATIONS = 10
 """Two or three are usual: the residuals of a consistent estimate hardly change."""
 
 LEAST_SCALE = 1e-9
-"""Of an innovation, relative to the root mean square torque: simulated data without noise has residuals of rounding."""
+"""The least scale of an innovation, relative to the root mean square torque: simulated data without noise has residuals
+of rounding."""
 
 STRETCHES = 5
 
@@ -76,7 +77,7 @@ class LikelihoodInformation(Information):
 
     @property
     def method(self) -> str:
-        """What least squares of these rows are."""
+        """The name of the method that least squares of these rows are."""
         return "maximum likelihood"
 
 

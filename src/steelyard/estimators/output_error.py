@@ -149,7 +149,7 @@ class OutputInformation(Information):
 
     @property
     def method(self) -> str:
-        """What least squares of these rows are."""
+        """The name of the method that least squares of these rows are."""
         return f"output error of the {self.output}s"
 
 
@@ -301,7 +301,7 @@ class _Problem:
         return np.sum(np.where(used, left, 0.0) ** 2, axis=0), used.sum(axis=0)
 
     def derivatives(self, motion: Motion, base: Vector, errors: Vector | None) -> Matrix | None:
-        """Of the positions by the base parameters, (n_b, S, N); None for torques, whose regressor stands for them."""
+        """Return those of the positions by the base parameters, (n_b, S, N); None for torques."""
         if self.output == "torque":
             return None
         known = None if errors is None else np.where(np.isfinite(errors) & (errors > 0.0), errors, 0.0)

@@ -389,7 +389,7 @@ class _BodyAlone:
         return BaseParameters(tuple(self.parameter_names), base.independent, base.dependent, base.Kd)
 
     def conditions(self, consistency: str) -> tuple[AffineBlock, ...]:
-        """That the body has a mass density."""
+        """The condition that the body has a mass density."""
         return self.body.body_conditions(consistency, 0)
 
 
@@ -590,7 +590,7 @@ def _require_weight(problem: _Problem) -> None:
 
 
 def _mass_and_center(problem: _Problem, found: Array) -> list[tuple[Quantity, float]]:
-    """Of the payload, each with a size below which a value means nothing."""
+    """Return mass and centre of mass of the payload, each with a size below which a value means nothing."""
     identity = np.eye(len(found))[problem.start : problem.start + 10]
     mass = identity[9]
     asked = [(Quantity("mass", "mass", "kg", mass, never_negative=True), 0.0)]

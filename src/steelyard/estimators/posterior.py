@@ -32,7 +32,8 @@ Matrix = npt.NDArray[np.float64]
 Tensor = npt.NDArray[np.float64]
 
 PRIOR_WEIGHT = 11.0
-"""Of the prior in the estimator by name: links are expected to be right to three tenths, as descriptions are."""
+"""The weight of the prior where the estimator is called by its name: links are expected to be right to three tenths, as
+descriptions are."""
 
 MODE_BARRIER = 1e-4
 """Factor of the barrier with which the mode is found: it stands off the boundary by this, over the slope there."""
@@ -41,7 +42,7 @@ START_BARRIER = 1.0
 """Factor of the barrier at the point around which chains begin: well inside."""
 
 START_SPREAD = 2.0
-"""Of the starts of the chains, in standard deviations: wider than the posterior, as R-hat asks for."""
+"""The spread of the starts of the chains, in standard deviations: wider than the posterior, as R-hat asks for."""
 
 ACCEPTED = np.array([0.57, 0.7])
 """Share of accepted proposals at which Langevin steps move farthest (Roberts and Rosenthal, J. Royal Statistical
@@ -144,12 +145,12 @@ class Posterior:
 
     @property
     def least_effective_count(self) -> float:
-        """Of all quantities."""
+        """The smallest effective sample size of all quantities."""
         return min(row.effective_count for row in self.rows)
 
     @property
     def largest_r_hat(self) -> float:
-        """Of all quantities."""
+        """The largest R-hat of all quantities."""
         return max(row.r_hat for row in self.rows)
 
     @property
@@ -284,7 +285,10 @@ def posterior(
             "and `decimate`."
         )
     if info.count <= info.base_count:
-        raise InputError(f"{info.count} rows for {info.base_count} base parameters tell no noise; record more.")
+        raise InputError(
+            f"{info.count} rows for {info.base_count} base parameters leave nothing to estimate the noise from; give a "
+            "longer log."
+        )
     asked = quantities(feasible_set, names, combinations)
     used = info.joint_weights(weights) if info.is_weighted(weights) else None
     covariance = ParameterCovariance.of(info, weights=used)
@@ -430,7 +434,7 @@ class _Density:
         return gradients, hessians
 
     def own_derivatives(self, points: Matrix) -> tuple[Matrix, Tensor]:
-        """Of the density alone."""
+        """Return gradients and Hessians of the density alone."""
         gradients = (points @ self.rows.T - self.target) @ self.rows
         hessians = np.tile(self.curvature, (len(points), 1, 1))
         if self.prior is not None:
@@ -438,7 +442,7 @@ class _Density:
         return gradients, hessians
 
     def gradients(self, points: Matrix) -> Matrix:
-        """Of the density alone, without its curvature."""
+        """Return the gradients of the density alone, without its curvature."""
         found = (points @ self.rows.T - self.target) @ self.rows
         return found if self.prior is None else found + self.weight * self.prior.gradients(points)
 
@@ -653,7 +657,7 @@ def _root_of_inverse(density: _Density, mode: Vector) -> Matrix:
 
 
 def _values(quantity: Quantity, drawn: Tensor) -> Matrix:
-    """Of samples (chains, kept, n), (chains, kept)."""
+    """Return the values of a quantity, (chains, kept), for samples (chains, kept, n)."""
     found = drawn @ quantity.row
     return np.asarray(found if quantity.mass is None else found / (drawn @ quantity.mass))
 

@@ -76,7 +76,10 @@ class Prior(ABC):
             unknown = others & ~known
             deviations = self._vector(self.term_deviations, feasible_set, "term_deviations")
             if not np.all(deviations[unknown] > 0):
-                raise InputError("term_deviations must be positive for every term that the prior does not know.")
+                raise InputError(
+                    "term_deviations must be positive for every term parameter that the prior does not know, got "
+                    f"{deviations[unknown].tolist()} for these."
+                )
             diagonal[unknown] = 1.0 / (weight * deviations[unknown] ** 2)
         reference = np.where(np.isfinite(values), values, 0.0)
         return PreparedPrior(self.label, feasible_set, reference, self._metric(feasible_set, bodies), diagonal)
@@ -262,7 +265,7 @@ class PreparedPrior:
 
     @property
     def known(self) -> npt.NDArray[np.bool_]:
-        """Of which parameters the prior knows a value, (n,): those of links, and terms that are not zero."""
+        """Whether the prior knows a value of each parameter, (n,): of links, and of terms that are not zero."""
         found = np.asarray(self.reference != 0.0)
         found[self.feasible_set.link_columns] = True
         return found

@@ -47,7 +47,7 @@ the column consists of rounding errors."""
 
 @dataclass(frozen=True, eq=False)
 class FeasibleFit:
-    """Answer of `fit_reduced`.
+    """The answer of `fit_reduced`.
 
     Attributes
     ----------

@@ -60,7 +60,7 @@ class ShadowPrice:
 
 @dataclass(frozen=True, eq=False)
 class ShadowPrices:
-    """Answer of `shadow_prices`, largest savings first.
+    """The answer of `shadow_prices`, largest savings first.
 
     Attributes
     ----------
@@ -144,7 +144,7 @@ class ShadowPrices:
         return html_table(" ".join(self.sentences()), HEADS, self._rows())
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain data, for JSON."""
+        """Return the result as plain data for JSON."""
 
         def entry(price: ShadowPrice) -> dict[str, Any]:
             return {
@@ -182,7 +182,7 @@ def shadow_prices(
     mass_bound: float | None = None,
     solver: str = "clarabel",
 ) -> ShadowPrices:
-    """By how much each condition raises the regression error: per unit of margin, and if it is dropped.
+    """Find how much each condition raises the regression error: per unit of margin, and if it is dropped.
 
     Parameters
     ----------

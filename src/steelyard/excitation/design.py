@@ -384,7 +384,10 @@ def _prior(
         return np.zeros((model.base_parameters().count,) * 2)
     information = _known(model, prior_information, rate)
     if information.base_expressions != model.base_parameters().expressions:
-        raise InputError("The prior information is of another robot: its base parameters are different.")
+        raise InputError(
+            f"The prior information belongs to another robot than {model.robot.name}, since its base parameters "
+            "differ; give that of the same robot file."
+        )
     given = weights if information.by_joint else None
     if given is None and np.ptp(weights) > 0.0:
         raise InputError(
@@ -399,7 +402,8 @@ def _known(model: Model, prior_information: Information | Trajectory | Excitatio
     motion = prior_information.excitation if isinstance(prior_information, ExcitationDesign) else prior_information
     if motion.dof != model.dof:
         raise InputError(
-            f"The prior information is of a motion of {motion.dof} joints, but {model.robot.name} has {model.dof}."
+            f"The prior information is a motion of {motion.dof} joints, but {model.robot.name} has {model.dof}; "
+            "give a motion of this robot."
         )
     return _information(model, motion, rate)
 

@@ -37,8 +37,9 @@ COARSE: tuple[tuple[float, int], ...] = ((4.0, 60), (12.0, 80))
 A low sharpness makes the objective smooth, so that poor starts are left quickly."""
 
 FINE: tuple[tuple[float, int], ...] = ((16.0, 150), (24.0, 150), (32.0, 200), (32.0, 200))
-"""The same for the refinement, from the results of the first rounds. With a sharpness of 32 the smooth
-condition number exceeds the true one by at most a factor of n_b^(1/32), 14 % for 70 base parameters."""
+"""Sharpness and largest number of iterations of each round of the refinement, from the results of the first rounds.
+With a sharpness of 32 the smooth condition number exceeds the true one by at most a factor of n_b^(1/32), 14 % for 70
+base parameters."""
 
 # Weight of the squared violation (relative to the scale of a limit) against the logarithm of the criterion. The result
 # depends little on it: from 1.5 to 150 the condition numbers of motions for a WAM were between 58 and 62 (four starts,

@@ -173,7 +173,7 @@ class PointFamily:
 
     @property
     def duration(self) -> float:
-        """Of the whole motion, s."""
+        """The duration of the whole motion, s."""
         return self.period
 
 

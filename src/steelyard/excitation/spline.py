@@ -173,10 +173,17 @@ class QuinticTrajectory(SampledTrajectory):
                 "A quintic trajectory needs times of shape (K,) with K at least 2, and q, dq, ddq of shape (K, N), got "
                 f"{self.times.shape}, {self.q.shape}, {self.dq.shape} and {self.ddq.shape}."
             )
-        if not all(np.isfinite(getattr(self, name)).all() for name in ("times", "q", "dq", "ddq")):
-            raise InputError("A quintic trajectory needs finite numbers, but some of them are not.")
-        if self.times[0] != 0.0 or np.any(np.diff(self.times) <= 0.0):
-            raise InputError("The times of a quintic trajectory must increase from 0, in s.")
+        for name in ("times", "q", "dq", "ddq"):
+            bad = np.argwhere(~np.isfinite(getattr(self, name)))
+            if len(bad):
+                raise InputError(f"{name} of a quintic trajectory must be finite, but row {bad[0, 0] + 1} is not.")
+        steps = np.diff(self.times)
+        if self.times[0] != 0.0 or np.any(steps <= 0.0):
+            place = 0 if self.times[0] != 0.0 else int(np.argmax(steps <= 0.0)) + 1
+            raise InputError(
+                "times of a quintic trajectory must increase from 0, in s, but that of row "
+                f"{place + 1} is {self.times[place]:g}."
+            )
 
     @classmethod
     def point_to_point(cls, points: ArrayLike, spans: ArrayLike | Sequence[float]) -> QuinticTrajectory:

@@ -157,7 +157,7 @@ def _clusters(rows: Matrix, numbers: Sequence[int] | Indices) -> list[tuple[Indi
 
 
 def log_determinants(matrices: Matrix) -> Matrix:
-    """Of symmetric matrices (..., d, d); -inf where they are not positive definite, or not finite."""
+    """Return log-determinants of symmetric matrices (..., d, d); -inf where they are not positive definite."""
     try:
         diagonals = np.diagonal(np.linalg.cholesky(matrices), axis1=-2, axis2=-1)
         return np.asarray(2.0 * np.log(diagonals).sum(axis=-1))

@@ -61,7 +61,7 @@ VERDICT_FORMAT = "steelyard-verdict-1"
 
 @dataclass(frozen=True, eq=False)
 class Verdict:
-    """Answer of `check`.
+    """The answer of `check`.
 
     Attributes
     ----------

@@ -32,7 +32,7 @@ this is more than 1 SI unit. Two of 640 hard inputs of a seven-joint arm had no 
 
 @dataclass(frozen=True, eq=False)
 class Correction:
-    """Answer of `correct`.
+    """The answer of `correct`.
 
     Attributes
     ----------

@@ -159,7 +159,7 @@ SHOWN = 12
 
 @dataclass(frozen=True, eq=False)
 class InfeasibilityExplanation:
-    """Answer of `explain_infeasibility`.
+    """The answer of `explain_infeasibility`.
 
     Attributes
     ----------
@@ -283,7 +283,7 @@ class InfeasibilityExplanation:
         return text + html_table("Base parameters with the largest shares", HEADS, self._rows())
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain data, for JSON; what is infinite or unknown is None."""
+        """Return the result as plain data for JSON; what is infinite or unknown is None."""
 
         def number(value: float | None) -> float | None:
             return float(value) if value is not None and math.isfinite(value) else None
@@ -391,7 +391,7 @@ def explain_infeasibility(
     with one_thread():
         region = region_of(feasible_set, base, info, covariance, weights)
         if region is None and base is None:
-            raise InputError("nothing is given of the estimate; give it as base=, or data as info=.")
+            raise InputError("neither base= nor info= was given; give the estimate or the data that it follows from.")
         beta = region.base if region is not None else feasible_set.as_base(base if base is not None else ())
         verdict = check(feasible_set, base=beta)
         names = tuple(zip(_base_names(feasible_set), _base_expressions(feasible_set), strict=True))

@@ -79,7 +79,7 @@ def require_file(path: str | os.PathLike[str], remedy: str = "give the path of a
             raise InputError(f"{shown(os.fspath(path))}: is longer than a path can be; {remedy}.") from None
         raise InputError(f"{path}: cannot be read ({error.strerror or error}); {remedy}.") from None
     except ValueError:
-        raise InputError(f"{shown(os.fspath(path))}: is no path that can exist; {remedy}.") from None
+        raise InputError(f"{shown(os.fspath(path))}: is not a valid path; {remedy}.") from None
     _require_regular(mode, path, remedy)
 
 
@@ -124,7 +124,7 @@ def read_bytes(
     except InputError:
         raise
     except ValueError:  # the path holds a NUL, or half of a surrogate pair
-        raise InputError(f"{shown(os.fspath(path))}: is no path that can exist; {remedy}.") from None
+        raise InputError(f"{shown(os.fspath(path))}: is not a valid path; {remedy}.") from None
     raise InputError(f"{path}: has more than {largest / 1e6:.0f} MB, which is too large; {remedy}.")
 
 
@@ -239,7 +239,10 @@ def _require_usable(content: Any, path: str | os.PathLike[str], *, finite: bool)
                 waiting += [(item, depth + 1) for item in value.values()]
         elif isinstance(value, str):
             if "\0" in value or not _is_unicode(value):
-                raise InputError(f"{path}: holds the text {shown(value)}, with a character that no text has; mend it.")
+                raise InputError(
+                    f"{path}: holds the text {shown(value)}, with a character that is not valid in a text; "
+                    "mend the file."
+                )
         elif isinstance(value, int):
             if not -LARGEST_INTEGER <= value < LARGEST_INTEGER:
                 raise InputError(f"{path}: holds a whole number beyond 64 bits ({shown(value)}); mend the file.")

@@ -148,7 +148,7 @@ def _refusals_told(target: Path) -> Iterator[None]:
     except InputError:
         raise
     except ValueError:  # the path holds a NUL, or half of a surrogate pair
-        raise InputError(f"{str(target)!r}: is no path that can exist; give another place.") from None
+        raise InputError(f"{str(target)!r}: is not a valid path; give another place.") from None
 
 
 def temporary_folder(target: Path) -> tuple[Path, int | None]:

@@ -248,7 +248,10 @@ class Cluster:
                 except CancelledError as error:  # lost with its worker in a way that Dask does not mend by itself
                     attempts[number] += 1
                     if attempts[number] == _ATTEMPTS:
-                        raise InputError(f"The cluster at {self.address} loses its results ({error}).") from None
+                        raise InputError(
+                            f"The cluster at {self.address} lost the results of one log {_ATTEMPTS} times ({error}); "
+                            "see why its workers end, and run again."
+                        ) from None
                     submit(number)
                     continue
                 except distributed.KilledWorker as error:

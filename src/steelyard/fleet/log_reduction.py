@@ -38,9 +38,9 @@ ends on a cluster, and takes over what it had done."""
 LARGE = 32_000_000
 """Bytes of a log from which on it is opened here, to be shared section by section; it may have three million rows."""
 SHARED_PART = 0.25
-"""Of the bytes of all logs, that a log must have to be opened here. Opening a text takes a fifth of what reading and
-reducing it takes, and is done by this process alone: of four equal logs it takes as long as one worker needs for one of
-them, and of more the other workers wait longer for it than for the last log."""
+"""The share of the bytes of all logs that a log must have to be opened here. Opening a text takes a fifth of what
+reading and reducing it takes, and is done by this process alone: of four equal logs it takes as long as one worker
+needs for one of them, and of more the other workers wait longer for it than for the last log."""
 HEAD = 1 << 16  # bytes by which the rows of a text are guessed
 
 

@@ -24,7 +24,7 @@ SEPARATOR = ";"
 
 @dataclass(frozen=True)
 class FleetEntry:
-    """A robot at a time.
+    """One robot at one date, with its data.
 
     Attributes
     ----------

@@ -78,7 +78,7 @@ def unpacked(data: bytes) -> Any:
     """
     content = memoryview(data)[_START:]
     if not is_whole(data):
-        raise InputError("The bytes of a reduction are damaged, or are none; reduce the logs anew.")
+        raise InputError("The bytes are not those of a reduction, or are damaged; reduce the logs anew.")
     size = int.from_bytes(content[:8], "little")
     place = 8 + size
 

@@ -48,7 +48,8 @@ WHOLE = 0.99
 """Robots as far from the mean as one in a hundred normal ones count less in the mean, by the square of how far."""
 
 ITERATIONS, SETTLED = 60, 0.02
-"""Of the variances, and the relative change of the spread of every cause below which they have settled."""
+"""The most iterations for the variances, and the relative change of the spread of every cause below which they have
+settled."""
 
 SUBSET = 200
 """Siblings from which the variances are begun; all of them settle them afterwards."""
@@ -57,7 +58,7 @@ ROUNDS = 3
 """Times that the variances are found anew without what was found to be unusual."""
 
 MOST_CAUSES = 4
-"""Of one robot; what differs in more parts is another robot."""
+"""The most causes of one robot; what differs in more parts is another robot."""
 
 HIDDEN = 0.02
 """Part of what a cause shows beside those that are found already, below which it cannot be told from them."""
@@ -274,7 +275,9 @@ def compare_siblings(
     """
     given, errors = np.asarray(bases, dtype=float), np.asarray(covariances, dtype=float)
     if len(given) < FEWEST:
-        raise InputError(f"Siblings are compared where there are {FEWEST} or more; there are {len(given)}.")
+        raise InputError(
+            f"Robots are compared with {FEWEST} siblings or more, got {len(given)}; add robots to the group."
+        )
     scale = _scale(given, errors)
     problem = _Problem(given / scale, _scaled(errors, scale), np.asarray(directions) / scale[:, None])
     scaled = [cause.directions / scale[:, None] for cause in causes]
@@ -392,7 +395,7 @@ class _Problem:
 
 
 def _expected(bound: float) -> float:
-    """Of the square of a normal deviate that is bounded."""
+    """Return the expected square of a normal deviate that is bounded."""
     from math import erf, exp, pi, sqrt
 
     inside = erf(bound / sqrt(2.0)) - 2.0 * bound * exp(-0.5 * bound**2) / sqrt(2.0 * pi)

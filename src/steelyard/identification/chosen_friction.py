@@ -57,7 +57,7 @@ __all__ = [
 MOST_LOGS, MOST_ROWS = 12, 60_000
 """Logs, and rows of each, by which the friction is chosen: they stand in memory."""
 STRETCHES = 8
-"""That are left out in turn of the fit of all joints together."""
+"""The number of stretches that are left out in turn of the fit of all joints together."""
 MOST_RISE = 1.02
 """Factor by which the error of a joint on such stretches may rise because of the laws of others."""
 WIDER = 0.2

@@ -126,7 +126,7 @@ class Comparison:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """What was found, in words."""
+        """The findings as sentences."""
         count = len(self.differences)
         differing = [one for one in self.differences if one.differs]
         level = f"{100 * self.confidence:g} %"
@@ -212,7 +212,7 @@ class Comparison:
         return html_table(self.sentences[0], (), (), (*self.sentences[1:], *told, *self.remarks)) + "".join(tables)
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain data."""
+        """Return the result as plain data: dictionaries, lists, texts and numbers."""
         return {
             "format": COMPARISON_FORMAT,
             "names": self.names,
@@ -503,7 +503,7 @@ def _base_differences(first: SavedResult, second: SavedResult, confidence: float
 
 
 def _link_differences(first: SavedResult, second: SavedResult, confidence: float) -> list[ParameterDifference]:
-    """Of the numbers for which both tables have intervals."""
+    """Return the differences of the numbers for which both tables have intervals."""
     from scipy.special import ndtri
 
     wider = _reach(confidence) / float(ndtri(0.975))  # those of the tables are of 95 % and of a normal distribution
@@ -536,7 +536,7 @@ def _link_differences(first: SavedResult, second: SavedResult, confidence: float
 
 
 def _elastic_differences(first: SavedResult, second: SavedResult, confidence: float) -> list[ParameterDifference]:
-    """Of the compliances of joints that are elastic in both, and measured in one at least."""
+    """Return those of the compliances of joints that are elastic in both, and measured in one at least."""
     from steelyard.estimators.joint_stiffness import JointStiffness  # loaded for elastic joints alone
 
     own, theirs = (

@@ -142,7 +142,7 @@ class Deflections:
         return "".join(one._repr_html_() for one in self.logs)
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain data."""
+        """Return the result as plain data: dictionaries, lists, texts and numbers."""
         return {
             "format": PREDICTION_FORMAT,
             "robot": self.robot_name,

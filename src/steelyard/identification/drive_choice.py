@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 Terms = tuple[frozenset[str], ...]
 
 STRETCHES = 4
-"""That are left out in turn, of all logs together; each log is one at least."""
+"""The number of stretches that are left out in turn, of all logs together; each log is one stretch at least."""
 
 BETTER = 0.02
 """By how much the error on stretches that are left out must fall for a term, as in the choice by torques."""
@@ -33,7 +33,7 @@ SETTLED = 1e-3
 robot that is after 3 steps, where 1e-6 takes up to 16 for the last 0.02 %."""
 
 SHARE = 0.25
-"""Of a joint's way that must be in what is left, for a stretch to say something of it."""
+"""The share of a joint's way that must be in what is left, for a stretch to say something of it."""
 
 WORDS = {
     BY_POSITION: "Coulomb friction that varies over the travel",

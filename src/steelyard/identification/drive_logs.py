@@ -30,7 +30,7 @@ LONGEST_GAP = 0.1
 """s, between rows that still belong to one motion; at longer gaps a log is parted."""
 
 LEAST_ROWS = 10
-"""Of a motion without gaps."""
+"""The fewest rows in a stretch of the motion without gaps."""
 
 STILL = 2e-3
 """rad or m that a joint must move at least, beyond what the noise of its encoder spreads over."""

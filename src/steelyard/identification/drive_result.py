@@ -189,7 +189,7 @@ class PositionIdentification:
         return tuple(heads), rows
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain data; the joints' entries bear the names of simulators (armature, damping, frictionloss)."""
+        """Return plain data; entries of joints have the names of simulators (armature, damping, frictionloss)."""
         low, high = self.travel
         places_of = np.stack([low, 0.5 * (low + high), high], axis=1).tolist()
         levels_of = self.coulomb_by_position.T.tolist()

@@ -25,7 +25,7 @@ FIND = "find"
 
 @dataclass(frozen=True)
 class DriveSettings(TomlSection):
-    """What drives are told and what they do with it: the `[drive]` section of robot.toml.
+    """The commands of drives and their law of control: the `[drive]` section of robot.toml.
 
     Parameters
     ----------

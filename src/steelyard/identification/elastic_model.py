@@ -303,7 +303,9 @@ def elastic_model_of(model: Model, estimate: Estimate, where: str) -> ElasticMod
         return None
     joints, names, numbers = (saved.get(key) for key in ("joints", "parameter_names", "parameters"))
     if not (isinstance(joints, list) and isinstance(names, list) and isinstance(numbers, list)):
-        raise InputError(f"{where}: its elastic_model is not whole; identify the robot anew.")
+        raise InputError(
+            f"{where}: its elastic_model lacks joints, parameter_names or parameters; identify the robot anew."
+        )
     whole = Model(elastic_robot(model.robot, joints))
     if tuple(names) != tuple(whole.parameter_names) or not (
         len(numbers) == len(names) and all(is_number(one) for one in numbers)

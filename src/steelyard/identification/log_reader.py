@@ -718,7 +718,7 @@ class DrawnRows:
         return np.concatenate([self._extremes(pieces[:even].reshape(even // 2, -1, pieces.shape[2])), pieces[even:]])
 
     def _extremes(self, groups: Array) -> Array:
-        """Of each group of rows, (G, R, D), those at which torque and residual of each joint are least and greatest."""
+        """Return the rows of each group (G, R, D) at which torque or residual of a joint is least or greatest."""
         places = self._places(self._samples(groups.reshape(-1, groups.shape[2])), groups.shape[1])
         return np.asarray(groups[np.arange(len(groups))[:, None], places])
 

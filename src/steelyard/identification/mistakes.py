@@ -39,13 +39,14 @@ ROWS = 500
 POOR, POOR_JOINT = 0.05, 0.2
 """Relative errors of all the torques, and of one joint's, that leave something to be explained."""
 DOUBTFUL, DOUBTFUL_JOINT = 0.025, 0.08
-"""The same from which hypotheses are tried: rotors that are missing, coupled wrists and zeros of a weak motion leave no
-more. About half of the sound logs of six arms are above, and none of them is accused of anything."""
+"""Relative errors, of all the torques and of one joint's, from which hypotheses are tried: rotors that are missing,
+coupled wrists and zeros of a weak motion leave no more. About half of the sound logs of six arms are above, and none of
+them is accused of anything."""
 GAIN = 10.0
 """Least gain (logarithm of the odds) of a hypothesis that is told: the best of hundreds on a sound log gains 6."""
 PAYLOAD_GAIN = 30.0
-"""The same of a payload: much that a model lacks looks like another mass at the end of a chain. On a real Kinova Gen3
-it gained 13, where the description leaves out a gripper."""
+"""The least gain of the hypothesis of a payload: much that a model lacks looks like another mass at the end of a chain.
+On a real Kinova Gen3 it gained 13, where the description leaves out a gripper."""
 FALLEN = 0.75
 """Share of the error, of all torques or of one joint, that is left at most."""
 HEAVIER = 4.0
@@ -77,7 +78,8 @@ likelihoods of the log with such a delay, earlier and later, tell by a parabola 
 next to nothing by both, the others are not tried, which take most of the time of a look at a sound log. One step does
 not do: with the second alone a gain of 13 at 2 ms was passed by."""
 RATIOS = np.geomspace(1.5, 1000.0, 105)
-"""Of gears: positions that are 6 % off over two radians are 0.12 rad off, from which the best can be found."""
+"""The ratios of gears that are tried: positions that are 6 % off over two radians are 0.12 rad off, from which the best
+can be found."""
 ABSURD_SPAN, ABSURD_SLIDE, ABSURD_SPEED = 2.2 * np.pi, 3.0, 8.0
 """rad, m, and rad/s or m/s that joints of robots exceed seldom, and motors in front of gears nearly always."""
 LOG_ABSURD = 0.7

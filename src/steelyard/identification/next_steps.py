@@ -152,7 +152,7 @@ def _robot(identification: Identification) -> str:
 
 
 def _paths(identification: Identification, logs: Iterable[str]) -> list[str]:
-    """Those logs that are files, for a shell."""
+    """Return the paths of the logs that are files, quoted for a shell."""
     return [shlex.quote(log) for log in logs if log not in identification.in_memory]
 
 

@@ -89,7 +89,7 @@ class PayloadIdentification:
         return "\n".join([*self.sentences(), str(self.estimate), *(f"Note: {remark}" for remark in self.remarks)])
 
     def sentences(self) -> tuple[str, ...]:
-        """What was found, in words."""
+        """The findings as sentences."""
         estimate = self.estimate
         mass = estimate["mass"]
         moved = "" if np.array_equal(self.placement, np.eye(4)) else ", moved as [payload] says"
@@ -131,7 +131,7 @@ class PayloadIdentification:
         return tuple(found)
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain data."""
+        """Return the result as plain data: dictionaries, lists, texts and numbers."""
         estimate = self.estimate
         errors = ("condition_number", "unloaded_error", "loaded_error", "robot_alone_error", "distance")
         return {
@@ -313,7 +313,7 @@ class DriveGainIdentification:
         return np.where(self.estimate.found, self.estimate.gains, given)
 
     def sentences(self) -> tuple[str, ...]:
-        """What was found, in words."""
+        """The findings as sentences."""
         known = {1: "its mass", 4: "its mass and its centre of mass", 10: "all its parameters"}
         return (
             f"The drive gains of {self.robot_name}, N·m or N for a unit of the currents, with intervals of 95 %, by a "
@@ -324,7 +324,7 @@ class DriveGainIdentification:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain data."""
+        """Return the result as plain data: dictionaries, lists, texts and numbers."""
         estimate = self.estimate
         return {
             "format": GAINS_FORMAT,

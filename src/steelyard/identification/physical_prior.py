@@ -73,10 +73,12 @@ SCALE_RANGE = 30.0
 """By which factor the data may change the common density."""
 
 LEAST_SCATTER = 0.01
-"""Of the torques; no assumed distribution of mass explains them better, whatever a simulation without noise says."""
+"""The least share of the torques that is left unexplained: no assumed distribution of mass explains them better,
+whatever a simulation without noise says."""
 
 LEAST_SHARE = 0.05
-"""Of the assumed mass: where what is fixed to a link without inertial weighs less, it is not the mass of the link."""
+"""The least share of the assumed mass: where what is fixed to a link without inertial weighs less, it is not the mass
+of the link."""
 
 VIRTUAL = 0.01
 """Mass of a link without shape between two axes that meet, relative to that of a body there: the joints of a wrist or a
@@ -166,7 +168,7 @@ class PhysicalPrior:
 
     @property
     def masses(self) -> Array:
-        """Of the links, (links,), kg."""
+        """The masses of the links, (links,), kg."""
         return np.array([link.parameters[9] for link in self.links])
 
     @property

@@ -41,8 +41,8 @@ __all__ = [
 Array = NDArray[np.float64]
 
 UNTESTED_WEIGHT = 100.0
-"""Of the prior, for `TYPICAL_COUNT` rows, where nothing can be held out to choose it: what cross-validation chose for
-half of 36 simulated logs of twelve arms, within a factor of ten."""
+"""The weight of the prior, for `TYPICAL_COUNT` rows, where nothing can be held out to choose it: what cross-validation
+chose for half of 36 simulated logs of twelve arms, within a factor of ten."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -35,8 +35,8 @@ times as narrow as this."""
 THICKNESS = 0.003
 """m, by which flat bodies are spread: a body without thickness lies on the bound of what is possible."""
 UNKNOWN_TERM = 1.0 / 3.0
-"""Of `term_deviations`, which makes three tenths of the torque of a joint: friction of which nothing is known is taken
-to make a tenth."""
+"""The factor of `term_deviations` that makes three tenths of the torque of a joint: friction of which nothing is known
+is taken to make a tenth."""
 
 
 @dataclass(frozen=True, eq=False)

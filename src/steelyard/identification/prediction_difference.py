@@ -19,7 +19,7 @@ __all__ = ["PredictionDifference", "difference_on_logs", "difference_on_random_m
 Array = NDArray[np.float64]
 
 SAMPLES = 2000
-"""Of a random motion: root mean squares have a standard error of some 2 % then."""
+"""The number of samples of a random motion: root mean squares have a standard error of some 2 % then."""
 
 UNLIMITED_ANGLE, UNLIMITED_TRAVEL, UNLIMITED_VELOCITY = np.pi, 0.5, 2.0
 """rad, m, and rad/s or m/s, either way, of joints whose description names no limit."""
@@ -62,7 +62,7 @@ class PredictionDifference:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """What was found, in words."""
+        """The findings as sentences."""
         found = [
             f"On {self.source}, the torques that {name} predicts differ from those of {self.names[0]} by "
             f"{relative:.2%}{_most(difference, self.joint_torque, self.joint_names)}."
@@ -93,7 +93,7 @@ class PredictionDifference:
         return "\n".join((*self.sentences, "Root mean squares, N·m or N:", drawn))
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain data."""
+        """Return the result as plain data: dictionaries, lists, texts and numbers."""
         names = ("source", "names", "joint_names", "joint_torque", "joint_difference", "relative_difference")
         return {name: getattr(self, name) for name in (*names, "joint_error", "relative_error")}
 

@@ -28,8 +28,9 @@ above which the model is wrong. Published identifications of industrial arms end
 still helps a controller; above 20 %, models of sound logs are rare, and those of logs with a mistake common."""
 
 POOR_JOINT, WRONG_JOINT = 0.4, 0.75
-"""The same of a single joint: wrists with small torques reach 30 % on sound logs; a joint whose torques are those of
-another one comes near 100 %, while the joints with large torques keep the whole small."""
+"""Errors of a single joint above which the model is poor, and wrong: wrists with small torques reach 30 % on sound
+logs; a joint whose torques are those of another one comes near 100 %, while the joints with large torques keep the
+whole small."""
 
 UNSEEN = 0.5
 """Where the model explains its own data, an error on unseen data up to this is poor and not wrong: the motion did not
@@ -43,7 +44,7 @@ MOST_NAMED = 4
 """Joints named in a sentence."""
 
 FEWEST_BATCHES = 20
-"""Of a joint: fewer tell nothing of what is white."""
+"""The fewest batches of a joint: fewer do not tell which part of the residual is white."""
 
 UNTESTED = "the data of the fit itself"
 """What was predicted where nothing could be held out."""
@@ -321,7 +322,7 @@ def prediction_verdict(
 
 
 def _root_mean_squares(data: Sequence[Information], base: Array) -> tuple[Array, Array]:
-    """Of the residuals and of the torques of each joint, over all data together."""
+    """Return those of the residuals and of the torques of each joint, over all data together."""
     groups = [information.measured for information in data]
     counts = np.maximum(np.sum([[f.count for f in factors] for factors in groups], axis=0), 1)
     residuals = np.sum([[f.residual2(base) for f in factors] for factors in groups], axis=0)

@@ -30,14 +30,16 @@ GAIN = 9.0
 """By how much a cause must lower the mismatch, beyond its own cost, to be named."""
 
 ALIKE = 0.2
-"""Of the logarithms of volume and size: links that differ by less are meant to be alike."""
+"""The largest difference between the logarithms of volume and size of links that are alike: links that differ by less
+are meant to be alike."""
 
 SPREAD = {True: (0.7, 0.5, 0.6), False: (1.0, 0.8, 0.9)}
 """Standard deviations of the logarithm of the density, of the place of the centre of mass relative to the radius of
 gyration, and of the logarithms of the second moments: with a shape, and with the body that spans the joints."""
 
 CONTRADICTION = math.log(30.0)
-"""Of a density from that of the other links of the robot: masses of links differ from shapes by 2 as a rule."""
+"""The largest difference between the logarithms of the density of a link and of that of the others: masses of links
+differ from shapes by 2 as a rule."""
 
 REMEDIES = {
     "placeholder": "Weigh the link, or take its inertial from CAD; until then leave the inertial out.",
@@ -101,7 +103,7 @@ class LinkReport:
 
     @property
     def mass(self) -> float:
-        """As the description has it, kg."""
+        """The mass in the description, kg."""
         return self.described.mass
 
     @property
@@ -157,7 +159,7 @@ class Preflight:
 
     @property
     def findings(self) -> tuple[LinkReport, ...]:
-        """Those of which something is wrong."""
+        """The links of which something is wrong."""
         return tuple(one for one in self.links if one.sentence)
 
     def write(self, target: Path) -> tuple[tuple[str, str], ...]:

@@ -42,7 +42,7 @@ COARSEST_STEP = 5e-3
 """s, of the simulations far from the answer."""
 
 STEPS = 40
-"""Of Gauss and Newton at most; six to twelve are usual."""
+"""The most steps of Gauss and Newton; six to twelve are usual."""
 
 SETTLED = 1e-6
 """Relative change of the squared error with which they have converged. Friction that begins to slip at one step or at

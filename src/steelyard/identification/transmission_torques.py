@@ -30,7 +30,7 @@ class Transmissions:
 
     @classmethod
     def of(cls, result: Identification) -> Transmissions:
-        """Those of a robot whose links were all identified."""
+        """Return the transmissions of a robot whose links were all identified."""
         assert result.estimate.parameters is not None
         return cls(result.model, np.asarray(result.estimate.parameters))
 

@@ -35,8 +35,8 @@ __all__ = ["LogError", "Validation", "read_as_fitted", "validate_estimate"]
 Array = NDArray[np.float64]
 VALIDATION_FORMAT = "steelyard-validation-1"
 FEWEST_ROWS = FEWEST_BATCHES * BATCH_LENGTHS[0]
-"""Of a joint, all logs together: fewer do not tell noise from errors, and most of them are near the ends, which filters
-spoil. A third of a second of a UR5 at 250 Hz, without a mistake, was called poor or wrong."""
+"""The fewest rows of a joint, all logs together: fewer do not tell noise from errors, and most of them are near the
+ends, which filters spoil. A third of a second of a UR5 at 250 Hz, without a mistake, was called poor or wrong."""
 
 _POINTS = 1200  # of each log that are kept, to look for mistakes where it is predicted poorly
 
@@ -117,7 +117,7 @@ class Validation:
         return self.prediction._repr_html_() + each
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain data."""
+        """Return the result as plain data: dictionaries, lists, texts and numbers."""
         return {
             "format": VALIDATION_FORMAT,
             "robot": self.robot_name,

@@ -125,7 +125,7 @@ CAD_ERROR = 0.3
 """Standard deviation of what the robot file says of the links, relative to the truth: CAD without cables, or with
 another density or an older motor, is wrong by about as much."""
 CAD_SEED = 2014
-"""Of these errors; the first that was tried."""
+"""The seed of the errors of CAD; the first that was tried."""
 
 
 def wam_model() -> Model:

@@ -151,7 +151,7 @@ class AffineBlock:
         return float(np.linalg.eigvalsh(self.evaluate(parameters))[0])
 
     def substitute(self, matrix: Matrix, offset: Vector | None = None) -> "AffineBlock":
-        """The same block in variables x, where δ = matrix x + offset.
+        """Return the same block in variables x, where δ = matrix x + offset.
 
         With matrix = [P_b, P_d - P_b K_d] the variables are (β, δ_d): the base-dependent space (thesis 3.13, 3.32).
 

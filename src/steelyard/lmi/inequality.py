@@ -303,7 +303,7 @@ class LinearMatrixInequality:
         return replace(self, blocks=tuple(blocks), strict=False)
 
     def with_names(self, names: Sequence[str]) -> LinearMatrixInequality:
-        """The same inequality with its variables in another order, or with further variables that do not occur in it.
+        """Return the inequality with its variables in another order, or with further ones that do not occur in it.
 
         Raises
         ------
@@ -314,7 +314,7 @@ class LinearMatrixInequality:
         return replace(self, names=order, blocks=tuple(rearranged(block, self.names, order) for block in self.blocks))
 
     def substitute(self, values: Mapping[str, Any]) -> LinearMatrixInequality:
-        """The same inequality with expressions or numbers for some variables, all at once.
+        """Return the same inequality with expressions or numbers for some variables, all at once.
 
         Parameters
         ----------
@@ -343,7 +343,7 @@ class LinearMatrixInequality:
     def change_variables(
         self, matrix: npt.ArrayLike, names: Sequence[str], offset: npt.ArrayLike | None = None
     ) -> LinearMatrixInequality:
-        """The same inequality in variables y, where x = matrix y + offset.
+        """Return the same inequality in variables y, where x = matrix y + offset.
 
         Parameters
         ----------
@@ -540,7 +540,10 @@ def _block(
     row, column = program.row[entries] - offset, program.column[entries] - offset
     used = np.unique(matrix[matrix > 0])
     if (len(used) + 1) * size**2 > _MOST_NUMBERS:
-        raise InputError(f"{label!r} is of order {size} and depends on {len(used)} variables, which is too large.")
+        raise InputError(
+            f"{label!r} is of order {size} and depends on {len(used)} variables, which would take more than "
+            f"{_MOST_NUMBERS:,} numbers; split it into smaller blocks."
+        )
     constant = np.zeros((size, size))
     coefficients = np.zeros((len(used), size, size))
     fixed, free = matrix == 0, matrix > 0

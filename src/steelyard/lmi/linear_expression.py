@@ -112,7 +112,7 @@ class LinearExpression:
         return total
 
     def substitute(self, values: Mapping[str, LinearExpression | float]) -> LinearExpression:
-        """The same expression with other expressions, or numbers, for some of its variables, all at once.
+        """Return the same expression with other expressions, or numbers, for some of its variables, all at once.
 
         Examples
         --------

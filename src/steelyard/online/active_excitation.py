@@ -69,9 +69,9 @@ LEAST_ROOM = 0.01
 FORGETTING = 0.6  # of the room, that stays from one motion to the next where tracking is better
 BLEND = 0.2  # s in which the torque passes from one model to the next
 SLOW = 0.02
-"""Of the limit of velocity: rows of joints that are slower are left out, since joints that stick have any friction.
-With them the torque error of a simulated WAM after 37 s was 2.5 times as large, with torques that are not filtered as
-the motion is 1.7 times."""
+"""Rows of joints that are slower than this share of the limit of velocity are left out, since joints that stick have
+any friction. With them the torque error of a simulated WAM after 37 s was 2.5 times as large, with torques that are not
+filtered as the motion is 1.7 times."""
 TRIM = 0.5  # s at both ends of what was recorded, in which the filters ring
 SMOOTHNESS = 0.02  # width of the smooth sign of friction in the search, relative to the velocity limits
 SIGN_WIDTH = 0.01  # rad/s or m/s, in the torques that are fed forward
@@ -428,11 +428,11 @@ class ActiveExcitation:
     def reference(self, t: float) -> State:
         """Return q, dq and ddq of the reference at a time, (N,) each."""
         if self._reference is None:
-            raise InputError("There is no reference before the first measurement.")
+            raise InputError("There is no reference before the first measurement; call torque with one first.")
         return self._reference.state(t)
 
     def table(self) -> str:
-        """What was known when, as text."""
+        """Return what was known at which time, as a text."""
         rows = [
             (
                 f"{step.time:.1f}",

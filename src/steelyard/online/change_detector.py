@@ -17,10 +17,10 @@ USUAL = 3.0
 """How many times as large as usual the mean square of the residuals must be to speak for a change at all."""
 
 ALARM = 30.0
-"""What these excesses must add up to."""
+"""The sum of such excesses above which a change is told."""
 
 MOST = 20.0
-"""That a single stretch counts at most, so that one jolt is no change: it takes two stretches at least."""
+"""The most that a single stretch counts, so that one jolt is no change: it takes two stretches at least."""
 
 MEMORY = 200
 """Stretches over which the usual size of the residuals is averaged."""

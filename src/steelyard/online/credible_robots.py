@@ -21,13 +21,15 @@ MASS_DEVIATION = {"description": 0.3, "shape": 0.5, "kinematics": 0.72}
 """Standard deviation of the logarithm of a link's mass: 0.48 with shapes and 0.72 for bodies that span the joints, on
 17 arms with known masses; what descriptions with inertials are taken to be wrong by."""
 COMMON_DEVIATION = 0.6
-"""The same of the masses of all the links together, where the description does not state them."""
+"""Standard deviation of the logarithm of the masses of all the links together, where the description does not state
+them."""
 SHIFT = 0.5  # standard deviation of a centre of mass, in radii of gyration of the link
 STRETCH = 0.3  # the same of the logarithm of the size of a link
 DRIVE_SHARE = 0.3
 """Size of a friction or rotor parameter: what makes this part of the torque of its joint, as in fits with a prior."""
 LEAST_TORQUE = 0.01
-"""Of the largest torque of a joint, that of every other: the last joint of an arm carries nothing, and has friction."""
+"""The least torque of every other joint, as a share of the largest: the last joint of an arm carries nothing, and has
+friction."""
 _COUNT = 600
 """Robots that are drawn. Their sample covariance has full rank for robots with fewer base parameters, and is made
 regular for others."""

@@ -57,15 +57,15 @@ FEW = 20.0
 """Rows for each base parameter below which the residual tells little of the noise."""
 
 FIRST_DEVIATION = 0.03
-"""Of the torques, relative to them: noise and errors of the model that are assumed at least while rows are few. Without
-it, the first dozens of rows, which any parameters explain, would count as exact."""
+"""The deviation of the torques, relative to them, by noise and errors of the model that is assumed at least while rows
+are few. Without it, the first dozens of rows, which any parameters explain, would count as exact."""
 
 START = 0.1
 """Terms start at this part of their usual deviation: anywhere inside does."""
 
 LEAST_DEVIATION = 1e-4
-"""Of the torques, relative to them: no drive tells its torque better. Data of a simulation without noise would count
-for a million times more than the prior, and what only the prior tells would drown in rounding."""
+"""The least deviation of the torques, relative to them: no drive tells its torque better. Data of a simulation without
+noise would count for a million times more than the prior, and what only the prior tells would drown in rounding."""
 
 DETECTION = 0.05
 """s over which residuals are averaged to notice a change; see `ChangeDetector`."""
@@ -300,7 +300,7 @@ class OnlineEstimator:
         """
         given = [q] if dq is None else [q, dq] if ddq is None else [q, dq, ddq]
         if ddq is not None and dq is None:
-            raise InputError("Accelerations without velocities: give dq=, too, or neither.")
+            raise InputError("ddq was given without dq; give both, or neither.")
         if self._measured is None:
             self._measured = len(given) - 1
             if self._measured < 2:
@@ -448,7 +448,7 @@ class OnlineEstimator:
 
     @property
     def information(self) -> Information:
-        """What the samples say, as of now; of those that count."""
+        """The Information of the samples that count at present."""
         with one_thread():
             return self._counted.information()
 
@@ -459,7 +459,7 @@ class OnlineEstimator:
 
     @property
     def stream_counts(self) -> dict[str, int]:
-        """How many samples came, and how many of them were left out or mended, and why."""
+        """The number of samples that came, and of those that were left out or mended, by reason."""
         return dict(self._stream.counts)
 
     @property

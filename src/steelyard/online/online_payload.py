@@ -33,7 +33,7 @@ LIKELINESS = 0.1
 open, and moves a mass that is known to 5 % by a hundredth of its interval."""
 
 ACCURACY = 5e-9
-"""Of the objective, which the data move by 1 as noise does."""
+"""The accuracy of the objective, which the noise of the data moves by about 1."""
 
 
 @dataclass(frozen=True, eq=False)

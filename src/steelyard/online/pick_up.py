@@ -57,7 +57,7 @@ class PickUp:
 
 @dataclass(frozen=True, eq=False)
 class PickUpRun:
-    """What an estimator made of it.
+    """What an estimator knew of the payload of a `PickUp`, and when.
 
     Attributes
     ----------
@@ -76,7 +76,7 @@ class PickUpRun:
     times: Array = field(repr=False)
 
     def at(self, seconds: float) -> OnlinePayloadEstimate | None:
-        """What was known so many seconds after the pick-up; None where nothing was."""
+        """Return the estimate at a time (s) after the pick-up; None where there was none yet."""
         known = np.flatnonzero(self.times <= seconds + 1e-9)
         return self.told[int(known[-1])] if len(known) else None
 

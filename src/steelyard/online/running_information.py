@@ -21,7 +21,8 @@ LONGEST = BATCH_LENGTHS[-1]
 """Samples after which all batches end, so that two parts that begin at such a sample add."""
 
 COLUMNS_AT_ONCE = 16
-"""Of a factor that LAPACK reduces in one piece; for factors of 12 to 80 columns, 8 and 32 take a tenth longer."""
+"""The number of columns of a factor that LAPACK reduces in one piece; for factors of 12 to 80 columns, 8 and 32 take a
+tenth longer."""
 
 
 def stacked(triangle: Array, rows: Array) -> Array:

@@ -40,8 +40,8 @@ ITERATIONS = 40
 """At most: 20 are usual, and one of 700 random base parameters of the seven-joint arm takes as many."""
 
 ACCURACY = 1e-11
-"""Of the objective, relative to it (but to `FINE` where less has to change). 1e-9 leaves errors of β of 5e-5 of its
-size where masses grow large; below 1e-11 rounding keeps searches from their end."""
+"""The accuracy of the objective, relative to it (but to `FINE` where less has to change). 1e-9 leaves errors of β of
+5e-5 of its size where masses grow large; below 1e-11 rounding keeps searches from their end."""
 
 PAIRS_BELOW = 1e-6
 """Gap, relative to the objective, from which on the Newton system is solved with twice the digits. Without, answers are
@@ -530,7 +530,8 @@ def _self_test(name: str, tables: _Tables, feasible_set: FeasibleSet) -> str:
 
 
 SAMPLES = 3
-"""Of the self-test of the update; each regressor has as many numbers as joints times base parameters."""
+"""The number of samples in the self-test of the update; each regressor has as many numbers as joints times base
+parameters."""
 
 
 def _rows(matrix: Array) -> str:

@@ -21,8 +21,8 @@ FIRST_BARRIER = 1e-2
 """At which a search starts where there is no answer before; it moves answers by a tenth of what noise does."""
 
 REDUCTION = 0.05
-"""Of the complementarity in each step. With 0.2 a cold start takes 18 steps, with 0.01 some warm ones lose their
-centre and take 30; 0.05 takes 9 to 12 cold, 3 to 6 warm (the seven-joint arm)."""
+"""The factor by which the complementarity is reduced in each step. With 0.2 a cold start takes 18 steps, with 0.01 some
+warm ones lose their centre and take 30; 0.05 takes 9 to 12 cold, 3 to 6 warm (the seven-joint arm)."""
 
 TO_BOUNDARY = 0.95
 """Part of the way to the boundary of the set that a step goes at most."""

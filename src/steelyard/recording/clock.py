@@ -49,11 +49,12 @@ GAP = 1.5
 TOGETHER, MANY = 2.0, 64
 """Where the mean interval over many rows is so many times the median one, rows were written several at a time."""
 CLEAR_INTERVAL = 0.42
-"""Of a period: where all intervals are so near to whole multiples of it, each tells how many rows it spans."""
+"""The share of a period within which intervals are clear: where all intervals are so near to whole multiples of it,
+each tells how many rows it spans."""
 BLOCK, MOST_BLOCKS = 128, 200
 """Rows of a block, within which stamps must keep in phase with a period, and blocks by which the period is searched."""
 COARSE, FINE, FINEST = 0.15, 0.0015, 0.0001
-"""Of the period: half widths of the searches for it."""
+"""Half widths of the searches for the period, as shares of it."""
 FEW_ROWS, WANDERING = 8, 1.8
 """Over so many rows jitter about an even clock spreads as over one, that of a wandering clock 2.8 times as much."""
 DRIFT = 401

@@ -19,7 +19,7 @@ __all__ = ["PeriodicAverage", "average_periods"]
 Array = NDArray[np.float64]
 
 SLIP = 0.05
-"""Of a row, by which the last period may stand off the grid of the first before torques are interpolated."""
+"""The share of a row by which the last period may stand off the grid of the first before torques are interpolated."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -214,7 +214,7 @@ class Recording(Measurements):
 
     @property
     def missing(self) -> Intervals | None:
-        """Where the log had no position or no torque; None where all are there."""
+        """Rows and joints (S, N) without a position or a torque in the log; None where all are there."""
         return find_missing(self)
 
     def diagnose(self) -> Diagnosis:

@@ -196,7 +196,7 @@ class Samples:
         """Return rows start:stop, with the remarks and what was chosen, or without."""
         rows = slice(start, stop)
         if not len(range(self.count)[rows]):
-            raise InputError(f"rows {start} to {stop} of samples are none; there are {self.count}.")
+            raise InputError(f"rows {start} to {stop} hold no sample; the samples have rows 0 to {self.count}.")
         cut = copy(self)  # whose rows were checked already
         for name in ("q", "dq", "ddq", "torque", "mask", "t", "regressor"):
             values = getattr(self, name)

@@ -42,7 +42,7 @@ MOVING = 5e-3
 
 
 _SUMS = ("count", "_filled", "_blocks", "_products", "_derived", "_averaged")
-"""Of a survey, what is added where another one of the rows that follow joins it."""
+"""The attributes of a survey that are added where another one of the rows that follow joins it."""
 
 
 class LogSurvey:

@@ -173,17 +173,17 @@ class ColouredNoise:
 
     @property
     def orders(self) -> tuple[int, ...]:
-        """Of each joint."""
+        """The order of the noise of each joint."""
         return tuple(len(one) for one in self.reflections)
 
     @property
     def covariance(self) -> Array:
-        """(N, N), of the innovations."""
+        """The covariance of the innovations, (N, N)."""
         return np.asarray(self.correlation * np.outer(self.deviations, self.deviations))
 
     @cached_property
     def predictors(self) -> tuple[tuple[tuple[Array, float], ...], ...]:
-        """For each joint and each order j up to p: what predicts from the last j values, and its relative deviation."""
+        """For each joint and each order j up to p, the predictor from the last j values and its relative deviation."""
         found = []
         for reflections in self.reflections:
             own: list[tuple[Array, float]] = [(np.zeros(0), 1.0)]
@@ -197,7 +197,7 @@ class ColouredNoise:
 
     @cached_property
     def longest_gaps(self) -> tuple[int, ...]:
-        """Of each joint: rows after which the noise has forgotten."""
+        """For each joint the number of rows after which the noise has forgotten."""
         from scipy.signal import lfilter
 
         found = []
@@ -359,7 +359,7 @@ class ColouredReduction:
         return Factor(None, self.empty.columns, self.triangle, self.count)
 
     def batch_means(self) -> BatchMeans:
-        """Those of the sums; none where they were not asked for."""
+        """Return the batch means of the sums; none where they were not asked for."""
         return self.sums.factors() if self.sums is not None else ()
 
 

@@ -265,7 +265,7 @@ class Estimate:
             if item.name not in document:
                 if item.name in _LATER:
                     continue
-                raise InputError(f"{where}: has no {item.name!r}.")
+                raise InputError(f"{where}: lacks {item.name!r}; save the estimate anew.")
             values[item.name] = _read(item.name, document[item.name], where)
         estimate = cls(**values)
         base, joints = len(estimate.base_names), len(estimate.joint_names)
@@ -437,7 +437,7 @@ def _numbers(name: str, value: Any, where: str) -> Array:
     unknown = error or name in ("damping", "friction", "rotor_inertia", "offset", "joint_relative_error")
     allowed = (int, float, type(None)) if unknown else (int, float)
     if not isinstance(value, list) or not all(isinstance(v, allowed) and not isinstance(v, bool) for v in value):
-        raise InputError(f"{where}: {name!r} must be a list of numbers.")
+        raise InputError(f"{where}: {name!r} must be a list of numbers, got {shown(value)}.")
     numbers = np.array([(np.inf if error else np.nan) if v is None else float(v) for v in value])
     if np.any(np.abs(numbers[np.isfinite(numbers)]) > LARGEST) or (not unknown and not np.all(np.isfinite(numbers))):
         raise InputError(f"{where}: {name!r} holds numbers beyond {LARGEST:g}, which no robot has.")

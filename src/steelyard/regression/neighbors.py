@@ -41,9 +41,9 @@ AT_ONCE = 8
 processor's cache holds it until it is combined."""
 
 PLACES = (0, 4, 13, 25, 38, 50, 59, 63)
-"""Of `LENGTH` neighbours those at which the even columns are computed: Lobatto's points, rounded, so that what lies
-beyond degree 7 hardly shows in the projections, and a jump between any two rows does. They are at most 13 rows apart,
-two gaps of a log at least 30."""
+"""The places among `LENGTH` neighbours at which the even columns are computed: Lobatto's points, rounded, so that what
+lies beyond degree 7 hardly shows in the projections, and a jump between any two rows does. They are at most 13 rows
+apart, two gaps of a log at least 30."""
 
 LARGEST_TAIL = 1e-8
 """Share of the mean square of a column that its two highest degrees may have, so that eight places tell all of it: what

@@ -23,7 +23,7 @@ FEWEST_BATCHES = 12
 """Batches of a joint without which their variance is not trusted: that of 12 has a relative standard error of 40 %."""
 
 FEWEST_DEGREES = 5.0
-"""Of freedom that Student's distribution has at least; with fewer, intervals say nothing."""
+"""The fewest degrees of freedom of Student's distribution; with fewer, intervals say nothing."""
 
 NORMAL = 1.959963984540054
 """The 0.975 quantile of the normal distribution."""
@@ -215,7 +215,9 @@ class ParameterCovariance:
         problem = info.reduced(used)
         beta = solve(problem) if base is None else np.asarray(base, dtype=np.float64)
         if beta.shape != (info.base_count,):
-            raise InputError(f"There are {info.base_count} base parameters: got an array of shape {beta.shape}.")
+            raise InputError(
+                f"base must have shape ({info.base_count},), one number a base parameter, got {beta.shape}."
+            )
         inverse, unidentifiable, unknown = inverse_root(problem.R)
         unknown = unknown | info.unidentifiable_mask
         if not info.batch_means:

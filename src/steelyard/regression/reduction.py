@@ -357,7 +357,7 @@ class WhitenedReduction:
         return Factor(None, self.empty.columns, self.triangle, self.count)
 
     def batch_means(self) -> BatchMeans:
-        """Those of the sums; none where they were not asked for."""
+        """Return the batch means of the sums; none where they were not asked for."""
         return self.sums.factors() if self.sums is not None else ()
 
 

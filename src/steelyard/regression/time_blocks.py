@@ -149,7 +149,7 @@ class TimeBlocks:
 
     @property
     def held(self) -> tuple[tuple[NDArray[np.intp], tuple[Array, ...]], ...]:
-        """Of each block how many rows of every joint went in, (N,), and what is kept of them, as plain arrays."""
+        """For each block the number of rows of every joint, (N,), and what is kept of them, as plain arrays."""
         self._reduce()
         return tuple((block.counts, block.kept) for block in self._blocks)
 

@@ -24,7 +24,7 @@ _ALL_ROWS = 32_000
 """Rows of curves in a page, of all its logs and joints together, of 11 bytes each once they are packed: a third
 of a megabyte, so that a page with Plotly, 1.96 MB, stays below three for a humanoid of 29 joints, too."""
 _MOST_ROWS, _FEWEST_ROWS = 2400, 600
-"""Of a joint in one log: four for each of 600 pixels, or of 150, below which fewer logs are drawn."""
+"""Rows of a joint that are drawn: four for each of 600 pixels, or of 150, below which fewer logs are drawn."""
 _SOURCE_ROWS = 20_000  # of the curves of all the joints together in the figures of sources
 _CURVES = (("measured", "measured"), ("unconstrained", "least squares"), ("feasible", "answer"))
 _STEPS = (

@@ -24,7 +24,7 @@ __all__ = ["DESCRIPTION_FORMATS", "URDF", "DescriptionFormat", "UrdfFormat", "de
 Locked = Iterable[str] | Mapping[str, float]
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)  # m/s²
 SUFFIXES = ("xml", "urdf", "sdf", "world")
-"""Those of files that may hold another format than the suffix says; the root element tells."""
+"""The suffixes of files that may hold another format than the suffix says; the root element tells."""
 ROOTS = ("robot", "world", "mujoco")
 """Names of formats that are no suffixes of their own."""
 _BEFORE_ROOT = re.compile(rb"<!--.*?-->|<\?.*?\?>|<!(?!--)[^>]*>", re.DOTALL)

@@ -286,7 +286,9 @@ def _with_limits(robot: Robot, section: Mapping[str, Any], where: str) -> Robot:
     for key, value in TomlTable(section, where, tuple(LIMITS), "is no limit").items():
         values = value if isinstance(value, list) else [value] * robot.dof
         if len(values) != robot.dof:
-            raise InputError(f"{where}: {key} has {len(values)} values, but {robot.name} has {robot.dof} joints")
+            raise InputError(
+                f"{where}: {key} has {len(values)} values, but {robot.name} has {robot.dof} joints; give one for each"
+            )
         for number, index in zip(values, robot.driving_joints, strict=True):
             if isinstance(number, bool) or not isinstance(number, int | float) or math.isnan(number):
                 raise InputError(f"{where}: {key} of {joints[index].name} must be a number, got {number!r}")
@@ -297,6 +299,7 @@ def _with_limits(robot: Robot, section: Mapping[str, Any], where: str) -> Robot:
     for joint in joints:
         if joint.lower > joint.upper:
             raise InputError(
-                f"{where}: the lower limit of {joint.name} is {joint.lower:g}, above its upper limit of {joint.upper:g}"
+                f"{where}: the lower limit of {joint.name} is {joint.lower:g}, above its upper limit of "
+                f"{joint.upper:g}; exchange or correct them"
             )
     return replace(robot, joints=tuple(joints))

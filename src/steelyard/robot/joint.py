@@ -150,11 +150,11 @@ class Drives:
         return cls(*(np.full(count, np.nan) for _ in fields(cls)))
 
     def held_by_joints(self) -> dict[str, Matrix]:
-        """Those that are fields of `Joint`, by their names."""
+        """The names of the values that are fields of `Joint`."""
         return {name: values for name, values in vars(self).items() if name not in self.without_joint}
 
     def always_told(self) -> dict[str, Any]:
-        """Those that every estimate tells, by their names."""
+        """The names of the values that every estimate tells."""
         return {name: getattr(self, name) for name in ("damping", "friction", "rotor_inertia", "offset")}
 
     def told_where_present(self) -> dict[str, Matrix]:
@@ -167,7 +167,7 @@ class Drives:
         return ("offset", *SPRINGS_AND_POWERS, "stiffness", "transmission_damping")
 
     def told(self, name: str, joint: str, coordinate: int) -> float:
-        """One of them at the coordinate of a joint.
+        """Return one of these values at the coordinate of a joint.
 
         Raises
         ------
@@ -180,7 +180,7 @@ class Drives:
         return value
 
     def with_known(self, **values: ArrayLike | None) -> Drives:
-        """The same drives with other values; None leaves them."""
+        """Return the same drives with other values; None leaves them."""
         return replace(self, **{name: np.asarray(value) for name, value in values.items() if value is not None})
 
 
@@ -249,7 +249,7 @@ class Joint:
         object.__setattr__(self, "after", frozen(self.after, (4, 4)))
 
     def with_lengths(self, values: Mapping[str, float]) -> Joint:
-        """The same joint with numbers (m) for these symbolic lengths."""
+        """Return the same joint with numbers (m) for these symbolic lengths."""
         placements = []
         for placement, symbols in ((self.before, self.before_lengths), (self.after, self.after_lengths)):
             moved = np.array(placement)

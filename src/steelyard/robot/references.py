@@ -20,7 +20,7 @@ MARKS = ("package.xml", "manifest.xml", "model.config", ".git")
 """What a folder holds that is the root of a package, of a model or of a repository."""
 
 ENDINGS = ("_description", "_support")
-"""Of packages of robots; collections of robots leave them out or exchange them."""
+"""Endings of the names of packages of robots, which collections of robots leave out or exchange."""
 
 LARGEST_MARK = 1_000_000  # bytes of a package.xml
 _NAME = re.compile(rb"<name[^<>]*>\s*([^<\s]+)\s*</name>")
@@ -115,7 +115,7 @@ def find_package(name: str, description: Path, packages: Iterable[str | Path] = 
         If there is none.
     """
     if not _is_name(name):
-        raise InputError(f"{shown(name)} is no name of a package")
+        raise InputError(f"{shown(name)} cannot be the name of a package, which is one word without slashes")
     for folder in package_folders(name, description, packages):
         if folder.is_dir():
             return folder

@@ -159,7 +159,7 @@ class Term(ABC):
 
     @property
     def identity(self) -> Mapping[str, Any]:
-        """What determines the columns for a given robot: the term as in robot.toml, as a rule."""
+        """What determines the columns for a given robot; as a rule the term as it stands in robot.toml."""
         return self.to_dict()
 
     @abstractmethod
@@ -529,7 +529,7 @@ class Robot:
         return cls(**parts)
 
     def with_terms(self, *terms: Term) -> Robot:
-        """The same robot with these terms in place of its own.
+        """Return the same robot with these terms in place of its own.
 
         Raises
         ------
@@ -567,7 +567,7 @@ class Robot:
         return tuple(dict.fromkeys(name for j in joints for name in (*j.before_lengths, *j.after_lengths)))
 
     def with_lengths(self, values: Mapping[str, float]) -> Robot:
-        """The same robot with numbers for symbolic lengths.
+        """Return the same robot with numbers for symbolic lengths.
 
         Parameters
         ----------

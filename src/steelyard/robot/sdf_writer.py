@@ -23,7 +23,7 @@ __all__ = ["write_sdf"]
 
 FRICTION = ("damping", "friction")
 LEAST_SHARE = 1e-3
-"""Of a body that is shared among links: a simulator refuses links without mass."""
+"""The least share of a body that is distributed among links: a simulator refuses links without mass."""
 
 
 def write_sdf(robot: Robot, parameters: ArrayLike, drives: Drives, source: str | Path, target: str | Path) -> None:

@@ -84,7 +84,10 @@ class ActuatorOutputs:
             constant = per_joint(actuators.torque_constant, count, "torque_constant", zero=False)
             largest = per_joint(actuators.current_range, count, "current_range", zero=False)
             if not (np.isfinite(constant).all() and np.isfinite(largest).all()):
-                raise InputError("torque_constant and current_range of Actuators must be finite.")
+                raise InputError(
+                    "torque_constant and current_range of Actuators must be finite, got "
+                    f"{constant.tolist()} and {largest.tolist()}."
+                )
             self._steps = 2 ** (actuators.current_bits - 1) - 1
             self._level = constant * largest / self._steps
         self._last = np.zeros((runs, count))

@@ -41,12 +41,13 @@ DRIVE_PARAMETERS = (
 """What a drive has at each joint. Its spring is at rest in the middle of the travel."""
 
 ITERATIONS, LOADED_ITERATIONS = 2, 4
-"""Of Newton's method in a step, at most; what centripetal torques change within a step is of order h. Where friction
-grows with the load, each iteration has the load of the one before."""
+"""The most iterations of Newton's method in a step; what centripetal torques change within a step is of order h. Where
+friction grows with the load, each iteration has the load of the one before."""
 
 TRIALS, RELAXATIONS = 3, 200
-"""Of finding which joints stick by Newton's method, and of relaxation where that goes in circles. Newton's method finds
-it in two trials, or not at all: with 6 the sweeps of a leg robot take a quarter more of the processor."""
+"""The most trials of Newton's method to find which joints stick, and the most sweeps of relaxation where that goes in
+circles. Newton's method finds it in two trials, or not at all: with 6 the sweeps of a leg robot take a quarter more of
+the processor."""
 
 
 @dataclass(frozen=True)

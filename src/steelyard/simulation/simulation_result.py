@@ -180,7 +180,7 @@ class SimulationResult:
             If this is no batch, or has no such run.
         """
         if not self.is_batch:
-            raise InputError("run() is for batches; this result has one run.")
+            raise InputError("run() picks a run of a batch, and this result is a single run; use it as it is.")
         if not 0 <= index < len(self.q):
             raise InputError(f"The batch has runs 0 to {len(self.q) - 1}, got {index}.")
         kept = int(np.isfinite(self.q[index]).all(axis=1).sum())

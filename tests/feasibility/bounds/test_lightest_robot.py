@@ -63,7 +63,7 @@ def test_impossible_base_parameters_have_no_mass(two_links):
     bad[0] = 0.5
     with pytest.raises(InputError, match="no physically possible robot has these base parameters"):
         lightest_robot(feasible, bad)
-    with pytest.raises(InputError, match="nothing is given of the robot"):
+    with pytest.raises(InputError, match="neither base= nor info= was given"):
         lightest_robot(feasible)
     info = Information.from_factor(np.eye(6), GOOD, 0.5, 106, NAMES)
     with pytest.raises(InputError, match=r"a probability between 0 and 1, such as 0\.95, got 95"):

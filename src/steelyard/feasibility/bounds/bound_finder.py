@@ -396,7 +396,7 @@ def given_base(feasible_set: FeasibleSet, base: npt.ArrayLike | None, solver: st
         If the parameters behind them are a set without an interior, or cannot be told from one.
     """
     if base is None:
-        raise InputError("nothing is given of the robot; give its base parameters as base=, or data as info=.")
+        raise InputError("neither base= nor info= was given; give base parameters or data of the robot.")
     beta = feasible_set.as_base(base)
     start = _witness(feasible_set, beta)
     return Given(_finder(Slice.of(feasible_set, beta), start, solver), beta, None, 0.0)

@@ -98,7 +98,7 @@ class ParameterInterval:
         return f"{subject} may have any value."
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain data, for JSON; infinite ends are None."""
+        """Return the interval as plain data for JSON; infinite ends are None."""
         numbers = ("lower", "upper", "attained_lower", "attained_upper")
         found: dict[str, Any] = {key: getattr(self, key) for key in ("name", "meaning", "unit", "identifiable")}
         for key in numbers:
@@ -180,7 +180,7 @@ class ParameterIntervals:
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain data, for JSON."""
+        """Return the result as plain data for JSON."""
         return {
             "consistency": self.consistency,
             "confidence": self.confidence,

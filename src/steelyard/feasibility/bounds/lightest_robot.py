@@ -52,7 +52,7 @@ class LeastMass:
 
 @dataclass(frozen=True, eq=False)
 class LightestRobot:
-    """Answer of `lightest_robot`.
+    """The answer of `lightest_robot`.
 
     Attributes
     ----------
@@ -101,7 +101,7 @@ class LightestRobot:
         return html_table(" ".join(self.sentences()), ("link", "at least, kg", "meaning"), self._rows())
 
     def to_dict(self) -> dict[str, Any]:
-        """As plain data, for JSON."""
+        """Return the result as plain data for JSON."""
 
         def entry(least: LeastMass) -> dict[str, Any]:
             return {"name": least.name, "meaning": least.meaning, "proved": least.proved, "attained": least.attained}

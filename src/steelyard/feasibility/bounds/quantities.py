@@ -48,7 +48,7 @@ class Quantity:
     never_negative: bool = False
 
     def value(self, parameters: Vector) -> float:
-        """Of these parameters δ, (n,); NaN for a ratio to no mass."""
+        """Return the value for parameters δ, (n,); NaN for a ratio to no mass."""
         value = float(self.row @ parameters)
         if self.mass is None:
             return value

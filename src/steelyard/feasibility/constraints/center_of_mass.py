@@ -80,7 +80,7 @@ class CenterOfMassBox:
 
     @classmethod
     def from_dict(cls, entry: Mapping[str, Any], folder: Path | None = None) -> CenterOfMassBox:
-        """From ``{"link": "link1", "lower": [..], "upper": [..]}``, as in ``robot.toml``."""
+        """Read ``{"link": "link1", "lower": [..], "upper": [..]}``, as in ``robot.toml``."""
         return cls(**table(entry, "center_of_mass_box", ("link", "lower", "upper")))
 
     def blocks(self, model: ModelLike) -> tuple[AffineBlock, ...]:
@@ -99,7 +99,7 @@ class CenterOfMassBox:
         return tuple(found)
 
     def equalities(self, model: ModelLike) -> tuple[Equality, ...]:
-        """One equation for each coordinate that is known exactly."""
+        """Return one equation for each coordinate that is known exactly."""
         link = LinkParameters.of(model, self.link, "CenterOfMassBox")
         exact = [k for k in range(3) if self.lower[k] == self.upper[k]]
         return tuple(_coordinate(link, k, self.lower[k]) for k in exact)
@@ -143,11 +143,11 @@ class CenterOfMassSphere:
 
     @classmethod
     def from_dict(cls, entry: Mapping[str, Any], folder: Path | None = None) -> CenterOfMassSphere:
-        """From ``{"link": "link1", "center": [..], "radius": 0.1}``, as in ``robot.toml``."""
+        """Read ``{"link": "link1", "center": [..], "radius": 0.1}``, as in ``robot.toml``."""
         return cls(**table(entry, "center_of_mass_sphere", ("link", "center", "radius")))
 
     def blocks(self, model: ModelLike) -> tuple[AffineBlock, ...]:
-        """One block of order 4, in kg m."""
+        """Return one block of order 4, in kg m."""
         link = LinkParameters.of(model, self.link, "CenterOfMassSphere")
         if self.radius == 0:
             return ()
@@ -259,7 +259,7 @@ class CenterOfMassHull:
         placement: Any = None,
         tolerance: float = 0.0,
     ) -> CenterOfMassHull:
-        """From the vertices of a mesh, or a file of points.
+        """Build the constraint from the vertices of a mesh, or from a file of points.
 
         Parameters
         ----------
@@ -297,7 +297,7 @@ class CenterOfMassHull:
 
     @classmethod
     def from_dict(cls, entry: Mapping[str, Any], folder: Path | None = None) -> CenterOfMassHull:
-        """From ``{"link": "link1", "mesh": "link1.stl", "scale": 0.001}``, or with ``points``, as in ``robot.toml``."""
+        """Read ``{"link": "link1", "mesh": "link1.stl", "scale": 0.001}``, or with ``points``, as in ``robot.toml``."""
         optional = ("points", "mesh", "scale", "placement", "tolerance")
         given = table(entry, "center_of_mass_hull", ("link",), optional)
         if ("points" in given) == ("mesh" in given):
@@ -318,7 +318,7 @@ class CenterOfMassHull:
         return convex_hull(np.asarray(self.points, dtype=float), self.tolerance)
 
     def blocks(self, model: ModelLike) -> tuple[AffineBlock, ...]:
-        """One 1 x 1 block, in kg m, for each facet."""
+        """Return one 1 x 1 block, in kg m, for each facet."""
         link = LinkParameters.of(model, self.link, "CenterOfMassHull")
         within = f"{link.title}: centre of mass within hull"
         found = []

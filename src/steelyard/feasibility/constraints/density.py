@@ -86,7 +86,7 @@ class DensityInEllipsoid:
 
     @classmethod
     def from_dict(cls, entry: Mapping[str, Any], folder: Path | None = None) -> DensityInEllipsoid:
-        """From ``{"link": "link1", "center": [..], "semi_axes": [..]}``, as in ``robot.toml``."""
+        """Read ``{"link": "link1", "center": [..], "semi_axes": [..]}``, as in ``robot.toml``."""
         return cls(**table(entry, "density_in_ellipsoid", ("link", "center", "semi_axes"), ("rotation",)))
 
     @property
@@ -109,7 +109,7 @@ class DensityInEllipsoid:
         return (_pseudo_inertia(link), link.row_block(name, "kg", moment_row(self.quadratic)))
 
     def equalities(self, model: ModelLike) -> tuple[Equality, ...]:
-        """None."""
+        """Return no equation: the condition is an inequality."""
         return ()
 
 
@@ -177,7 +177,7 @@ class DensityInBox:
 
     @classmethod
     def from_dict(cls, entry: Mapping[str, Any], folder: Path | None = None) -> DensityInBox:
-        """From ``{"link": "link1", "lower": [..], "upper": [..]}``, as in ``robot.toml``."""
+        """Read ``{"link": "link1", "lower": [..], "upper": [..]}``, as in ``robot.toml``."""
         return cls(**table(entry, "density_in_box", ("link", "lower", "upper")))
 
     def blocks(self, model: ModelLike) -> tuple[AffineBlock, ...]:
@@ -216,7 +216,7 @@ class DensityInBox:
         return [(name, scale * quadratic) for name, quadratic in found]
 
     def equalities(self, model: ModelLike) -> tuple[Equality, ...]:
-        """None."""
+        """Return no equation: the condition is an inequality."""
         return ()
 
 

@@ -88,11 +88,11 @@ class LinearBound:
 
     @classmethod
     def from_dict(cls, entry: Mapping[str, Any], folder: Path | None = None) -> LinearBound:
-        """From ``{"expression": "Lyy1 + Iam1", "minimum": 0.1}``, as in ``robot.toml``."""
+        """Read ``{"expression": "Lyy1 + Iam1", "minimum": 0.1}``, as in ``robot.toml``."""
         return cls(**table(entry, "linear_bound", ("expression",), ("minimum", "maximum", "equal", "unit")))
 
     def blocks(self, model: ModelLike) -> tuple[AffineBlock, ...]:
-        """Bounds as 1 x 1 blocks."""
+        """Return the bounds as 1 x 1 blocks."""
         row, constant = _resolved(self.expression, model, "LinearBound")
         if self._exact is not None:
             return ()
@@ -100,7 +100,7 @@ class LinearBound:
         return _interval(str(self.expression), unit, row, constant, self.minimum, self.maximum)
 
     def equalities(self, model: ModelLike) -> tuple[Equality, ...]:
-        """The exact value as an equation."""
+        """Return the exact value as an equation; none where it is bounded."""
         row, constant = _resolved(self.expression, model, "LinearBound")
         if self._exact is None:
             return ()
@@ -167,12 +167,12 @@ class ConfidenceInterval:
 
     @classmethod
     def from_dict(cls, entry: Mapping[str, Any], folder: Path | None = None) -> ConfidenceInterval:
-        """From ``{"expression": "lx2 + m3", "value": 0.31, "standard_deviation": 0.004}``, as in ``robot.toml``."""
+        """Read ``{"expression": "lx2 + m3", "value": 0.31, "standard_deviation": 0.004}``, as in ``robot.toml``."""
         keys = ("expression", "value", "standard_deviation")
         return cls(**table(entry, "confidence_interval", keys, ("deviations",)))
 
     def blocks(self, model: ModelLike) -> tuple[AffineBlock, ...]:
-        """Both ends of the interval as 1 x 1 blocks."""
+        """Return both ends of the interval as 1 x 1 blocks."""
         row, constant = self._resolved(model)
         if self.standard_deviation == 0:
             return ()

@@ -78,18 +78,18 @@ class TotalMass:
 
     @classmethod
     def from_dict(cls, entry: Mapping[str, Any], folder: Path | None = None) -> TotalMass:
-        """From ``{"maximum": 27.0}``, as in ``robot.toml``."""
+        """Read ``{"maximum": 27.0}``, as in ``robot.toml``."""
         return cls(**table(entry, "total_mass", (), ("maximum", "minimum", "equal", "links")))
 
     def blocks(self, model: ModelLike) -> tuple[AffineBlock, ...]:
-        """Bounds as 1 x 1 blocks."""
+        """Return the bounds as 1 x 1 blocks."""
         label, indices = _masses(model, self.links, "total mass", "mass of", "TotalMass")
         if self._exact is not None:
             return ()
         return _bounds(label, indices, self.minimum, self.maximum)
 
     def equalities(self, model: ModelLike) -> tuple[Equality, ...]:
-        """The exact mass as an equation."""
+        """Return the exact mass as an equation; none where it is bounded."""
         label, indices = _masses(model, self.links, "total mass", "mass of", "TotalMass")
         return () if self._exact is None else (_exactly(label, indices, self._exact),)
 
@@ -157,7 +157,7 @@ class MeasuredMass:
 
     @classmethod
     def from_dict(cls, entry: Mapping[str, Any], folder: Path | None = None) -> MeasuredMass:
-        """From ``{"links": ["forearm"], "value": 2.41, "standard_deviation": 0.01}``, as in ``robot.toml``."""
+        """Read ``{"links": ["forearm"], "value": 2.41, "standard_deviation": 0.01}``, as in ``robot.toml``."""
         return cls(**table(entry, "measured_mass", ("value",), ("links", "standard_deviation", "deviations")))
 
     def blocks(self, model: ModelLike) -> tuple[AffineBlock, ...]:
@@ -170,7 +170,7 @@ class MeasuredMass:
         return _bounds(label, indices, low if low > 0 else None, self.value + reach)
 
     def equalities(self, model: ModelLike) -> tuple[Equality, ...]:
-        """The exact mass as an equation."""
+        """Return the exact mass as an equation; none where it is bounded."""
         label, indices = _masses(model, self.links, "weighed total mass", "weighed mass of", "MeasuredMass")
         return () if self.standard_deviation else (_exactly(label, indices, self.value),)
 

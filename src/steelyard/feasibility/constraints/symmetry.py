@@ -91,7 +91,7 @@ class SymmetricLink:
 
     @classmethod
     def from_dict(cls, entry: Mapping[str, Any], folder: Path | None = None) -> SymmetricLink:
-        """From ``{"link": "link1", "plane": "xz"}``, as in ``robot.toml``."""
+        """Read ``{"link": "link1", "plane": "xz"}``, as in ``robot.toml``."""
         return cls(**table(entry, "symmetric_link", ("link",), ("plane", "axis", "order", "through")))
 
     def symmetries(self) -> list[tuple[str, Matrix]]:
@@ -107,7 +107,7 @@ class SymmetricLink:
         return found
 
     def blocks(self, model: ModelLike) -> tuple[AffineBlock, ...]:
-        """None."""
+        """Return no block: the condition is an equation."""
         return ()
 
     def equalities(self, model: ModelLike) -> tuple[Equality, ...]:
@@ -182,11 +182,11 @@ class EqualLinks:
 
     @classmethod
     def from_dict(cls, entry: Mapping[str, Any], folder: Path | None = None) -> EqualLinks:
-        """From ``{"first": "left_arm", "second": "right_arm", "mirror": "xz"}``, as in ``robot.toml``."""
+        """Read ``{"first": "left_arm", "second": "right_arm", "mirror": "xz"}``, as in ``robot.toml``."""
         return cls(**table(entry, "equal_links", ("first", "second"), ("mirror", "placement", "terms")))
 
     def blocks(self, model: ModelLike) -> tuple[AffineBlock, ...]:
-        """None."""
+        """Return no block: the condition is an equation."""
         return ()
 
     def equalities(self, model: ModelLike) -> tuple[Equality, ...]:
@@ -246,7 +246,7 @@ def _direction(value: Any, names: Mapping[str, tuple[float, float, float]], what
 
 
 def _unit_vector(value: Any, names: Mapping[str, tuple[float, float, float]]) -> Matrix:
-    """Of length 1, with exact zeros and ones along the axes of the frame."""
+    """Return the vector with length 1, with exact zeros and ones along the axes of the frame."""
     return axis_frame(names[value] if isinstance(value, str) else value)[:3, 2]
 
 

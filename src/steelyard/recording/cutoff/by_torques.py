@@ -29,7 +29,8 @@ ENDS = 2.2
 RATIO = 1.4
 """From one candidate to the next; between them the residual is interpolated."""
 HIGHEST = 0.2
-"""Of the sample rate: beyond it, central differences take more than a third off the accelerations."""
+"""The highest cutoff that is tried, as a share of the sample rate: beyond it, central differences take more than a
+third off the accelerations."""
 TOLERANCE = 0.01
 """The highest cutoff is taken whose residual is at most this part above the least. What a filter takes off the motion
 is in step with it and biases every parameter; noise in the accelerations is not, averages out over the rows, and biases
@@ -50,7 +51,7 @@ REFERENCE = 4.0
 ENOUGH, CLEARLY = 0.25, 0.5
 """Rise of the logarithm of the residual above its least, of two candidates, from which higher ones are not tried."""
 MOST_ROWS = 4000
-"""Of all logs together, from which the residual of a candidate is computed."""
+"""The most rows of all logs together from which the residual of a candidate is computed."""
 ROUNDING = 1e-11
 """Eigenvalues of the products below this part of the largest, and squared residuals below this part of the squared
 torques, are rounding of the sums of products."""

@@ -28,7 +28,7 @@ MOST_ROWS = 20_000
 SEGMENTS = 10
 """Segments of the log, left out one at a time for the standard deviation."""
 UNRESOLVED = 0.1
-"""Of a row: where in it a jump of Coulomb friction falls is not seen."""
+"""This share of the time between rows is not resolved: where in it a jump of Coulomb friction falls is not seen."""
 SURE = 3.0
 """Standard deviations from zero at which a delay is certain enough to be taken out."""
 SPREAD = float(np.log(5.0) / (np.log(1.0 + np.sqrt(2.0)) / 6.0))

@@ -40,13 +40,13 @@ noise of the torques alone, and the error on another log rose from 1.3 to 139 %;
 SIGN_IS_SURE = 3.0
 """A velocity of so many standard deviations of its noise has the right sign in 999 of 1000 rows."""
 LARGEST = 0.1
-"""Of a joint's own root mean square velocity: no slower row is left out. Held-out errors of three real arms (TX40,
-UR10, KR300) are least with thresholds of 0.02 to 0.2 of it, and nearly flat between; those of the Kinova Gen3, whose
-runs last seconds, rise from 0.1 on."""
+"""The largest threshold, as a share of a joint's own root mean square velocity. Held-out errors of three real arms
+(TX40, UR10, KR300) are least with thresholds of 0.02 to 0.2 of it, and nearly flat between; those of the Kinova Gen3,
+whose runs last seconds, rise from 0.1 on."""
 BINS = 6
 """Bins of low velocities, whose limits grow by `RATIO`."""
 RATIO = 1.6
-"""Of the limits of neighbouring bins of velocities, of which the last ends at `LARGEST`."""
+"""The ratio of the limits of neighbouring bins of velocities, of which the last ends at `LARGEST`."""
 CHANCE = 1e-3
 """Probability with which a joint without stiction is found to have less friction in its slowest bin."""
 CLEAR = 0.05

@@ -22,9 +22,10 @@ ROWS = 6000
 BLOCKS = 24
 LONGEST_DELAY = 0.05  # s
 STILL = 0.05
-"""Of the RMS velocity: rows nearer to rest, where friction may be anything."""
+"""The share of the RMS velocity below which rows are left out: there a joint is near rest, where friction may be
+anything."""
 UNLOADED = 0.2
-"""Of the RMS torque: rows nearer to no torque, where the link may be anywhere in the gap."""
+"""The share of the RMS torque below which rows are left out, since the link may be anywhere in the gap."""
 SURE = 5.0
 """Standard errors from which a ratio or a backlash is told."""
 LEAST_GAIN = 0.25
@@ -41,8 +42,8 @@ CROSSING = 0.05
 AS_GOOD = 1.3
 """Squared deflection left unexplained over the least, up to which a share of friction and inertia is as good."""
 IMPACTS = 0.01
-"""Of the width: what impacts and the filter make of it. On simulated joints blocks of time alone tell half of the
-error."""
+"""The share of the width that impacts and the filter make uncertain. On simulated joints blocks of time alone tell half
+of the error."""
 SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
 TELLING = 0.1
 """Part of a column that the other columns must leave for it to be told from them."""

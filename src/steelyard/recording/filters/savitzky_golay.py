@@ -112,7 +112,7 @@ class SavitzkyGolay(MotionFilter):
         return 2 * self.half_window(rate) + ceil(self.degree / 2) + 1
 
     def settling(self, rate: float) -> float:
-        """See `MotionFilter.settling`: half a window, over which the last polynomial is used off its middle."""
+        """See `MotionFilter.settling`. It is half a window, over which the last polynomial is used off its middle."""
         return self.half_window(rate) / rate
 
 

@@ -26,7 +26,7 @@ DEEPEST = 20
 LARGEST_TEXTS = 1_000_000
 """Bytes of an array of texts, and of the structures of MATLAB that point to them."""
 LARGEST_DATES = 200_000_000
-"""The same of an array with a date in each row."""
+"""The most bytes of an array with a date in each row."""
 
 
 class Hdf5File(ArrayLog):

@@ -20,7 +20,7 @@ __all__ = ["main"]
 
 DEEPEST = 20
 MOST_ELEMENTS = 1000
-"""Of an array of structs, such as the signals of a block of Simulink."""
+"""The most elements of an array of structs, such as the signals of a block of Simulink."""
 LONGEST_DATE = 240
 """Bytes of a text of which there is one in each row, for it may be a date; larger ones are something else."""
 LONGEST = 1_000_000

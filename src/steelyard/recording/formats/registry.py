@@ -293,7 +293,7 @@ def open_log(path: Path, columns: LogColumns | None = None) -> LogFile:
         For a file that is missing, empty, of another kind or unreadable.
     """
     if "\0" in str(path):
-        raise InputError(f"{shown(str(path))} is no path that can exist; {REMEDY}.")
+        raise InputError(f"{shown(str(path))} is not a valid path; {REMEDY}.")
     if str(path) == STANDARD_INPUT:
         from .standard_input import standard_input
 
