@@ -301,7 +301,7 @@ def test_joints_without_limits_of_position(arm):
         ({"criterion": "e"}, "criterion must be one of"),
         (
             {"prior_information": FourierTrajectory([[1.0]], [[1.0]], [0.0], 1.0)},
-            "of a motion of 1 joints, but arm has 3",
+            "a motion of 1 joints, but arm has 3",
         ),
     ],
 )

@@ -68,7 +68,7 @@ def test_of_few_siblings_only_large_differences_are_told() -> None:
         bases[2, 0] += size
         covariances = np.broadcast_to(1e-4 * np.eye(2), (4, 2, 2))
         assert compare_siblings(bases, covariances, (ONE, OTHER), np.eye(2)).differs == named
-    with pytest.raises(sy.errors.InputError, match="3 or more; there are 2"):
+    with pytest.raises(sy.errors.InputError, match="3 siblings or more, got 2"):
         compare_siblings(bases[:2], covariances[:2], (ONE, OTHER), np.eye(2))
 
 
