@@ -261,7 +261,7 @@ def test_options_that_make_no_sense(model: sy.Model, options: dict[str, object],
     ("samples", "message"),
     [
         ([(0.0, [0.0], [0.0, 0.0])], "q has the shape"),
-        ([(0.0, [0.0, 0.0], [0.0, 0.0], None, [0.0, 0.0])], "Accelerations without velocities"),
+        ([(0.0, [0.0, 0.0], [0.0, 0.0], None, [0.0, 0.0])], "ddq was given without dq"),
         ([(0.0, [0.0, 0.0], [0.0, 0.0]), (0.1, [0.0, 0.0], [0.0, 0.0], [0.0, 0.0])], "give the same of every sample"),
         ([([0.0, 0.1], [[0.0, 0.0]], [[0.0, 0.0]])], "one row for each of 2 times"),
     ],
