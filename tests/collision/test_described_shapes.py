@@ -136,7 +136,7 @@ scale="2 1 1"/></asset><worldbody><body name="a"><joint name="one" axis="0 1 0"/
     [
         ("arm.xml", ('size="0.1 0.2"', 'size="0.1 -0.2"'), r"arm\.xml, line 11: a cylinder: length"),
         ("arm.xml", ("horn.obj", "../../../horn.obj"), "leads out of"),
-        ("arm.xml", ('type="cylinder"', 'type="box" mesh="inline"'), "the shape of a box that is fitted to a mesh cannot be read"),
+        ("arm.xml", ('type="cylinder"', 'type="box" mesh="inline"'), "a box that is fitted to a mesh cannot be read"),
         ("arm.sdf", ("<radius>0.05</radius>", "<radius>0</radius>"), r'arm\.sdf, line 3: link "a": .*radius'),
         ("arm.sdf", ("<uri>parts", "<submesh><name>x</name></submesh><uri>parts"), ""),
         ("arm.sdf", ('<box><size>0.1 0.2 0.4</size></box>', "<cone/>"), "<cone> cannot be read as a shape"),
