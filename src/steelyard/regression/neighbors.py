@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.graph.block_projection import project_blocks
+from steelyard.graph.block_projection import project_blocks, transform_blocks
 
 from .batch_means import LONG
 
@@ -32,6 +32,9 @@ velocity, even right before the last of the neighbours, has 5 %: of such neighbo
 ROUNDING = 1e-20
 """Mean square of a column, relative to the largest of its joint, below which it is but rounding errors."""
 
+SMALLEST = float(np.finfo(np.float64).tiny)
+"""Stands for the limit of a joint whose columns are all zero, where limits are divided by."""
+
 FEWEST = 2 * ORDERS
 """Rows of the neighbours that are used, at most, for which combinations are not worth while."""
 
@@ -39,6 +42,9 @@ FEWEST = 2 * ORDERS
 AT_ONCE = 8
 """Groups of neighbours whose regressor stands in memory together: one megabyte for seven joints, so that the
 processor's cache holds it until it is combined."""
+
+MOST_IN_RUNS = 4096
+"""Neighbours of single joints that are projected on polynomials over runs together, so that memory is bounded."""
 
 PLACES = (0, 4, 13, 25, 38, 50, 59, 63)
 """The places among `LENGTH` neighbours at which the even columns are computed: Lobatto's points, rounded, so that what
@@ -123,8 +129,7 @@ class NeighborCombinations:
         self.squares = squares
         self._owner = np.repeat(np.arange(len(widths)), widths)
         self._sums, self._counts = np.zeros_like(squares), np.zeros(len(widths))
-        self._found: _Projections | None = None
-        self._squares: Array | None = None
+        self._room: _Projections | None = None
 
     def combined(self, source: RegressorSource, torque: Array, mask: NDArray[np.bool_] | None) -> list[CombinedRows]:
         """Combine the rows of each joint.
@@ -137,40 +142,49 @@ class NeighborCombinations:
         """
         joints, groups = len(self.starts), len(torque) // LENGTH
         used = None if mask is None else np.ascontiguousarray(mask.T).reshape(joints, groups, LENGTH)
-        counts = np.full((groups, joints), LENGTH) if used is None else used.sum(axis=2).T
-        found = self._projections(source, counts)
-        means = found.projected[:, 0]
-        whole = counts == LENGTH
+        counts = np.full((groups, joints), LENGTH) if used is None else _count(used).T
+        found = self._projections(source, torque, counts)
+        means, whole = found.projected[:, 0], counts == LENGTH
         squares = means**2 if whole.all() else means**2 * whole[:, self._owner]
         self._sums += squares.sum(axis=0)
         self._counts += np.count_nonzero(whole, axis=0) * LENGTH
+        masked = torque if mask is None else torque * mask
+        norms, totals = np.einsum("sk,sk->k", masked, masked), counts.sum(axis=0)
+        others = ~found.simple & (counts > 0)
+        pieces = self._in_runs(found, used, counts, others & found.told[:, None])
         result = []
         for joint, (begin, end) in enumerate(zip(self.starts, self.ends, strict=True)):
-            one = _Combination(torque[:, joint].reshape(groups, LENGTH), None if used is None else used[joint])
-            one.combine_whole(np.flatnonzero(found.simple[:, joint]), found.projected[:, :, begin:end])
-            others = ~found.simple[:, joint] & (counts[:, joint] > 0)
-            places = np.flatnonzero(others & found.told)
+            one = _Combination(groups, end - begin + 1)
+            one.take_whole(np.flatnonzero(found.simple[:, joint]), found, slice(begin, end), joint)
+            for piece in pieces:
+                one.take_piece(piece, found, slice(begin, end), joint)
+            places = np.flatnonzero(others[:, joint] & ~found.told)
             if len(places):
-                one.add_even(places, found, slice(begin, end))
-            places = np.flatnonzero(others & ~found.told)
-            if len(places):
-                one.add_others(places, found.rows_of(places, slice(begin, end)), found.limits[begin:end])
-            result.append(one.result(end - begin + 1))
+                rows = np.concatenate(
+                    [found.rows_of(places, slice(begin, end)), found.torque(places, joint)[:, :, None]], axis=2
+                )
+                use = np.ones((len(places), LENGTH), bool) if used is None else used[joint, places]
+                one.take_rows(places, rows, use, found.limits[begin:end])
+            result.append(one.result(int(totals[joint]), float(norms[joint])))
         return result
 
-    def _projections(self, source: RegressorSource, counts: NDArray[np.intp]) -> _Projections:
+    def _projections(self, source: RegressorSource, torque: Array, counts: NDArray[np.intp]) -> _Projections:
         """Project the regressor of all groups, of which each joint uses so many rows, (groups, N)."""
-        groups = len(counts)
-        if (
-            self._found is None or len(self._found.left) < groups
-        ):  # new arrays take longer to be given than to be filled
-            uneven = 0 if source.uneven is None else len(source.uneven)
-            self._found = _Projections.empty(groups, len(self.starts), len(self.squares), uneven)
-        found = self._found.first(groups, self._limits(), source.uneven)
+        groups, joints = counts.shape
+        uneven = np.empty(0, np.intp) if source.at_places is None or source.uneven is None else source.uneven
+        orders = ORDERS if source.at_places is None else len(PLACES)
+        if self._room is None or len(self._room.left) < groups or self._room.projected.shape[1] != orders:
+            # New arrays take longer to be given than to be filled.
+            self._room = _Projections.empty(groups, joints, len(self.squares), uneven, orders)
+        found = self._room.first(groups, self._limits())
+        rows = torque.reshape(groups, LENGTH, joints)
         step = AT_ONCE if source.at_places is None else AT_ONCE * LENGTH // len(PLACES)
         for start in range(0, groups, step):
             part = slice(start, min(start + step, groups))
+            dense = found.dense[part]
+            dense[:, :, len(uneven) :] = rows[part]
             if source.at_places is None:
+                project_blocks(_basis(), dense, found.dense_projected[part], found.dense_left[part])
                 self._project_all(source, part, counts, found)
             else:
                 self._project_places(source, part, counts, found)
@@ -179,9 +193,9 @@ class NeighborCombinations:
     def _project_all(self, source: RegressorSource, part: slice, counts: NDArray[np.intp], found: _Projections) -> None:
         """Project the regressor of some groups, computed at all of their rows."""
         rows = source.entries(slice(part.start * LENGTH, part.stop * LENGTH)).reshape(-1, LENGTH, len(found.limits))
-        project_blocks(_basis(0, LENGTH), rows, found.projected[part], found.left[part])
-        self._judge(part, counts, found)
+        project_blocks(_basis(), rows, found.projected[part], found.left[part])
         found.told[part] = False
+        self._judge(part, counts, found)
         others = ~found.simple[part] & (counts[part] > 0)
         for at in np.flatnonzero(others.any(axis=1)).tolist():
             found.rows[part.start + at] = rows[at].copy()
@@ -192,39 +206,80 @@ class NeighborCombinations:
         """Project the regressor of some groups, computed at few of their rows where these tell all the others."""
         assert source.at_places is not None
         assert source.uneven_entries is not None
-        assert source.uneven is not None
-        groups, width = part.stop - part.start, len(found.limits)
+        groups, width, uneven = part.stop - part.start, len(found.limits), found.uneven
         values = source.at_places(part).reshape(groups, len(PLACES), width)
-        lower, higher = _interpolation()
-        left, beyond = found.left[part], found.beyond[part]
-        project_blocks(lower, values, found.projected[part], left)
-        project_blocks(higher, values, beyond, left)
-        if self._squares is None or len(self._squares) < groups:
-            self._squares = np.empty(beyond.shape)
-        squares = np.square(beyond, out=self._squares[:groups])
-        tail = squares[:, -2] + squares[:, -1]
-        tail[:, source.uneven] = 0.0
-        np.sum(squares, axis=1, out=left)
-        rows = source.uneven_entries(slice(part.start * LENGTH, part.stop * LENGTH))
-        if len(source.uneven):
-            uneven = found.uneven_rows[part]
-            uneven[...] = rows.reshape(uneven.shape)
-            own, own_left = np.empty((groups, ORDERS, len(source.uneven))), np.empty((groups, len(source.uneven)))
-            project_blocks(_basis(0, LENGTH), uneven, own, own_left)
-            found.projected[part][:, :, source.uneven] = own
-            left[:, source.uneven] = own_left
+        squares = found.squares[:groups]
+        transform_blocks(_interpolation(), values, found.projected[part], squares, (ORDERS, len(PLACES) - 2))
+        left, tail = squares[:, 0], squares[:, 1]
+        dense, projected = found.dense[part], found.dense_projected[part]
+        if len(uneven):
+            rows = source.uneven_entries(slice(part.start * LENGTH, part.stop * LENGTH))
+            dense[:, :, : len(uneven)] = rows.reshape(groups, LENGTH, len(uneven))
+        project_blocks(_basis(), dense, projected, found.dense_left[part])
+        if len(uneven):
+            found.projected[part, :ORDERS, uneven] = projected[:, :, : len(uneven)]
+            squares[:, :, uneven] = 0.0
+        found.left[part] = left
         found.told[part] = np.all(tail <= LENGTH / LARGEST_SHARE * LARGEST_TAIL * found.limits, axis=1)
         for at in np.flatnonzero(~found.told[part]).tolist():
             group = part.start + at
             own = source.entries(slice(group * LENGTH, (group + 1) * LENGTH)).reshape(1, LENGTH, width)
-            project_blocks(_basis(0, LENGTH), own, found.projected[group : group + 1], left[at : at + 1])
+            orders, lost = np.empty((1, ORDERS, width)), np.empty((1, width))
+            project_blocks(_basis(), own, orders, lost)
+            found.projected[group, :ORDERS], found.left[group] = orders[0], lost[0]
             found.rows[group] = own[0].copy()
         self._judge(part, counts, found)
 
     def _judge(self, part: slice, counts: NDArray[np.intp], found: _Projections) -> None:
-        """Note of which of some groups the projections take the place of the rows."""
-        rough = np.logical_or.reduceat(found.left[part] > LENGTH * found.limits, self.starts, axis=1)
+        """Note how much is lost in some groups, and where the projections take the place of the rows."""
+        lost = found.left[part] / np.maximum(found.limits, SMALLEST)
+        found.worst[part] = np.maximum.reduceat(lost, self.starts, axis=1)
+        rough = found.worst[part] > LENGTH
+        if len(found.uneven):
+            uneven = found.dense_left[part, : len(found.uneven)] > LENGTH * found.limits[found.uneven]
+            if uneven.any():
+                groups, columns = np.nonzero(uneven)
+                rough[groups, self._owner[found.uneven[columns]]] = True
         found.simple[part] = (counts[part] == LENGTH) & ~rough
+
+    def _in_runs(
+        self,
+        found: _Projections,
+        used: NDArray[np.bool_] | None,
+        counts: NDArray[np.intp],
+        chosen: NDArray[np.bool_],
+    ) -> list[_Piece]:
+        """Project neighbours of which `PLACES` tell the even columns, and that are not whole, or jump.
+
+        All joints together: `chosen` (groups, N) says which neighbours of which joint.
+        """
+        joints, groups = np.nonzero(chosen.T)
+        count = len(found.uneven)
+        owner = self._owner[found.uneven]
+        own = [[*np.flatnonzero(owner == joint).tolist(), count + joint] for joint in range(len(self.starts))]
+        width = max(map(len, own))
+        # A joint with fewer uneven columns has columns of zeros before its torque.
+        places = np.array([[one[-1]] * (width - len(one)) + one for one in own])
+        present = np.array([[False] * (width - len(one)) + [True] * len(one) for one in own])
+        limits = np.full(places.shape, np.inf)
+        limits[:, :-1] = np.append(found.limits[found.uneven], [np.inf] * len(self.starts))[places[:, :-1]]
+        pieces = []
+        for start in range(0, len(joints), MOST_IN_RUNS):
+            joint, group = joints[start : start + MOST_IN_RUNS], groups[start : start + MOST_IN_RUNS]
+            use = np.ones((len(joint), LENGTH), bool) if used is None else used[joint, group]
+            rows = found.dense[group[:, None, None], np.arange(LENGTH)[:, None], places[joint][:, None]]
+            rows *= use[:, :, None] & present[joint][:, None]
+            even = found.worst[group, joint] <= counts[group, joint]
+            left = np.ones(len(joint), bool)
+            for at, runs, projected in _by_runs(use, rows, limits[joint], even):
+                maps = _runs().maps[runs].reshape(len(at), ORDERS * runs.shape[1], len(PLACES))
+                maps = np.concatenate([maps, _usage(use[at])[:, None]], axis=1)
+                sums = rows[at].sum(axis=1, keepdims=True)
+                pieces.append(_Piece(joint[at], group[at], maps, np.concatenate([projected, sums], axis=1), None))
+                left[at] = False
+            if left.any():
+                pieces.append(_Piece(joint[left], group[left], None, rows[left], use[left]))
+        return pieces
 
     def _limits(self) -> Array:
         """Return the mean square that each column may lose, (C,)."""
@@ -234,217 +289,280 @@ class NeighborCombinations:
 
 
 @dataclass(frozen=True, eq=False)
+class _Piece:
+    """Neighbours of several joints that are used in part, or jump, in the order of the joints.
+
+    Attributes
+    ----------
+    joints, groups : ndarray of int
+        (n,).
+    maps : ndarray or None
+        (n, r + 1, places), from the coefficients of the even columns to r rows, and to the sum over all neighbours;
+        None where all rows are kept.
+    dense : ndarray
+        (n, r + 1, d), the same rows and sums of the columns that were computed at every neighbour, the torque last;
+        without maps (n, `LENGTH`, d), all of their rows.
+    use : ndarray of bool or None
+        (n, `LENGTH`), which rows are used, without maps.
+    """
+
+    joints: NDArray[np.intp]
+    groups: NDArray[np.intp]
+    maps: Array | None
+    dense: Array
+    use: NDArray[np.bool_] | None
+
+
+@dataclass(frozen=True, eq=False)
 class _Projections:
     """The projected regressor of all groups, and what is known of those which that does not tell.
 
     Attributes
     ----------
-    projected, beyond : ndarray
-        (groups, `ORDERS`, C) and (groups, places - `ORDERS`, C), coefficients of the polynomials; the second where the
-        regressor was computed at `PLACES`.
+    projected : ndarray
+        (groups, orders, C), coefficients of the polynomials: `ORDERS`, or as many as `PLACES` where the regressor was
+        computed there.
     left : ndarray
-        (groups, C), squares of what the first leave.
+        (groups, C), squares of what `ORDERS` of them leave, 0 of uneven columns.
+    worst : ndarray
+        (groups, N), the largest of these of each joint, by what may be lost of a row.
+    dense, dense_projected, dense_left : ndarray
+        (groups, `LENGTH`, U + N), the uneven columns and the torques, (groups, `ORDERS`, U + N) and (groups, U + N).
     simple : ndarray of bool
         (groups, N), where projections take the place of the rows.
     told : ndarray of bool
         (groups,), where `PLACES` tell all but the uneven columns.
-    uneven_rows : ndarray
-        (groups, `LENGTH`, U).
-    rows : dict
-        (`LENGTH`, C) of groups that are not told.
-    limits : ndarray
-        (C,) mean square that may be lost.
+    squares : ndarray
+        (groups, 2, C), room.
     uneven : ndarray of int
         (U,) columns.
+    limits : ndarray
+        (C,) mean square that may be lost.
+    rows : dict
+        (`LENGTH`, C) of groups that are not told.
     """
 
     projected: Array
-    beyond: Array
     left: Array
+    worst: Array
+    dense: Array
+    dense_projected: Array
+    dense_left: Array
     simple: NDArray[np.bool_]
     told: NDArray[np.bool_]
-    uneven_rows: Array
-    rows: dict[int, Array]
-    limits: Array
+    squares: Array
     uneven: NDArray[np.intp]
+    limits: Array
+    rows: dict[int, Array]
 
     @classmethod
-    def empty(cls, groups: int, joints: int, width: int, uneven: int) -> _Projections:
+    def empty(cls, groups: int, joints: int, width: int, uneven: NDArray[np.intp], orders: int) -> _Projections:
         """Return room for so many groups."""
-        beyond = np.empty((groups, len(PLACES) - ORDERS, width))
+        dense = len(uneven) + joints
         return cls(
-            np.empty((groups, ORDERS, width)),
-            beyond,
+            np.empty((groups, orders, width)),
             np.empty((groups, width)),
+            np.empty((groups, joints)),
+            np.empty((groups, LENGTH, dense)),
+            np.empty((groups, ORDERS, dense)),
+            np.empty((groups, dense)),
             np.empty((groups, joints), bool),
             np.empty(groups, bool),
-            np.empty((groups, LENGTH, uneven)),
-            {},
+            np.empty((min(groups, AT_ONCE * LENGTH // len(PLACES)), 2, width)),
+            uneven,
             np.empty(0),
-            np.empty(0, np.intp),
+            {},
         )
 
-    def first(self, groups: int, limits: Array, uneven: NDArray[np.intp] | None) -> _Projections:
+    def first(self, groups: int, limits: Array) -> _Projections:
         """Return the room for the first groups, of which nothing is known."""
-        names = ("projected", "beyond", "left", "simple", "told", "uneven_rows")
+        names = ("projected", "left", "worst", "dense", "dense_projected", "dense_left", "simple", "told")
         cut: dict[str, Any] = {name: getattr(self, name)[:groups] for name in names}
-        return _Projections(**cut, rows={}, limits=limits, uneven=self.uneven if uneven is None else uneven)
+        return replace(self, **cut, limits=limits, rows={})
 
     def rows_of(self, places: NDArray[np.intp], columns: slice) -> Array:
         """Return some columns of groups that are not told, (groups, `LENGTH`, c)."""
         return np.stack([self.rows[place][:, columns] for place in places.tolist()])
 
+    def torque(self, places: NDArray[np.intp], joint: int) -> Array:
+        """Return the torques of a joint in some groups, (groups, `LENGTH`)."""
+        return np.asarray(self.dense[places, :, len(self.uneven) + joint])
+
+    def uneven_of(self, columns: slice) -> NDArray[np.intp]:
+        """Return which of the columns of a joint are uneven, from 0."""
+        mine = (self.uneven >= columns.start) & (self.uneven < columns.stop)
+        return np.asarray(self.uneven[mine] - columns.start)
+
 
 class _Combination:
-    """The neighbours of one joint, of which some are combined and the rows of others kept.
+    """What takes the place of the neighbours of one joint.
 
     Parameters
     ----------
-    torque, used : ndarray
-        (groups, `LENGTH`).
+    groups : int
+    width : int
+        Columns of the rows, c + 1.
     """
 
-    def __init__(self, torque: Array, used: NDArray[np.bool_] | None) -> None:
-        self.used = np.ones(torque.shape, bool) if used is None else used
-        self.torque = np.ascontiguousarray(torque) if used is None else torque * used
-        self.count = torque.size if used is None else int(np.count_nonzero(used))
+    def __init__(self, groups: int, width: int) -> None:
+        self.width, self.sums = width, np.zeros((groups, width))
         self.rows: list[Array] = []
-        self.sums: list[tuple[NDArray[np.intp], Array]] = []
-        self.rest = float(np.vdot(self.torque, self.torque))
+        self.taken = 0.0
 
-    def combine_whole(self, places: NDArray[np.intp], projected: Array) -> None:
-        """Take the projections (groups, `ORDERS`, c) of these groups, which are used as a whole."""
-        rows = np.empty((len(places), ORDERS, projected.shape[2] + 1))
-        rows[:, :, :-1] = projected if len(places) == len(projected) else projected[places]
-        torque = self.torque if len(places) == len(projected) else self.torque[places]
-        rows[:, :, -1] = torque @ _basis(0, LENGTH).T
-        self._take(rows, places, rows[:, 0] * np.sqrt(LENGTH))
+    def take_whole(self, places: NDArray[np.intp], found: _Projections, columns: slice, joint: int) -> None:
+        """Take the projections of these groups, which are used as a whole."""
+        rows = np.empty((len(places), ORDERS, self.width))
+        all_of_them = len(places) == len(found.projected)
+        rows[:, :, :-1] = found.projected[slice(None) if all_of_them else places, :ORDERS, columns]
+        rows[:, :, -1] = found.dense_projected[places, :, len(found.uneven) + joint]
+        self._take(places, rows, np.sqrt(LENGTH) * rows[:, 0])
 
-    def _take(self, rows: Array, places: NDArray[np.intp], sums: Array) -> None:
-        """Take rows (groups, r, c + 1) in the place of those of these groups, and the sums of those."""
-        self.rows.append(rows.reshape(-1, rows.shape[2]))
-        self.sums.append((places, sums))
-        self.rest -= float(np.vdot(rows[:, :, -1], rows[:, :, -1]))
+    def take_piece(self, piece: _Piece, found: _Projections, columns: slice, joint: int) -> None:
+        """Take the neighbours of this joint out of those of several."""
+        part = slice(*np.searchsorted(piece.joints, [joint, joint + 1]).tolist())
+        places, dense = piece.groups[part], piece.dense[part]
+        if not len(places):
+            return
+        uneven = found.uneven_of(columns)
+        maps = _all_polynomials().T if piece.maps is None else piece.maps[part]
+        rows = np.empty((len(places), dense.shape[1], self.width))
+        rows[:, :, :-1] = np.matmul(maps, found.projected[places, :, columns])
+        rows[:, :, [*uneven, self.width - 1]] = dense[:, :, dense.shape[2] - len(uneven) - 1 :]
+        if piece.use is None:
+            self._take(places, rows[:, :-1], rows[:, -1])
+        else:
+            self.take_rows(places, rows, piece.use[part], found.limits[columns])
 
-    def add_even(self, places: NDArray[np.intp], found: _Projections, columns: slice) -> None:
-        """Take neighbours of which `PLACES` tell the even columns, and that are not whole, or jump."""
-        limits = found.limits[columns]
-        mine = np.flatnonzero((found.uneven >= columns.start) & (found.uneven < columns.stop))
-        own = found.uneven[mine] - columns.start
-        coefficients = np.concatenate([found.projected[places, :, columns], found.beyond[places, :, columns]], axis=1)
-        left, uneven = found.left[places, columns], found.uneven_rows[places][:, :, mine]
-        polynomials, used = _all_polynomials(), self.used[places]
-        rows = np.concatenate([uneven * used[:, :, None], self.torque[places, :, None]], axis=2)
-        sums = np.empty((len(places), len(limits) + 1))
-        sums[:, :-1] = np.matmul((used @ polynomials.T)[:, None], coefficients)[:, 0]
-        sums[:, [*own, -1]] = rows.sum(axis=1)
-        # Polynomials over a part of the rows leave less than those over all.
-        count = used.sum(axis=1)
-        even = left <= count[:, None] * limits
-        even[:, own] = True
-        remaining = np.ones(len(places), bool)
-        for runs in (_one_run, _two_runs):
-            at = np.flatnonzero(remaining & even.all(axis=1))
-            chosen, bases = runs(used[at], uneven[at], limits[own])
-            at = at[chosen]
-            if not len(at):
-                continue
-            jumping = np.matmul(bases, rows[at])
-            squares = np.einsum("gkc,gkc->gc", rows[at], rows[at]) - np.einsum("gmc,gmc->gc", jumping, jumping)
-            good = np.all(squares[:, :-1] <= count[at, None] * limits[own], axis=1)
-            projected = np.empty((int(good.sum()), bases.shape[1], len(limits) + 1))
-            projected[:, :, :-1] = np.matmul(bases[good] @ polynomials.T, coefficients[at[good]])
-            projected[:, :, [*own, -1]] = jumping[good]
-            self._take(projected, places[at[good]], sums[at[good]])
-            remaining[at[good]] = False
-        if remaining.any():
-            regressor = polynomials.T @ coefficients[remaining]
-            regressor[:, :, own] = uneven[remaining]
-            self.add_others(places[remaining], regressor, limits)
-
-    def add_others(self, places: NDArray[np.intp], regressor: Array, limits: Array) -> None:
-        """Take neighbours (groups, `LENGTH`, c) that are not whole, or rough."""
-        used = self.used[places]
-        rows = np.concatenate([regressor, self.torque[places, :, None]], axis=2)
-        rows[:, :, :-1] *= used[:, :, None]
-        sums = rows.sum(axis=1)
-        left = np.ones(len(places), bool)
-        # First as one run of rows, then as two, with a jump between them.
-        for runs in (_one_run, _two_runs):
-            at = np.flatnonzero(left)
-            chosen, bases = runs(used[at], regressor[at], limits)
-            at = at[chosen]
-            if not len(at):
-                continue
-            own = rows[at]
-            projected = np.matmul(bases, own)
-            squares = np.einsum("gkc,gkc->gc", own, own) - np.einsum("gmc,gmc->gc", projected, projected)
-            good = np.all(squares[:, :-1] <= used[at].sum(axis=1)[:, None] * limits, axis=1)
-            self._take(projected[good], places[at[good]], sums[at[good]])
-            left[at[good]] = False
+    def take_rows(self, places: NDArray[np.intp], rows: Array, use: NDArray[np.bool_], limits: Array) -> None:
+        """Take neighbours of which all rows are known, (groups, `LENGTH`, c + 1), and those in use."""
+        rows *= use[:, :, None]
+        limits = np.broadcast_to(np.append(limits, np.inf), (len(rows), self.width))
+        left = np.ones(len(rows), bool)
+        for at, _, projected in _by_runs(use, rows, limits, left.copy()):
+            self._take(places[at], projected, rows[at].sum(axis=1))
+            left[at] = False
         if left.any():
-            kept = rows[left]
-            self.rest -= float(np.vdot(kept[:, :, -1], kept[:, :, -1]))
-            self.rows.append(kept[used[left]])
-            self.sums.append((places[left], sums[left]))
+            self._take(places[left], rows[left][use[left]], rows[left].sum(axis=1))
 
-    def result(self, width: int) -> CombinedRows:
-        """Return what was taken."""
-        last, sums = np.zeros((1, width)), np.zeros((len(self.torque), width))
-        last[0, -1] = np.sqrt(max(self.rest, 0.0))
-        for places, own in self.sums:
-            sums[places] = own
-        return CombinedRows(np.concatenate([*self.rows, last]), self.count, sums)
+    def _take(self, places: NDArray[np.intp], rows: Array, sums: Array) -> None:
+        """Take rows (..., c + 1) in the place of those of these groups, and the sums of those."""
+        self.rows.append(rows.reshape(-1, self.width))
+        self.sums[places] = sums
+        self.taken += float(np.vdot(rows[..., -1], rows[..., -1]))
+
+    def result(self, count: int, norm: float) -> CombinedRows:
+        """Return what was taken in the place of so many rows, the squares of whose torques come to `norm`."""
+        last = np.zeros((1, self.width))
+        last[0, -1] = np.sqrt(max(norm - self.taken, 0.0))
+        return CombinedRows(np.concatenate([*self.rows, last]), count, self.sums)
 
 
-def _one_run(used: NDArray[np.bool_], regressor: Array, limits: Array) -> tuple[NDArray[np.intp], Array]:
-    """Return which neighbours use one run of rows but not all, and polynomials over it.
+def _by_runs(
+    use: NDArray[np.bool_], rows: Array, limits: Array, allowed: NDArray[np.bool_]
+) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp], Array]]:
+    """Yield the neighbours of which polynomials over one run of rows tell enough, and then over two runs.
 
-    (groups, `ORDERS`, `LENGTH`)
+    Parameters
+    ----------
+    use : ndarray of bool
+        (n, `LENGTH`).
+    rows : ndarray
+        (n, `LENGTH`, d), zero where not in use.
+    limits : ndarray
+        (n, d), mean square of each column that may be lost.
+    allowed : ndarray of bool
+        (n,).
+
+    Yields
+    ------
+    at : ndarray of int
+        (k,), which these are.
+    runs : ndarray of int
+        (k, 1 or 2), as `_runs` numbers them.
+    projected : ndarray
+        (k, `ORDERS` or 2 `ORDERS`, d).
     """
-    starts, stops = _ends(used)
-    count = used.sum(axis=1)
-    chosen = np.flatnonzero((stops - starts == count) & (count > FEWEST) & (count < LENGTH))
-    return chosen, _bases([(starts[k], stops[k]) for k in chosen.tolist()])
+    starts, stops, count = use.argmax(axis=1), LENGTH - use[:, ::-1].argmax(axis=1), _count(use)
+    numbers, bases = _runs().numbers, _runs().bases
+    left = allowed.copy()
 
+    def told(at: NDArray[np.intp], runs: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:
+        own = rows[at]
+        projected = np.matmul(bases[runs].reshape(len(at), ORDERS * runs.shape[1], LENGTH), own)
+        lost = np.einsum("gkc,gkc->gc", own, own) - np.einsum("gmc,gmc->gc", projected, projected)
+        good = np.all(lost <= count[at, None] * limits[at], axis=1)
+        left[at[good]] = False
+        return at[good], runs[good], projected[good]
 
-def _two_runs(used: NDArray[np.bool_], regressor: Array, limits: Array) -> tuple[NDArray[np.intp], Array]:
-    """Return which neighbours use two runs of rows, or one that jumps within, and polynomials over each of both.
-
-    (groups, 2 `ORDERS`, `LENGTH`)
-    """
-    starts, stops = _ends(used)
-    count = used.sum(axis=1)
-    steps = np.diff(regressor, axis=1)
+    at = np.flatnonzero(left & (stops - starts == count) & (count > FEWEST) & (count < LENGTH))
+    if len(at):
+        yield told(at, numbers[starts[at], stops[at]][:, None])
+    at = np.flatnonzero(left & (count > 2 * FEWEST))
+    if not len(at):
+        return
     # Rows that are not used separate two runs; else the largest step does.
-    inner = ~used & (np.arange(LENGTH) >= starts[:, None]) & (np.arange(LENGTH) < stops[:, None])
-    steps = np.einsum("gkc,gkc,c->gk", steps, steps, 1.0 / limits) * (used[:, 1:] & used[:, :-1])
-    jumps = np.argmax(steps, axis=1) + 1
-    first = np.where(inner.any(axis=1), inner.argmax(axis=1), jumps)
-    second = np.where(inner.any(axis=1), LENGTH - inner[:, ::-1].argmax(axis=1), jumps)
-    chosen = np.flatnonzero((first - starts + stops - second == count) & (count > 2 * FEWEST))
-    before = _bases([(starts[k], first[k]) for k in chosen.tolist()])
-    behind = _bases([(second[k], stops[k]) for k in chosen.tolist()])
-    return chosen, np.concatenate([before, behind], axis=1)
+    own, begin, end = use[at], starts[at], stops[at]
+    inner = ~own & (np.arange(LENGTH) >= begin[:, None]) & (np.arange(LENGTH) < end[:, None])
+    steps = np.diff(rows[at], axis=1)
+    steps *= np.sqrt(1.0 / np.maximum(limits[at], SMALLEST))[:, None]
+    jumps = np.argmax(np.einsum("gkc,gkc->gk", steps, steps) * (own[:, 1:] & own[:, :-1]), axis=1) + 1
+    parted = inner.any(axis=1)
+    first = np.where(parted, inner.argmax(axis=1), jumps)
+    second = np.where(parted, LENGTH - inner[:, ::-1].argmax(axis=1), jumps)
+    two = first - begin + end - second == count[at]
+    at, runs = at[two], np.stack([numbers[begin, first], numbers[second, end]], axis=1)[two]
+    if len(at):
+        yield told(at, runs)
 
 
-def _ends(used: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Return the first row that is used of each group, and the one behind the last."""
-    return used.argmax(axis=1), LENGTH - used[:, ::-1].argmax(axis=1)
+def _count(use: NDArray[np.bool_]) -> NDArray[np.intp]:
+    """Return how many of `LENGTH` neighbours are in use, (...,) of (..., `LENGTH`)."""
+    return np.add.reduce(use.view(np.int8), axis=-1, dtype=np.int8).astype(np.intp)
 
 
-def _bases(runs: Sequence[tuple[int, int]]) -> Array:
-    return np.stack([_basis(int(start), int(stop)) for start, stop in runs]) if runs else np.empty((0, ORDERS, LENGTH))
+def _usage(use: NDArray[np.bool_]) -> Array:
+    """Return what makes sums over the rows in use of coefficients at `PLACES`, (n, places)."""
+    return np.asarray(use @ _all_polynomials().T)
+
+
+@dataclass(frozen=True, eq=False)
+class _Runs:
+    """Polynomials over all runs of neighbours.
+
+    Attributes
+    ----------
+    numbers : ndarray of int
+        (`LENGTH` + 1, `LENGTH` + 1), which run begins at a row and ends before another one; 0 is the empty run.
+    bases : ndarray
+        (runs, `ORDERS`, `LENGTH`), orthonormal polynomials, zero outside of the run.
+    maps : ndarray
+        (runs, `ORDERS`, places), their products with the polynomials over all neighbours.
+    """
+
+    numbers: NDArray[np.intp]
+    bases: Array
+    maps: Array
 
 
 @cache
-def _basis(start: int, stop: int) -> Array:
-    """Return orthonormal polynomials over rows start:stop of `LENGTH`, (`ORDERS`, `LENGTH`), zero elsewhere."""
-    found = np.zeros((ORDERS, LENGTH))
-    count = min(ORDERS, stop - start)
-    found[:count, start:stop] = _polynomials(stop - start, count)
-    found.flags.writeable = False
-    return found
+def _runs() -> _Runs:
+    numbers = np.zeros((LENGTH + 1, LENGTH + 1), np.intp)
+    bases = [np.zeros((1, ORDERS, LENGTH))]
+    for length in range(1, LENGTH + 1):
+        polynomials, orders = _polynomials(length, min(ORDERS, length)), min(ORDERS, length)
+        own = np.zeros((LENGTH + 1 - length, ORDERS, LENGTH))
+        for start in range(len(own)):
+            own[start, :orders, start : start + length] = polynomials
+            numbers[start, start + length] = sum(map(len, bases)) + start
+        bases.append(own)
+    together = np.concatenate(bases)
+    return _Runs(numbers, together, together @ _all_polynomials().T)
+
+
+@cache
+def _basis() -> Array:
+    """Return orthonormal polynomials over all neighbours, (`ORDERS`, `LENGTH`)."""
+    return _polynomials(LENGTH, ORDERS)
 
 
 def _polynomials(length: int, orders: int) -> Array:
@@ -466,7 +584,6 @@ def _all_polynomials() -> Array:
 
 
 @cache
-def _interpolation() -> tuple[Array, Array]:
-    """Return what makes coefficients of values at `PLACES`: of the first `ORDERS` polynomials, and of the others."""
-    inverse = np.linalg.inv(_all_polynomials()[:, PLACES].T)
-    return np.ascontiguousarray(inverse[:ORDERS]), np.ascontiguousarray(inverse[ORDERS:])
+def _interpolation() -> Array:
+    """Return what makes coefficients of those polynomials of values at `PLACES`, (places, places)."""
+    return np.ascontiguousarray(np.linalg.inv(_all_polynomials()[:, PLACES].T))

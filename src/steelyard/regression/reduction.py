@@ -212,26 +212,25 @@ class JointReduction:
         regressor = samples.regressor if samples.regressor_model is model else None
         if regressor is not None:
             return RegressorSource(lambda part: regressor[part])
-        motion = samples.q, samples.dq, samples.ddq
+        motion = samples.q, *columns.moving(samples.dq, samples.ddq)
 
         def entries(part: slice) -> Array:
             q, dq, ddq = (one[part] for one in motion)
             logged = samples.channels_for(model, part)
-            return columns.of_motion(q, *columns.moving(dq, ddq), logged, out=self._room(len(q), len(self._squares)))
+            return columns.of_motion(q, dq, ddq, logged, out=self._room(len(q), len(self._squares)))
 
         # What no filter has made smooth may change anywhere between a few rows.
         if samples.cutoff is None or model.robot.channels or 4 * len(columns.uneven) > len(self._squares):
             return RegressorSource(entries)
-        grouped = [one.reshape(-1, LENGTH, one.shape[1]) for one in motion]
+        grouped = [one.reshape(-1, LENGTH, one.shape[1])[:, PLACES] for one in motion]
 
         def at_places(part: slice) -> Array:
-            q, dq, ddq = (one[part, PLACES].reshape(-1, one.shape[2]) for one in grouped)
-            return columns.of_motion(q, *columns.moving(dq, ddq), out=self._room(len(q), len(self._squares)))
+            q, dq, ddq = (one[part].reshape(-1, one.shape[2]) for one in grouped)
+            return columns.of_motion(q, dq, ddq, out=self._room(len(q), len(self._squares)))
 
         def uneven_entries(part: slice) -> Array:
             q, dq, ddq = (one[part] for one in motion)
-            out = self._room(len(q), len(columns.uneven))
-            return columns.uneven_kernel(q, *columns.moving(dq, ddq), out=out)
+            return columns.uneven_kernel(q, dq, ddq, out=self._room(len(q), len(columns.uneven)))
 
         return RegressorSource(entries, at_places, uneven_entries, columns.uneven)
 
