@@ -1,6 +1,8 @@
 """A long log, section by section: the same numbers wherever and in whatever order its sections are reduced."""
 
+import contextlib
 import pickle
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +12,7 @@ import pytest
 
 import steelyard as sy
 from steelyard.fleet import log_reduction
+from steelyard.identification import log_reader
 from steelyard.identification.log_reader import LogReader, LogTask, ReducedGroup, one_by_one
 from steelyard.recording import Processing, chunks
 from steelyard.recording.formats import csv_file, decoded
@@ -100,6 +103,43 @@ def test_sections_are_the_same_numbers_elsewhere(
     found, expected = sy.least_squares(one.information), sy.least_squares(whole.information)
     np.testing.assert_allclose(found.base, expected.base, rtol=1e-6)
     np.testing.assert_allclose(found.standard_error, expected.standard_error, rtol=1e-5)
+
+
+def test_sections_side_by_side_are_those_of_one_thread(
+    frame: pl.DataFrame, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    frame.write_parquet(tmp_path / "log.parquet", row_group_size=7_777)
+    seen, own = set(), LogReader.reduced_section
+
+    def watched(*given: Any) -> Any:
+        seen.add(threading.current_thread())
+        return own(*given)
+
+    monkeypatch.setattr(LogReader, "reduced_section", watched)
+    found = []
+    for threads in (1, 2):
+        monkeypatch.setattr(log_reader, "one_thread", lambda threads=threads: contextlib.nullcontext(threads))
+        found.append(log_reduction.packed(tuple(reduced(tmp_path / "log.parquet", one_by_one))))
+        assert len(seen) == [1, 3][threads - 1]  # the main one, and two others
+    assert found[0] == found[1]
+
+
+def test_sections_end_where_one_of_them_fails(
+    frame: pl.DataFrame, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    frame.write_parquet(tmp_path / "log.parquet")
+    own = LogReader.reduced_section
+
+    def torn(self: LogReader, log: Any, section: int, *given: Any) -> Any:
+        if section == 1:
+            raise sy.InputError("the disk was pulled out")
+        return own(self, log, section, *given)
+
+    monkeypatch.setattr(LogReader, "reduced_section", torn)
+    monkeypatch.setattr(log_reader, "one_thread", lambda: contextlib.nullcontext(2))
+    with pytest.raises(sy.InputError, match="pulled out"):
+        reduced(tmp_path / "log.parquet", one_by_one)
+    assert not [one for one in threading.enumerate() if one.name == "steelyard reading ahead"]
 
 
 @pytest.mark.parametrize("name", ["log.csv.gz", "log.npz", "log.mcap"])

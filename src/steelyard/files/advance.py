@@ -15,8 +15,8 @@ _WATCHER: ContextVar[Watcher | None] = ContextVar("watcher", default=None)
 
 
 @contextmanager
-def watched(watcher: Watcher) -> Iterator[None]:
-    """Let a function be told how far the work within the block has come.
+def watched(watcher: Watcher | None) -> Iterator[None]:
+    """Let a function be told how far the work within the block has come, or nobody.
 
     Examples
     --------

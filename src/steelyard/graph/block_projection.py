@@ -40,9 +40,7 @@ def project_blocks(vectors: Array, rows: Array, projected: Array, left: Array) -
     >>> projected, left
     (array([[[ 4., -6.]]]), array([[ 9., 64.]]))
     """
-    groups, length, width = rows.shape
-    lanes = 2 * batch_lanes()
-    if width < lanes:
+    if rows.shape[2] < 2 * batch_lanes():
         np.matmul(vectors, rows, out=projected)
         left[...] = np.einsum("gkc,gkc->gc", rows, rows) - np.einsum("gmc,gmc->gc", projected, projected)
         return

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+import contextlib
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from threading import Event
 from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.dynamics import Model
+from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
+from steelyard.files.advance import watched
 from steelyard.recording import (
     CutoffChoice,
     LogColumns,
@@ -58,6 +62,10 @@ __all__ = [
 
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
+
+_SECTIONS_TOGETHER = 2
+"""Sections of a log that are reduced at a time: each takes some 100 MB. Its threads keep one processor busy, and a part
+of another one."""
 
 _READING_LINES = 20  # lines of progress while logs are read
 _DECIDING_LOGS, _DECIDING_ROWS, _FEWEST_ROWS = 12, 200_000, 10_000
@@ -285,9 +293,42 @@ class LogReader:
         if log is None:
             return self._reduced_whole(task, model)
         joined = JoinedSections(log, model)
-        for section in range(log.sections):
-            joined.add(self.reduced_section(log, section, model))
+        with contextlib.closing(self._sections(log, model)) as sections:
+            for section in sections:
+                joined.add(section)
         return joined.reduced()
+
+    def _sections(self, log: SectionedLog, model: Model) -> Iterator[ReducedSection]:
+        """Reduce the sections of a log in their order, as many at a time as there are threads for linear algebra.
+
+        Reading, filtering and reduction of one section take turns, and wait for each other at its ends.
+        """
+        with one_thread() as allowed:
+            count = min(_SECTIONS_TOGETHER, allowed, log.sections) if log.opened.can_move else 1
+        if count == 1:
+            for section in range(log.sections):
+                yield self.reduced_section(log, section, model)
+            return
+        from steelyard.graph.large_arrays import return_free_memory  # only long logs need it
+
+        stop = Event()
+        return_free_memory()  # of the rows by which the processing was decided
+
+        def some(first: int) -> Iterator[ReducedSection]:
+            with watched(None) if first else contextlib.nullcontext():  # one of them tells how far it has come
+                for section in range(first, log.sections, count):
+                    # The last one may be alone.
+                    lead = 0 if section ^ 1 < log.sections else chunks.LEAD
+                    yield self.reduced_section(log, section, model, lead, stop)
+
+        workers = [chunks.ahead(some(first), 1) for first in range(count)]
+        try:
+            for section in range(log.sections):
+                yield next(workers[section % count])
+        finally:
+            stop.set()
+            for worker in workers:
+                worker.close()
 
     def opened(self, task: LogTask, model: Model) -> SectionedLog | None:
         """Open a log that is read in sections; None of one that is not."""
@@ -297,13 +338,19 @@ class LogReader:
         opened = chunks.OpenedLog(self._open(task.log), self.processing, model, partial(own._look, task.log))
         return SectionedLog(task, opened, tuple(own.remarks), next(iter(own.layouts.values()), None))
 
-    def reduced_section(self, log: SectionedLog, section: int, model: Model) -> ReducedSection:
-        """Reduce one section of a log, in this process or in another one."""
+    def reduced_section(
+        self, log: SectionedLog, section: int, model: Model, lead: int = chunks.LEAD, stop: Event | None = None
+    ) -> ReducedSection:
+        """Reduce one section of a log, in this process or in another one, until it is told to stop.
+
+        Pieces of it are read and filtered before they are reduced, `lead` of them.
+        """
         opened, task = log.opened, log.task
         opened.use_model(model)
         seen, thinned = chunks.SeenRows(), ThinnedSamples(task.points, opened.count(), opened.count(section))
         exact = None if section == 0 else FEWEST_EXACT
-        kept = _kept_of(opened.samples(section, seen), task, model, thinned, opened.sections, exact)
+        stream = _until(stop, opened.samples(section, seen, lead))
+        kept = _kept_of(stream, task, model, thinned, opened.sections, exact, lead)
         if opened.sections > 1:
             from steelyard.graph.large_arrays import return_free_memory  # only long logs need it
 
@@ -451,6 +498,17 @@ class LogReader:
             yield from process_chunks(log, self.columns, self.processing, rows, joints, model, look, survey)
 
 
+def _until(stop: Event | None, stream: Iterator[Samples]) -> Iterator[Samples]:
+    try:
+        for samples in stream:
+            if stop is not None and stop.is_set():
+                raise RuntimeError("nobody waits for this section any more")
+            yield samples
+    finally:
+        if isinstance(stream, Generator):
+            stream.close()  # and with it the thread that reads ahead
+
+
 class _Kept(NamedTuple):
     """What is kept of the rows of a log, or of a section of it, beside thinned samples; see `ReducedLog`."""
 
@@ -466,13 +524,14 @@ def _kept_of(
     thinned: ThinnedSamples,
     sections: int = 1,
     exact: int | None = None,
+    lead: int = chunks.LEAD,
 ) -> _Kept:
     """Reduce the samples of one of so many sections of a log, and thin them on the way."""
     empty = empty_factors(model)
     drawn = DrawnRows(model, max(task.rows // sections, 1))
     sums = BatchSums(empty) if task.fitted else None
     blocks = TimeBlocks(empty, -(-MOST // (task.logs * sections))) if task.fitted else None
-    information = _information_of(stream, model, [drawn, thinned], sums, blocks, exact)
+    information = _information_of(stream, model, [drawn, thinned], sums, blocks, exact, lead)
     if sums is not None:
         information = replace(information, batch_means=sums.factors())
     drawn.finish()
@@ -486,6 +545,7 @@ def _information_of(
     sums: BatchSums | None,
     blocks: TimeBlocks | None,
     exact: int | None = None,
+    lead: int = chunks.LEAD,
 ) -> Information:
     """Reduce samples while those that follow are read and kept; see `Information.from_chunks`."""
 
@@ -496,7 +556,7 @@ def _information_of(
             yield samples
 
     return Information.from_chunks(
-        model, chunks.ahead(watched()), batch_means=False, sums=sums, blocks=blocks, exact=exact
+        model, chunks.ahead(watched(), lead), batch_means=False, sums=sums, blocks=blocks, exact=exact
     )
 
 

@@ -61,6 +61,9 @@ CHUNK_ROWS = 200_000
 PIECE_ROWS = 50_000
 """Rows that are processed together, at least; four times what the filters need around them, where that is more."""
 
+LEAD = 2
+"""Pieces that are read, and filtered, before they are asked for."""
+
 SECTION_ROWS = 2_000_000
 """Rows of a section of a log, about: so few that two processes end at about the same time, so many that what each
 section costs by itself, such as rows that are read twice, is nothing."""
@@ -461,13 +464,16 @@ class OpenedLog:
         stop = self._bounds[self.sections if sections is None else sections]
         return sum(-((piece.start - piece.stop) // self.processing.step) for piece in self.pieces[:stop])
 
-    def samples(self, section: int, seen: SeenRows) -> Iterator[Samples]:
-        """Yield the samples of a section, piece by piece; what is seen on the way is added to `seen`."""
+    def samples(self, section: int, seen: SeenRows, lead: int = LEAD) -> Iterator[Samples]:
+        """Yield the samples of a section, piece by piece; what is seen on the way is added to `seen`.
+
+        Rows are read before they are asked for, so many pieces of them; see `ahead`.
+        """
         step, plan = self.processing.step, self.plan
         first_piece, stop = self._bounds[section : section + 2]
         pieces = self.pieces[first_piece:stop]
         spans = [self.even.rows(piece.part, piece.first, piece.last) for piece in pieces]
-        stream = ahead(self.stream.spans(spans))
+        stream = ahead(self.stream.spans(spans), lead)
         for number, (piece, span, raw) in enumerate(zip(pieces, spans, stream, strict=True), first_piece):
             seen.survey.add(raw)
             recording = self.even.placed(raw, span[0], piece.part, piece.first, piece.last)
@@ -527,8 +533,8 @@ class Piece:
         return min(self.part.count, self.kept[1] + self.outer)
 
 
-def ahead(items: Iterable[Item], count: int = 2) -> Iterator[Item]:
-    """Yield what another thread computes, at most `count` items before they are asked for.
+def ahead(items: Iterable[Item], count: int = LEAD) -> Iterator[Item]:
+    """Yield what another thread computes, at most `count` items before they are asked for; with 0 what this one does.
 
     So a log is decoded while rows that were decoded before are filtered, and both while others are reduced: NumPy,
     Polars and compiled kernels let go of the interpreter. An error of the other thread is raised here, where the item
@@ -539,6 +545,9 @@ def ahead(items: Iterable[Item], count: int = 2) -> Iterator[Item]:
     >>> list(ahead(n * n for n in range(4)))
     [0, 1, 4, 9]
     """
+    if not count:
+        yield from items
+        return
     queue: Queue[tuple[bool, Item | BaseException | None]] = Queue(count)
     stopped = Event()
 

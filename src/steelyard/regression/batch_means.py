@@ -65,7 +65,7 @@ class BatchSums:
         """
         for held, own in zip(self.held_long, sums, strict=True):
             held.append(own)
-        if sum(map(len, self.held_long[0])) >= most_held(BATCHES_HELD, sum(own[0].size for own in sums)):
+        if sum(map(len, self.held_long[0])) >= most_held(BATCHES_HELD // 2, sum(own[0].size for own in sums)):
             self._reduce_all()
 
     def end(self) -> None:

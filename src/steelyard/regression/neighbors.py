@@ -517,7 +517,7 @@ def _by_runs(
 
 def _count(use: NDArray[np.bool_]) -> NDArray[np.intp]:
     """Return how many of `LENGTH` neighbours are in use, (...,) of (..., `LENGTH`)."""
-    return np.add.reduce(use.view(np.int8), axis=-1, dtype=np.int8).astype(np.intp)
+    return np.asarray(np.add.reduce(use.view(np.int8), axis=-1, dtype=np.int8), np.intp)  # at most 64: bytes suffice
 
 
 def _usage(use: NDArray[np.bool_]) -> Array:
