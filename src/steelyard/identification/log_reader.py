@@ -64,8 +64,7 @@ Array = NDArray[np.float64]
 Progress = Callable[[str], None]
 
 _SECTIONS_TOGETHER = 2
-"""Sections of a log that are reduced at a time: each takes some 100 MB. Its threads keep one processor busy, and a part
-of another one."""
+"""Sections of a log that are reduced at a time, at most: each takes some 150 MB."""
 
 _READING_LINES = 20  # lines of progress while logs are read
 _DECIDING_LOGS, _DECIDING_ROWS, _FEWEST_ROWS = 12, 200_000, 10_000
@@ -298,10 +297,10 @@ class LogReader:
                 joined.add(section)
         return joined.reduced()
 
-    def _sections(self, log: SectionedLog, model: Model) -> Iterator[ReducedSection]:
-        """Reduce the sections of a log in their order, as many at a time as there are threads for linear algebra.
+    def _sections(self, log: SectionedLog, model: Model) -> Generator[ReducedSection, None, None]:
+        """Reduce the sections of a log in their order, two at a time where linear algebra may use two threads.
 
-        Reading, filtering and reduction of one section take turns, and wait for each other at its ends.
+        Threads that read, filter and reduce one section wait for each other, above all at its ends.
         """
         with one_thread() as allowed:
             count = min(_SECTIONS_TOGETHER, allowed, log.sections) if log.opened.can_move else 1

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextvars import copy_context
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -533,7 +533,7 @@ class Piece:
         return min(self.part.count, self.kept[1] + self.outer)
 
 
-def ahead(items: Iterable[Item], count: int = LEAD) -> Iterator[Item]:
+def ahead(items: Iterable[Item], count: int = LEAD) -> Generator[Item, None, None]:
     """Yield what another thread computes, at most `count` items before they are asked for; with 0 what this one does.
 
     So a log is decoded while rows that were decoded before are filtered, and both while others are reduced: NumPy,
