@@ -55,7 +55,22 @@ def test_without_any_mass_a_robot_is_drawn_and_too_little_time_exits_with_3(run,
     assert code == 3, err
     assert "a random one with these kinematics" in out
     assert "not reached within 5 s" in out
-    assert sy.Estimate.load(place / "out" / "estimate.json").parameters is not None
+    # What little was learned is possible by the definition: the pseudo-inertia of every link is positive definite.
+    model = sy.Model.load(place / "robot.toml")
+    found = sy.Estimate.load(place / "out" / "estimate.json").parameters
+    for columns in model.link_columns:
+        xx, xy, xz, yy, yz, zz, x, y, z, mass = found[np.asarray(columns)]
+        inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        first = np.array([x, y, z])
+        matrix = np.block([[0.5 * np.trace(inertia) * np.eye(3) - inertia, first[:, None]], [first[None], mass]])
+        assert np.linalg.eigvalsh(matrix)[0] > 0.0
+    assert sy.check(sy.FeasibleSet(model), parameters=found).feasible
+    _, q, dq, _ = sy.load_trajectory(place / "out" / "trajectory.csv").sample(1000.0)
+    assert np.abs(q).max() <= 3.0
+    assert np.abs(dq).max() <= 2.5
+    used = json.loads((place / "out" / "excite.json").read_text())["use_of_limits"]
+    assert set(used) == {"position", "velocity", "torque"}
+    assert max(used.values()) <= 1.0
 
 
 @pytest.mark.parametrize(

@@ -7,9 +7,11 @@ import steelyard as sy
 from steelyard.excitation import MotionLimits
 from steelyard.excitation.criterion import Criterion, Subset
 from steelyard.excitation.vjp import RegressorInformation
-from steelyard.online import ActiveExcitation
+from steelyard.identification.examples import EXAMPLES
+from steelyard.online import ActiveExcitation, excite_on_the_fly
 from steelyard.online.credible_robots import CredibleRobots
 from steelyard.online.segments import Segment, SegmentFamily, SegmentPlanner, starting_points
+from steelyard.robot import RobotFile
 from steelyard.simulation import Sensors, simulate
 
 LIMITS = {"lower": -2.0, "upper": 2.0, "velocity": 2.0, "acceleration": 6.0, "torque": [60.0, 30.0]}
@@ -107,6 +109,22 @@ def test_a_last_link_whose_shape_is_a_mark_is_held_and_learned(tmp_path) -> None
 
 
 @pytest.mark.slow
+def test_wrists_of_ten_times_the_credible_inertia_keep_their_limits(tmp_path) -> None:
+    """Those of the UR5 as its description has them, without friction, which no kinematics tell of."""
+    try:
+        robot = EXAMPLES["ur5"].robot()
+    except sy.InputError as error:
+        pytest.skip(str(error))
+    (tmp_path / "limits.toml").write_text("velocity = 2.5\nacceleration = 8\n")
+    done = excite_on_the_fly(RobotFile.of(robot), tmp_path / "limits.toml", longest=5.0, starts=1)
+    limits = done.excitation.limits
+    assert np.all(np.abs(done.result.dq) <= limits.velocity)
+    assert np.all((done.result.q >= limits.lower) & (done.result.q <= limits.upper))
+    assert np.all(np.abs(done.result.torque) <= limits.torque)
+    assert done.result.end_time > 5.0
+
+
+@pytest.mark.slow
 def test_credible_robots_are_possible_and_hold_a_true_one(model: sy.Model) -> None:
     credible = CredibleRobots.of(model, MotionLimits.of(model.robot.joint_names, **LIMITS))
     feasible = sy.FeasibleSet(model)
@@ -149,9 +167,11 @@ def test_a_robot_of_which_only_the_kinematics_are_known(model: sy.Model) -> None
     assert np.abs(change).max() <= 6.0
     assert np.abs(np.diff(change, axis=0)).max() < 0.2
     # Where a plan takes over, with another model and other gains, the torque has no jump.
-    joins = [round(1000 * step.time) for step in excitation.steps[1:-1]]
-    steps = np.abs(np.diff(result.torque, axis=0))
-    assert steps[[k + d for k in joins for d in (-2, -1, 0, 1)]].max() < 1.0
+    # One count of the encoder alone moves the torque by 1.4 N·m while the robot is held: no join moves it further.
+    steps = np.abs(np.diff(result.torque, axis=0)).max(axis=1)
+    for step in excitation.steps[1:-1]:
+        k = round(1000 * step.time)
+        assert steps[k - 2 : k + 2].max() < max(1.0, 1.01 * steps[k - 200 : k - 2].max())
     # Confidence grows, the gains with it, and the band of torques narrows.
     errors = [step.expected_error for step in excitation.steps]
     assert errors[-1] <= 0.03
