@@ -1,5 +1,7 @@
 """What the repository says about itself: README, versions, documentation."""
 
+import collections
+import itertools
 import os
 import re
 import subprocess
@@ -220,3 +222,22 @@ def test_the_tests_of_a_source_distribution_pass(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "pytest", "-q", "-n", "0", "-p", "no:cacheprovider", *tests]
     done = subprocess.run(command, cwd=unpacked, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout[-3000:]
+
+
+@pytest.mark.parametrize("name", ["CHANGELOG.md", "docs/decisions.md", "benchmarks/README.md"])
+def test_pages_that_everybody_adds_to_hold_nothing_twice(name: str) -> None:
+    """Merging both sides of a conflict leaves lines twice, and headings that follow text without a blank line."""
+    lines = (ROOT / name).read_text(encoding="utf-8").splitlines()
+    twice = [line for line, count in collections.Counter(lines).items() if count > 1 and len(line) > 60]
+    assert twice == []
+    assert [line for before, line in itertools.pairwise(lines) if line.startswith("#") and before.strip()] == []
+
+
+def test_decisions_stand_under_the_rooms_that_the_page_names() -> None:
+    text = (ROOT / "docs" / "decisions.md").read_text(encoding="utf-8")
+    introduction, *rest = text.split("\n## ")
+    named = re.findall(r"\[[^\]]+\]\(#([\w-]+)\)", introduction)
+    rooms = [re.sub(r"[^\w -]", "", room.split("\n", 1)[0]).lower().replace(" ", "-") for room in rest]
+    assert named == rooms
+    entries = re.findall(r"(?m)^### (.+)$", text)
+    assert [entry for entry, count in collections.Counter(entries).items() if count > 1] == []
