@@ -321,7 +321,10 @@ def twin(folder: Path, seed: int, work: Path, gains: bool = False) -> dict[str, 
         if kind in ("delay", "kp"):
             return delay if kind == "delay" else KP
         drive = truth[names.index(joint)]
-        return float(KD + drive[1] if kind == "kd" else drive[KINDS.index(kind)])  # what brakes alike, together
+        if kind == "kd":  # all that brakes, less the damping of the description
+            place = found.robot.driving_joints[names.index(joint)]
+            return float(KD + drive[1] - found.robot.joints[place].damping)
+        return float(drive[KINDS.index(kind)])
 
     values = [(one.kind, one.value, one.lower, one.upper, true(one.kind, one.joint)) for one in found.values]
     return {"seed": seed, "settled": found.settled, "seconds": seconds, "values": values}
