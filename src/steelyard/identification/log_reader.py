@@ -313,7 +313,8 @@ class LogReader:
         stop = Event()
         return_free_memory()  # of the rows by which the processing was decided
 
-        def some(first: int) -> Iterator[ReducedSection]:
+        def some(first: int) -> Iterator[ReducedSection | None]:
+            yield None  # each thread begins when it is first asked
             with watched(None) if first else contextlib.nullcontext():  # one of them tells how far it has come
                 for section in range(first, log.sections, count):
                     # The last one may be alone.
@@ -322,8 +323,12 @@ class LogReader:
 
         workers = [chunks.ahead(some(first), 1) for first in range(count)]
         try:
+            for worker in workers:
+                next(worker)
             for section in range(log.sections):
-                yield next(workers[section % count])
+                found = next(workers[section % count])
+                assert found is not None
+                yield found
         finally:
             stop.set()
             for worker in workers:
