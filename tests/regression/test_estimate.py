@@ -57,7 +57,7 @@ def test_round_trip(estimate, tmp_path):
         ({"damping": [1.0, 2.0]}, "'damping' has 2 values, expected 1"),
         ({"base": ["x", 1.0]}, "'base' must be a list of numbers"),
         ({"base": [1.0]}, "'base' has 1 values, expected 2"),
-        ({"method": "delete"}, "has no 'method'"),
+        ({"method": "delete"}, "lacks 'method'"),
     ],
 )
 def test_broken_files_are_refused(estimate, tmp_path, change, phrase):

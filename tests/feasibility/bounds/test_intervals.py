@@ -208,7 +208,7 @@ def test_infeasible_base_parameters_have_no_interval(two_links):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({}, "nothing is given"),
+        ({}, "neither base= nor info= was given"),
         ({"base": [1.0]}, "6 base parameters"),
         ({"base": ARM, "names": ["m3"]}, 'did you mean "m2"'),
         ({"base": ARM, "combinations": {"m1": np.ones(22)}}, "must not use the name 'm1'"),
