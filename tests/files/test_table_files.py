@@ -1,5 +1,6 @@
 """Parquet of many writers is let through; what would end the process is refused."""
 
+import base64
 import datetime
 
 import numpy as np
@@ -83,6 +84,26 @@ def test_counts_that_no_page_has_are_refused_before_they_end_the_process(tmp_pat
     for read in (check_parquet, Recording.read, lambda path: read_table(path, "give a table")):
         with pytest.raises(InputError, match=r"log\.parquet cannot be read as Parquet: .*; save it again\."):
             read(place)
+
+
+@pytest.mark.parametrize("plaintext_footer", [True, False])
+def test_encrypted_columns_are_not_called_damaged(table, tmp_path, plaintext_footer):
+    encryption = pytest.importorskip("pyarrow.parquet.encryption")
+
+    class Keys(encryption.KmsClient):
+        """Keys that are wrapped in nothing but letters."""
+
+        def wrap_key(self, key, name):
+            return base64.b64encode(key)
+
+    place = tmp_path / "table.parquet"
+    keys = encryption.EncryptionConfiguration("key", column_keys={"other": ["q"]}, plaintext_footer=plaintext_footer)
+    factory = encryption.CryptoFactory(lambda _: Keys())
+    options = factory.file_encryption_properties(encryption.KmsConnectionConfig(), keys)
+    pq.write_table(table.select(["t", "q"]), place, encryption_properties=options)
+    check_parquet(place)
+    with pytest.raises(InputError, match="ncrypt"):
+        read_table(place, "Save it.")
 
 
 def test_damaged_footers_are_refused(table, tmp_path):

@@ -21,7 +21,7 @@ LARGEST_FOOTER = 2**28
 # numbers of the fields of https://github.com/apache/parquet-format/blob/master/src/main/thrift/parquet.thrift.
 TRUE, FALSE, BYTE, SHORT, INTEGER, LONG, DOUBLE, BINARY, LIST, SET, MAP, STRUCT = range(1, 13)
 ROW_GROUPS, COLUMNS, ROWS = 4, 1, 3
-FILE, META_DATA = 1, 3  # of a column chunk
+FILE, META_DATA, ENCRYPTED = 1, 3, 8  # of a column chunk
 VALUES, COMPRESSED, DATA_PAGE, DICTIONARY = 5, 7, 9, 11  # of its metadata
 SIZES = (2, 3)  # of a page, decoded and as it stands
 COUNTS = {5: (1,), 7: (1,), 8: (1, 2, 3, 5, 6)}
@@ -80,7 +80,7 @@ def check_parquet(path: str | Path) -> None:
 
 
 def _columns(content: mmap.mmap) -> list[tuple[int, dict[int, Any]]]:
-    """The rows and the metadata of all columns of all row groups of which the pages are in this file."""
+    """The rows and the metadata of all columns of all row groups of which the pages are in this file, to be read."""
     if len(content) < 12 or content[-4:] != MARK:
         return []  # what is no Parquet, or encrypted, Polars refuses by itself
     (length,) = struct.unpack("<I", content[-8:-4])
@@ -88,7 +88,7 @@ def _columns(content: mmap.mmap) -> list[tuple[int, dict[int, Any]]]:
         raise ValueError(f"its metadata would take {length} bytes")
     footer, _ = _read_struct(content[-8 - length : -8], 0)
     chunks = [(group[ROWS], chunk) for group in footer[ROW_GROUPS] for chunk in group[COLUMNS]]
-    return [(rows, chunk[META_DATA]) for rows, chunk in chunks if FILE not in chunk]
+    return [(rows, chunk[META_DATA]) for rows, chunk in chunks if FILE not in chunk and ENCRYPTED not in chunk]
 
 
 def _is_sound(content: mmap.mmap, rows: int, column: dict[int, Any]) -> bool:
