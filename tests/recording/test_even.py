@@ -154,6 +154,21 @@ def test_parts_between_long_gaps_are_processed_one_by_one() -> None:
         Recording(t=log.t[rows], q=log.q[rows], torque=log.torque[rows]).process(resample=False)
 
 
+def test_a_row_alone_between_two_gaps_changes_nothing(tmp_path: Path) -> None:
+    t = np.arange(6000) * PERIOD
+    rows = (t < 2.0) | (t >= 3.0)
+    options = Processing(cutoff=30.0)
+    without, with_it = (
+        Recording(t=t[kept], q=motion(t[kept]), torque=motion(t[kept]))
+        for kept in (rows, rows | (np.arange(6000) == 2500))
+    )
+    expected, found = without.process(options), with_it.process(options)
+    for name in ("t", "q", "dq", "ddq", "torque"):
+        np.testing.assert_allclose(getattr(found, name), getattr(expected, name), rtol=0, atol=1e-9)
+    chunks = Samples.joined(list(process_chunks(with_it.save(tmp_path / "log.npz"), processing=options)))
+    np.testing.assert_allclose(chunks.q, expected.q, rtol=0, atol=1e-9)
+
+
 def test_a_stated_rate_keeps_gaps_where_they_are(tmp_path: Path) -> None:
     log = recording("late, gaps")
     path = log.save(tmp_path / "log.npz")

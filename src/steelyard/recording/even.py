@@ -221,7 +221,9 @@ class EvenClock:
         made_up = ((at[after] - at[after - 1]) * self.period > wide * self.clock.period) & ~exact & ~exact_before
 
         def smooth(values: NDArray[np.float64] | None) -> NDArray[np.float64] | None:
-            return None if values is None else np.asarray(CubicSpline(at, values, axis=0)(grid))
+            if values is None or len(at) == 1:  # a row alone between two gaps
+                return values
+            return np.asarray(CubicSpline(at, values, axis=0)(grid))
 
         def flagged(flags: NDArray[np.bool_] | None) -> NDArray[np.bool_]:
             """Return the even rows that lie on a flagged row of the log, or beside one."""
