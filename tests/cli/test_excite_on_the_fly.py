@@ -73,6 +73,38 @@ def test_without_any_mass_a_robot_is_drawn_and_too_little_time_exits_with_3(run,
     assert max(used.values()) <= 1.0
 
 
+HEAVY = """<robot name="arm"><link name="base"/>
+<link name="l1"><inertial><origin xyz="-0.06 0.27 -0.16"/><mass value="4.1"/>
+  <inertia ixx="0.115" iyy="0.111" izz="0.085" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="j1" type="revolute"><parent link="base"/><child link="l1"/><origin xyz="0.05 0 0.1"/><axis xyz="0 0 1"/>
+  <limit lower="-3" upper="3" velocity="5" effort="300"/></joint>
+<link name="l2"><inertial><origin xyz="-0.18 -0.1 -0.01"/><mass value="1.4"/>
+  <inertia ixx="0.024" iyy="0.033" izz="0.029" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="j2" type="revolute"><parent link="l1"/><child link="l2"/><origin xyz="0.05 0 0.3"/><axis xyz="0 1 0"/>
+  <limit lower="-3" upper="3" velocity="5" effort="300"/></joint>
+<link name="l3"><inertial><origin xyz="-0.12 0.1 -0.06"/><mass value="4.5"/>
+  <inertia ixx="0.079" iyy="0.127" izz="0.115" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="j3" type="revolute"><parent link="l2"/><child link="l3"/><origin xyz="0.05 0 0.3"/><axis xyz="0 1 0"/>
+  <limit lower="-3" upper="3" velocity="5" effort="300"/></joint></robot>
+"""
+"""A last link of 4.5 kg, which its kinematics, without another joint behind it, do not make credible."""
+
+
+@pytest.mark.slow
+def test_a_limit_that_the_true_motion_exceeds_is_said_everywhere(run, tmp_path):
+    (tmp_path / "arm.urdf").write_text(HEAVY)
+    (tmp_path / "limits.toml").write_text("velocity = 2.0\nacceleration = 6.0\n")
+    options = ("--on-the-fly", "--limits", tmp_path / "limits.toml", "--longest", 5, "-o", tmp_path / "out")
+    code, out, err = run("excite", "-q", tmp_path / "arm.urdf", *options)
+    assert code == 3, err
+    said = re.search(r"exceeds a limit: j3 uses (\d+\.\d)% of its limit of velocity, at", " ".join(out.split()))
+    log = sy.Recording.read(tmp_path / "out" / "log.csv")
+    measured = np.abs(np.gradient(log.q[:, 2], log.t)).max()  # by the encoders
+    assert float(said[1]) == pytest.approx(100.0 * measured / 2.0, abs=2.0)
+    assert "j3 uses" in (tmp_path / "out" / "excite.html").read_text()
+    assert "j3 uses" in json.loads((tmp_path / "out" / "excite.json").read_text())["exceeded"][0]
+
+
 @pytest.mark.parametrize(
     ("options", "told"),
     [

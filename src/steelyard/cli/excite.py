@@ -162,7 +162,7 @@ def _require_meaning(context: typer.Context, on_the_fly: bool) -> None:
 
 
 def _on_the_fly(robot: Path, output: Path, quiet: bool, allow_extensions: bool, **options: Any) -> None:
-    """Simulate an excitation on the fly, save it and print it: exit 3 where it did not reach its accuracy."""
+    """Simulate an excitation on the fly, save it and print it; exit 3 beyond a limit, or short of the accuracy."""
     from steelyard.online import excite_on_the_fly
     from steelyard.report.on_the_fly_page import save_on_the_fly
     from steelyard.robot import RobotFile
@@ -173,10 +173,10 @@ def _on_the_fly(robot: Path, output: Path, quiet: bool, allow_extensions: bool, 
         say("writing the motion")
         written = save_on_the_fly(done, file, output)
     if quiet:
-        echo(repr(done.excitation))
+        echo(" ".join((repr(done.excitation), *done.exceeded)))
     else:
         show_on_the_fly(done)
         echo(f"The motion is {', '.join(path.name for path in written[:4])}, what was measured log.csv, in {output}")
         echo(f"Look at {written[-1]}")
-    if not done.reached:
+    if done.exceeded or not done.reached:
         raise typer.Exit(3)

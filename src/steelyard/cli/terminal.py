@@ -586,6 +586,8 @@ def show_on_the_fly(done: SimulatedExcitation) -> None:
         _say(console, f"Broken off at {when:.1f} s: {reason}.")
     used = ", ".join(f"{part:.0%} of {name}" for name, part in done.use.items())
     _say(console, f"Largest use of limits by the true motion: {used}.")
+    for sentence in done.exceeded:
+        _say(console, sentence)
     end = "reached" if done.reached else f"not reached within {excitation.longest:g} s (--longest)"
     _say(
         console,

@@ -70,6 +70,26 @@ class SimulatedExcitation:
     @property
     def use(self) -> dict[str, float]:
         """The largest part of each limit that the true motion used, 1 at the limit."""
+        return {name: float(np.nanmax(part)) for name, part in self._parts.items()}
+
+    @property
+    def exceeded(self) -> tuple[str, ...]:
+        """Which limit the true motion exceeded at which joint, by how much and when, a sentence each."""
+        found = []
+        for name, part in self._parts.items():
+            for joint, most in enumerate(np.nan_to_num(part).max(axis=0)):
+                if most > 1.0:
+                    when = self.result.t[int(np.nanargmax(part[:, joint]))]
+                    found.append(
+                        f"The motion exceeds a limit: {self.result.joint_names[joint]} uses {most:.1%} of its limit of "
+                        f"{name}, at {when:.1f} s. Do not move a robot so: state limits of {name} that are lower by as "
+                        "much, or begin where gravity pulls less at that joint."
+                    )
+        return tuple(found)
+
+    @property
+    def _parts(self) -> dict[str, Array]:
+        """(S, N) each, the parts of the limits that the true motion used, of those that there are."""
         limits, result = self.excitation.limits, self.result
         middle, half = 0.5 * (limits.lower + limits.upper), 0.5 * (limits.upper - limits.lower)
         found = {
@@ -77,7 +97,7 @@ class SimulatedExcitation:
             "velocity": np.abs(result.dq) / limits.velocity,
             "torque": np.abs(result.torque) / limits.torque,
         }
-        return {name: float(np.nanmax(part)) for name, part in found.items() if np.isfinite(part).any()}
+        return {name: part for name, part in found.items() if np.isfinite(part).any()}
 
 
 def excite_on_the_fly(

@@ -69,6 +69,7 @@ def _record(done: SimulatedExcitation, file: RobotFile) -> dict[str, Any]:
         "torque_error": done.torque_error,
         "reached": done.reached,
         "use_of_limits": done.use,
+        "exceeded": list(done.exceeded),
         "torque_noise": done.noise.tolist(),
         "steps": [
             {
@@ -137,9 +138,10 @@ def on_the_fly_html(done: SimulatedExcitation) -> str:
     )
     told = [f"At {time:.1f} s the motion was broken off: {reason}." for time, reason in excitation.interruptions]
     lead = Markup(
-        f"<p>In the simulator, after {number(float(result.end_time), 4)} s: expected torque error "
+        f"<p>In the simulator, after {number(float(result.end_time), 1)} s: expected torque error "
         f"{excitation.expected_error:.2%}, true one {done.torque_error:.2%}.</p>"
         f"<p>The simulated robot is {escape(done.truth)}.</p>"
+        + "".join(f'<p class="lead">{escape(sentence)}</p>' for sentence in done.exceeded)
     )
     sections = [
         Section("learned", "What was known when", Markup(charts_markup([learned], identifier="error") + known)),
