@@ -13,6 +13,17 @@ from steelyard.estimators.friction_selection import select_friction
 
 FEW = tuple(one for one in CANDIDATES if one.kind in ("viscous_by_direction", "stribeck", "friction_polynomial"))
 
+ARM = """<robot name="arm"><link name="base"/>
+<link name="l1"><inertial><origin xyz="-0.052 -0.041 -0.244"/><mass value="2.05"/>
+  <inertia ixx="0.0486" iyy="0.0447" izz="0.0613" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="j1" type="revolute"><parent link="base"/><child link="l1"/><origin xyz="0.05 0 0.1"/><axis xyz="0 0 1"/>
+  <limit lower="-3" upper="3" velocity="5" effort="300"/></joint>
+<link name="l2"><inertial><origin xyz="0.028 -0.055 0.098"/><mass value="1.22"/>
+  <inertia ixx="0.0324" iyy="0.0272" izz="0.0229" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="j2" type="revolute"><parent link="l1"/><child link="l2"/><origin xyz="0.05 0 0.3"/><axis xyz="0 1 0"/>
+  <limit lower="-3" upper="3" velocity="5" effort="300"/></joint></robot>
+"""
+
 
 def pendulum(friction, seed, noise=0.02, rows=3000):
     """The model of a pendulum, and samples of a random motion with noise that lasts, and with speeds that are noisy."""
@@ -145,3 +156,24 @@ def test_a_joint_without_a_row_tells_nothing_and_says_so():
     found = select_friction(model, none, candidates=FEW)
     assert found.chosen == ()
     assert "joint1" in found.remarks[0]
+
+
+def test_nothing_is_added_to_what_rounding_leaves(tmp_path):
+    """Torques without any noise: what is left of them comes from the filter, and from the ridge of the search."""
+    (tmp_path / "arm.urdf").write_text(ARM)
+    model = sy.Model(sy.Robot.from_urdf(tmp_path / "arm.urdf").with_terms(sy.Viscous(), sy.Coulomb(), sy.Offset()))
+    random, t = np.random.default_rng(4), np.arange(4000) / 200.0
+    rates, shifts = random.uniform(0.3, 5.0, (5, 2)), random.uniform(0.0, 6.28, (5, 2))
+    sizes = random.uniform(0.2, 0.7, (5, 2)) / (1.0 + 0.3 * rates)
+    phase = t[:, None, None] * rates + shifts
+    q, dq, ddq = (
+        np.sum(sizes * part, axis=1) for part in (np.sin(phase), rates * np.cos(phase), -(rates**2) * np.sin(phase))
+    )
+    truth = model.robot.parameters.copy()
+    for name, value in {"Fvj1": 0.93, "Fcj1": 1.54, "Foj1": 0.0, "Fvj2": 0.56, "Fcj2": 1.01, "Foj2": 0.0}.items():
+        truth[model.parameter_names.index(name)] = value
+    torque = model.inverse_dynamics(q, dq, ddq, truth)
+    recording = sy.Recording(t=t, q=q, torque=torque, joint_names=model.robot.joint_names)
+    assert select_friction(model, recording.process(model=model)).kinds == ()
+    still = sy.Samples(q=q, dq=dq, ddq=ddq, torque=model.inverse_dynamics(q, dq, ddq, 0.0 * truth))
+    assert select_friction(model, still).kinds == ()

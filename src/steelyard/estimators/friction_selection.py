@@ -35,6 +35,9 @@ LIKELY = 0.05
 LEAST_GAIN = 0.02
 """Part by which the error of a joint on stretches that are left out must fall. Speeds from noisy encoders make a law
 significant that explains less."""
+NEGLIGIBLE = 2e-4
+"""Part of the torque of a joint below which an error counts as this much. Torques without noise are explained to 1e-5,
+which rounding and `RIDGE` decide, and springs with a stiffness of zero were added to a simulated arm."""
 FOLDS = 8
 """Contiguous stretches that are left out in turn."""
 SURE = 2.0
@@ -452,7 +455,7 @@ def select_friction(
             "torques are filtered too much."
         )
         if not chosen and len(silent) < len(names):
-            remarks.append("The other joints call for no friction beyond that of the terms.")
+            remarks.append("At the other joints none of the laws that were tried makes the model better beyond doubt.")
     return FrictionSelection(
         names,
         tuple(sorted(chosen, key=lambda one: one.joint)),
@@ -481,8 +484,9 @@ class _Trial:
     @property
     def gain(self) -> float:
         """Part by which the held-out error of the joint falls."""
-        before = float(self.before.sum())
-        return 1.0 - float(np.sqrt(self.losses.sum() / before)) if before > 0.0 else 0.0
+        least = NEGLIGIBLE**2 * float(self.joint.torque @ self.joint.torque)
+        before, after = (max(float(losses.sum()), least) for losses in (self.before, self.losses))
+        return 1.0 - float(np.sqrt(after / before)) if before > 0.0 else 0.0
 
     @property
     def speaks_for_itself(self) -> bool:
@@ -525,7 +529,7 @@ class _Told:
 
     def trial(self, step: int, names: Sequence[str], is_best: bool) -> FrictionTrial:
         best = self.taken or sorted(self.trials, key=lambda one: -one.gain)[:1]
-        before = sum(float(np.log(one.before.sum())) for one in best)
+        before = sum(float(np.log(max(one.before.sum(), 1e-300))) for one in best)
         after = sum(float(np.log(max(one.losses.sum(), 1e-300))) for one in best)
         gain = 1.0 - float(np.exp(0.5 * (after - before) / len(best))) if best else 0.0
         return FrictionTrial(

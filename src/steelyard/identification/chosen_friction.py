@@ -97,7 +97,10 @@ class FrictionChoice:
         """What is to be said of the choice."""
         told = (*self.selection.remarks, *self.remarks)
         if not self.selection.chosen and not any("were not added" in one for one in self.remarks):
-            told = (*told, "The logs call for no friction beyond that of the terms.")
+            told = (
+                *told,
+                "None of the laws of friction that were tried makes the model better beyond doubt; that of the terms stays.",
+            )
         if not self.untried:
             return told
         return (*told, f"Not tried, since the stated terms have their parameters: {'; '.join(self.untried)}.")
