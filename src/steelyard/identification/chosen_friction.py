@@ -97,10 +97,10 @@ class FrictionChoice:
         """What is to be said of the choice."""
         told = (*self.selection.remarks, *self.remarks)
         if not self.selection.chosen and not any("were not added" in one for one in self.remarks):
-            told = (
-                *told,
-                "None of the laws of friction that were tried makes the model better beyond doubt; that of the terms stays.",
+            kept = (
+                "None of the laws of friction that were tried makes the model surely better; that of the terms stays."
             )
+            told = (*told, kept)
         if not self.untried:
             return told
         return (*told, f"Not tried, since the stated terms have their parameters: {'; '.join(self.untried)}.")
