@@ -570,3 +570,18 @@ def test_sweeps_of_a_real_leg_robot_are_predicted_from_commands(shared_data):
     assert all("coulomb_by_position" in chosen.choice.terms[k] for k in (2, 8, 11))
     thighs = found.coulomb[1::3]
     assert ((thighs > 0.15) & (thighs < 0.3)).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("every", "told"), [(1, False), (2, True)])
+def test_commands_that_changed_between_rows_are_told(arm, monkeypatch, every, told):
+    """Of every second command the rotor inertia comes out a fifth too small."""
+    monkeypatch.setattr(f"{__name__}.DELAY", 0.0)
+    t = np.arange(500) * 0.005
+    command = commands(t)
+    q = simulated(arm, t, command, step=1e-4)
+    q += np.random.default_rng(3).normal(size=q.shape) * 2e-4
+    log = log_of(t[::every], q[::every], command[::every])
+    found = identify_from_positions(sy.Robot.from_mjcf(arm), log, settings=SETTINGS)
+    assert any("commands that pass in lines" in one for one in found.remarks) == told
+    assert (abs(found.rotor_inertia[0] / TRUTH[0, 0] - 1.0) > 0.1) == told

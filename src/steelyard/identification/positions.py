@@ -26,6 +26,7 @@ from .drive_remarks import (
     above_noise,
     remarks_on_gains,
     remarks_on_logs,
+    remarks_on_missing_commands,
     remarks_on_rows,
     remarks_on_settings,
     remarks_on_values,
@@ -36,7 +37,7 @@ from .drive_result import DriveValue, PositionIdentification, described_alike, d
 from .drive_settings import BY_LOAD, BY_POSITION, FIND, FRICTION_LAWS, FURTHER_TERMS, SPRING, TERMS, DriveSettings
 from .given import given_robot
 from .saved import parameters_of_description
-from .shooting import COARSEST_STEP, PositionLog, Shooting, Unknown
+from .shooting import COARSEST_STEP, PassingLog, PositionLog, Shooting, ShootingResult, Unknown
 
 __all__ = ["identify_from_positions"]
 
@@ -207,6 +208,10 @@ def identify_from_positions(
             f"The search did not settle in {found.steps} steps: the values are those of the least error that it met."
         )
     error = rms_of_joints(found.residuals)
+    early = drives[DRIVE_PARAMETERS.index("delay")].max() <= 0.0 or chosen.delay != FIND
+    if early and _change_at_every_row(fitted):
+        say("looking whether commands changed between rows")
+        remarks = remarks_on_missing_commands(body, error, _passing_error(problem, found, weights)) + remarks
     above = above_noise(fitted, error)
     doubts = unbelievable(body, chosen, fitted, error)
     if is_position and chosen.kp != FIND and above.any() and not doubts:
@@ -245,6 +250,23 @@ def identify_from_positions(
         settled=found.settled,
         robot_file=file.path,
     )
+
+
+def _change_at_every_row(logs: Sequence[PositionLog]) -> bool:
+    """Whether commands change from most rows to the next, wherever they change: then there may be more of them."""
+    changes = [np.diff(log.command, axis=0) != 0.0 for log in logs]
+    again = sum(int((one[1:] & one[:-1]).sum()) for one in changes)
+    return again > 0.5 * sum(int(one[:-1].sum()) for one in changes)
+
+
+def _passing_error(problem: Shooting, found: ShootingResult, weights: str) -> Array:
+    """The error (N,) with the best values if commands pass in lines from row to row; infinite where none are found."""
+    unknowns = [replace(one, start=float(value)) for one, value in zip(problem.unknowns, found.values, strict=True)]
+    logs = [PassingLog(log.t, log.q, log.command, log.name, log.begin) for log in problem.logs]
+    try:
+        return rms_of_joints(replace(problem, unknowns=unknowns, logs=logs).solve(weights).residuals)
+    except InputError:
+        return np.full(problem.fixed.shape[1], np.inf)
 
 
 def _doubtful_gains(

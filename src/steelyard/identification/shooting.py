@@ -30,7 +30,7 @@ from steelyard.simulation.driven_joints import (
     drive,
 )
 
-__all__ = ["PositionLog", "Shooting", "ShootingResult", "Unknown"]
+__all__ = ["PassingLog", "PositionLog", "Shooting", "ShootingResult", "Unknown"]
 
 Array = NDArray[np.float64]
 
@@ -111,6 +111,32 @@ class PositionLog:
         before, after = np.minimum(times - self.t[0], 0.0), np.maximum(times - self.t[-1], 0.0)
         inside = np.interp(times, self.t, self.command_sums[:, joint])
         return np.asarray(inside + before * self.command[0, joint] + after * self.command[-1, joint])
+
+
+class PassingLog(PositionLog):
+    """A log whose commands pass from row to row in straight lines, instead of holding until the next row.
+
+    What drives do that were told more often than was logged is nearer to this.
+    """
+
+    @cached_property
+    def command_sums(self) -> Array:
+        """(S, N) integrals of the commands from the first time on."""
+        middles = 0.5 * (self.command[1:] + self.command[:-1]) * np.diff(self.t)[:, np.newaxis]
+        return np.concatenate([np.zeros((1, self.q.shape[1])), np.cumsum(middles, axis=0)])
+
+    def held(self, joint: int, times: Array) -> Array:
+        """The command at these times."""
+        return np.asarray(np.interp(times, self.t, self.command[:, joint]))
+
+    def summed(self, joint: int, times: Array) -> Array:
+        """The integral of the command from the first time of the log to these."""
+        t, command = self.t, self.command[:, joint]
+        inside = np.clip(times, t[0], t[-1])
+        row = np.clip(np.searchsorted(t, inside, side="right") - 1, 0, len(t) - 2)
+        passed = 0.5 * (command[row] + np.interp(inside, t, command)) * (inside - t[row])
+        outside = np.minimum(times - t[0], 0.0) * command[0] + np.maximum(times - t[-1], 0.0) * command[-1]
+        return np.asarray(self.command_sums[row, joint] + passed + outside)
 
 
 @dataclass(frozen=True)
