@@ -23,6 +23,7 @@ from steelyard.simulation.driven_joints import COULOMB, DRIVE_PARAMETERS, Branch
 from .drive_choice import DriveChoice, choose_drive_terms
 from .drive_logs import read_drive_logs, refuse_still, rms_of_joints
 from .drive_remarks import (
+    PASSING,
     above_noise,
     remarks_on_gains,
     remarks_on_logs,
@@ -208,10 +209,6 @@ def identify_from_positions(
             f"The search did not settle in {found.steps} steps: the values are those of the least error that it met."
         )
     error = rms_of_joints(found.residuals)
-    early = drives[DRIVE_PARAMETERS.index("delay")].max() <= 0.0 or chosen.delay != FIND
-    if early and _change_at_every_row(fitted):
-        say("looking whether commands changed between rows")
-        remarks = remarks_on_missing_commands(body, error, _passing_error(problem, found, weights)) + remarks
     above = above_noise(fitted, error)
     doubts = unbelievable(body, chosen, fitted, error)
     if is_position and chosen.kp != FIND and above.any() and not doubts:
@@ -224,6 +221,13 @@ def identify_from_positions(
             stated if choice is None else choice.terms,
         )
         doubts = _doubtful_gains(body, replace(other, longest_step=COARSEST_STEP), drives, error, weights, above)
+    # A delay that is found makes up for most of what missing commands spoil. Gains that are too small look like them,
+    # and are told first.
+    early = drives[DRIVE_PARAMETERS.index("delay")].max() <= 0.0 or chosen.delay != FIND
+    explicable = above_noise(fitted, error, 1.0 / PASSING).any()
+    if early and explicable and not doubts and _change_at_every_row(fitted):
+        say("looking whether commands changed between rows")
+        doubts = remarks_on_missing_commands(body, error, _passing_error(problem, found, weights))
     remarks = [
         *doubts,
         *remarks_on_rows(body, fitted, found.residuals, above),
@@ -253,14 +257,14 @@ def identify_from_positions(
 
 
 def _change_at_every_row(logs: Sequence[PositionLog]) -> bool:
-    """Whether commands change from most rows to the next, wherever they change: then there may be more of them."""
+    """Whether a command that changed mostly changes at the next row again: then more may have come between rows."""
     changes = [np.diff(log.command, axis=0) != 0.0 for log in logs]
     again = sum(int((one[1:] & one[:-1]).sum()) for one in changes)
     return again > 0.5 * sum(int(one[:-1].sum()) for one in changes)
 
 
 def _passing_error(problem: Shooting, found: ShootingResult, weights: str) -> Array:
-    """The error (N,) with the best values if commands pass in lines from row to row; infinite where none are found."""
+    """The least error (N,) if commands pass in lines from row to row; infinite where no values are found."""
     unknowns = [replace(one, start=float(value)) for one, value in zip(problem.unknowns, found.values, strict=True)]
     logs = [PassingLog(log.t, log.q, log.command, log.name, log.begin) for log in problem.logs]
     try:

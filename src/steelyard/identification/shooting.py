@@ -116,7 +116,7 @@ class PositionLog:
 class PassingLog(PositionLog):
     """A log whose commands pass from row to row in straight lines, instead of holding until the next row.
 
-    What drives do that were told more often than was logged is nearer to this.
+    That is nearer to what a drive was told, where the log holds only some of its commands.
     """
 
     @cached_property
