@@ -238,8 +238,9 @@ def test_commands_that_are_missing_hold_and_rows_without_positions_go(arm, tmp_p
     log["q1"][200:260] = np.nan
     file, _ = given_robot(tmp_path / "arm.toml")
     settings = DriveSettings.from_dict(file.section("drive"))
-    (first, second), held_out = read_drive_logs(file, settings, log, ())
+    (first, second), held_out, remarks = read_drive_logs(file, settings, log, ())
     assert not held_out
+    assert not remarks
     np.testing.assert_array_equal(first.command, command[np.arange(200) // 6 * 6])
     np.testing.assert_array_equal(second.command, command[np.arange(260, 400) // 6 * 6])
     assert (first.begin, second.begin) == (0.0, pytest.approx(1.3))
@@ -249,6 +250,25 @@ def test_commands_that_are_missing_hold_and_rows_without_positions_go(arm, tmp_p
     log["target2"][:] = np.nan
     with pytest.raises(InputError, match='no command of joint "elbow" in any row'):
         read_drive_logs(file, settings, log, ())
+
+
+def test_positions_and_commands_in_degrees_are_told(arm, tmp_path):
+    """Without limits as a guess; where limits are described, which only degrees fit, they are refused."""
+    t = np.arange(100) * 0.005
+    command = commands(t)
+    degrees = log_of(t, np.degrees(command - 0.1), np.degrees(command))
+    file, _ = given_robot(arm)
+    settings = DriveSettings.from_dict(SETTINGS)
+    (_,), _, (remark,) = read_drive_logs(file, settings, degrees, ())
+    assert "log 1: Positions go through many turns of a joint" in remark
+    assert 'in degrees (`position_unit = "deg"` in [log])' in remark
+    assert not read_drive_logs(file, settings, log_of(t, command - 0.1, command), ())[2]
+    limited = tmp_path / "limited.xml"
+    limited.write_text(ARM.replace("<joint ", '<joint range="-2 2" '))
+    file, _ = given_robot(limited)
+    assert not read_drive_logs(file, settings, log_of(t, command - 0.1, command), ())[2]
+    with pytest.raises(InputError, match=r"all joints fit theirs as degrees; state `position_unit = \"deg\"`"):
+        read_drive_logs(file, settings, degrees, ())
 
 
 def test_noise_of_an_encoder_is_no_motion(arm):

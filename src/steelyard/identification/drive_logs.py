@@ -16,10 +16,12 @@ from steelyard.recording import LogColumns, Recording, Samples
 from steelyard.recording.columns import POSITION_UNITS
 from steelyard.recording.diagnosis.detectors import noise_deviation
 from steelyard.recording.formats import LogFiles
+from steelyard.recording.survey import LogSurvey
 from steelyard.robot import Robot, RobotFile
 
 from .drive_settings import DriveSettings
 from .given import given_logs
+from .log_reader import against_limits
 from .shooting import PositionLog
 
 __all__ = ["read_drive_logs", "refuse_still", "rms_of_joints"]
@@ -44,8 +46,10 @@ SAME = 1e-6
 
 def read_drive_logs(
     file: RobotFile, settings: DriveSettings, logs: Any, validate: Any
-) -> tuple[list[PositionLog], list[PositionLog]]:
+) -> tuple[list[PositionLog], list[PositionLog], list[str]]:
     """Read the logs of an identification and those of its validation, and part them where their times have gaps.
+
+    Also returned are remarks on positions that look to be in another unit, or of motors.
 
     Parameters
     ----------
@@ -56,15 +60,17 @@ def read_drive_logs(
     Raises
     ------
     InputError
-        Where a column is missing, a log is too short, or its commands are the positions themselves.
+        Where a column is missing, a log is too short, its commands are the positions themselves, or its positions are
+        surely in degrees.
     """
     _refuse_samples(logs)
     _refuse_samples(validate)
+    remarks: dict[str, None] = {}  # in order, each once
     fitted, held_out = (
-        [part for number, log in enumerate(given) for part in _read(file, settings, log, number)]
+        [part for number, log in enumerate(given) for part in _read(file, settings, log, number, remarks)]
         for given in given_logs(logs, validate)
     )
-    return fitted, held_out
+    return fitted, held_out, list(remarks)
 
 
 def refuse_still(robot: Robot, logs: Sequence[PositionLog]) -> None:
@@ -100,8 +106,10 @@ def _refuse_samples(logs: Any) -> None:
         )
 
 
-def _read(file: RobotFile, settings: DriveSettings, log: Any, number: int) -> list[PositionLog]:
-    """Read a log, and part it where its times have gaps."""
+def _read(
+    file: RobotFile, settings: DriveSettings, log: Any, number: int, remarks: dict[str, None]
+) -> list[PositionLog]:
+    """Read a log, part it where its times have gaps, and add to `remarks` what its units look like."""
     robot = file.robot
     section = file.section("log")
     for key in ("torque", "torque_unit", "torque_matrix", "torque_sign", "gain", "velocity", "acceleration"):
@@ -127,6 +135,9 @@ def _read(file: RobotFile, settings: DriveSettings, log: Any, number: int) -> li
     except InputError:
         _refuse_uncommanded(robot, files, command, name)
         raise
+    survey = LogSurvey.of(recording)
+    against_limits(survey, robot)  # what is sure to be wrong is refused
+    remarks.update(dict.fromkeys(f"{name}: {one}" for one in survey.unit_remarks()))
     told = np.array(recording.torque)
     if settings.law == "position":
         layout = recording.layout

@@ -167,7 +167,7 @@ def identify_from_positions(
     else:
         chosen = settings if isinstance(settings, DriveSettings) else DriveSettings.from_dict(settings)
     say = progress or (lambda text: None)
-    fitted, held_out = read_drive_logs(file, chosen, logs, validate)
+    fitted, held_out, of_units = read_drive_logs(file, chosen, logs, validate)
     if not fitted:
         raise InputError("There is no log; give one with commands and positions.")
     refuse_still(body, fitted)
@@ -230,6 +230,7 @@ def identify_from_positions(
         doubts = remarks_on_missing_commands(body, error, _passing_error(problem, found, weights))
     remarks = [
         *doubts,
+        *of_units,
         *remarks_on_rows(body, fitted, found.residuals, above),
         *remarks_on_logs(body, chosen, fitted, drives, above),
         *remarks_on_zeros(body, drives),
