@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 Shape = tuple[float, ...]
 
 FRACTIONS = np.geomspace(0.01, 0.6, 14)
-"""The shares of the fastest speed of a joint that are tried as Stribeck velocities, knees and widths that are tried,
+"""The shares of the fastest speed of a joint that are tried as Stribeck velocities, knees and widths,
 each 1.37 times the one before; a search between neighbours follows."""
 TRAVELS = np.geomspace(1e-4, 0.3, 14)
 """The shares of the range of a joint that are tried as presliding displacements."""
