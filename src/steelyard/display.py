@@ -1,4 +1,4 @@
-"""How objects are printed: tables as text and as HTML for notebooks, and numbers and weighted sums as text."""
+"""Printing of objects: tables as text and as HTML for notebooks, and numbers and weighted sums as text."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What commands do where there are many logs, or workers: checkpoints, processes, a cluster."""
+"""Options of the commands that read many logs: checkpoints, processes, and a cluster."""
 
 from __future__ import annotations
 

@@ -94,7 +94,7 @@ def print_json(document: object) -> None:
 
 
 class _Result(Protocol):
-    """What `show` prints and writes."""
+    """The result that `show` prints and writes."""
 
     def to_dict(self) -> dict[str, Any]: ...
 

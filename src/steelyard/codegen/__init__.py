@@ -1,4 +1,4 @@
-"""From functions of a graph to source code of many languages, and to objects of SymPy, CasADi and JAX."""
+"""Code generation: functions of a graph become source code in many languages, or objects of SymPy, CasADi and JAX."""
 
 from typing import TYPE_CHECKING
 

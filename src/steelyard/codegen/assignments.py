@@ -43,7 +43,7 @@ _WIDTH = 44  # characters of an expression beyond which it gets a variable, so t
 
 @dataclass(frozen=True)
 class Syntax:
-    """How a language writes the elements of an expression; sums, products and parentheses are the same in all.
+    """The syntax of a language for the elements of an expression; sums, products and parentheses are the same in all.
 
     Attributes
     ----------

@@ -34,7 +34,7 @@ Element = Callable[[str, int], str]
 
 @dataclass(frozen=True)
 class Prose:
-    """How documentation is written.
+    """The form in which a language writes documentation.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What a language calls the functions of a project, their arguments and outputs, and the sizes of these."""
+"""Names that a language gives to the functions of a project, to their arguments and outputs, and to their sizes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the formats of descriptions share when their shapes are read: elements with a shape, and meshes from files."""
+"""Reading of shapes, shared by all formats of descriptions: elements with a shape, and meshes from files."""
 
 from __future__ import annotations
 

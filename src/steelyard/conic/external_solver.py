@@ -141,7 +141,7 @@ class ExternalSolver:
     version_pattern: str = ""
 
     def installed(self) -> bool:
-        """Whether the executable is found in the search path."""
+        """Return whether the executable is found in the search path."""
         return shutil.which(self.executable) is not None
 
     def version(self) -> str:

@@ -35,7 +35,7 @@ CONE_KINDS = ("zero", "nonnegative", "second-order", "semidefinite", "exponentia
 
 
 class Outcome(enum.Enum):
-    """How a solver ended; the value is the text for the user."""
+    """The outcome of a solver; the value is the text for the user."""
 
     SOLVED = "solved"
     ALMOST_SOLVED = "solved to reduced accuracy"

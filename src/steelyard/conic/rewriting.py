@@ -176,7 +176,7 @@ def _pivoted(matrix: Matrix) -> tuple[Matrix, Matrix, Indices]:
 
 
 def _rank(triangle: Matrix) -> int:
-    """How many rows of R are not negligible."""
+    """Return how many rows of R are not negligible."""
     diagonal = np.abs(np.diag(triangle))
     return int(np.sum(diagonal > RANK_TOLERANCE * diagonal[0])) if len(diagonal) and diagonal[0] > 0 else 0
 
@@ -233,7 +233,7 @@ def _substitute(
 
 
 def _levels(E: sparse.csr_array, single: list[tuple[int, int]]) -> list[int]:
-    """For each pivot, the length of the longest chain of pivots that must be solved before it."""
+    """Return for each pivot the length of the longest chain of pivots that must be solved before it."""
     pivot_of = {column: index for index, (_, column) in enumerate(single)}
     level = [0] * len(single)
     for index in range(len(single) - 1, -1, -1):

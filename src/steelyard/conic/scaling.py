@@ -72,7 +72,7 @@ def _scaled(matrix: sparse.csc_array, left: Vector, right: Vector) -> sparse.csc
 
 
 def diagonal_pairs(cones: tuple[Cone, ...]) -> tuple[Indices, Indices, int]:
-    """For every row the two scale factors whose product scales it.
+    """Return for every row the two scale factors whose product scales it.
 
     A row of a semidefinite block, element (i, j), has the factors of i and j; a row of a zero or nonnegative cone has
     its own factor twice; all rows of another cone share one factor.

@@ -110,7 +110,7 @@ def solve_with_scs(problem: ConicProblem, accuracy: float = 1e-8, iterations: in
 
 
 def _proves(balanced: ConicProblem, balance: Scaling, found: ConicSolution) -> bool:
-    """Whether a direction that SCS returned is a proof of infeasibility or unboundedness."""
+    """Return whether a direction that SCS returned is a proof of infeasibility or unboundedness."""
     if found.outcome is Outcome.INFEASIBLE:
         return infeasibility_error(balanced, found.dual / balance.rows) <= PROOF_ERROR
     return recession_error(balanced, found.primal / balance.columns) <= PROOF_ERROR

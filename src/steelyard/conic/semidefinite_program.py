@@ -432,7 +432,7 @@ def _quoted(text: str) -> str:
 
 
 def _counts_up(found: dict[int, str], expected: int) -> bool:
-    """Whether names were found for 1, 2, …, expected."""
+    """Return whether names were found for 1, 2, …, expected."""
     return len(found) == expected and all(i in found for i in range(1, expected + 1))
 
 

@@ -234,7 +234,7 @@ _HEADINGS = ("solver", "method", "access", *FEATURES, "proof", "here", "otherwis
 
 @dataclass(frozen=True)
 class SolverTable:
-    """What the registered solvers can do.
+    """A table of the registered solvers and of what they can do.
 
     A feature is taken as it is (``yes``), rewritten as semidefinite blocks first (``rewritten``), or not at all
     (``no``). ``proof`` says whether an infeasible problem comes back with a direction that proves it.
@@ -284,7 +284,7 @@ def _row(solver: Solver) -> tuple[str, ...]:
 
 
 def solver_table() -> SolverTable:
-    """What every solver can do, whether it is on this machine, and how to install it otherwise.
+    """Return what every solver can do, whether it is on this machine, and how to install it otherwise.
 
     Returns
     -------

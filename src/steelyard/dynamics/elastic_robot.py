@@ -78,7 +78,7 @@ class Transmission(Term):
         return hash(repr(self))
 
     def acts_at(self, k: int) -> bool:
-        """Whether joint `k`, from 0, is elastic."""
+        """Return whether joint `k`, from 0, is elastic."""
         return k + 1 in self.joints
 
     def motor(self, k: int) -> int:
@@ -185,7 +185,7 @@ class AtCoordinates(Term):
         return hash((self.term, self.coordinates))
 
     def acts_at(self, k: int) -> bool:
-        """Whether the term acts at coordinate `k`, from 0."""
+        """Return whether the term acts at coordinate `k`, from 0."""
         return k in self.coordinates and self.term.acts_at(self.coordinates.index(k))
 
     def columns(

@@ -75,7 +75,7 @@ def _clean(value: float) -> Fraction:
 
 @cache
 def _residues() -> tuple[float, ...]:
-    """By how much multiples of π/2 up to 2π change when they are rounded or cut off."""
+    """Return by how much multiples of π/2 up to 2π change when they are rounded or cut off."""
     found = []
     for angle in (multiple * math.pi / 2 for multiple in range(1, 5)):
         for digits in ROUNDED_DIGITS:

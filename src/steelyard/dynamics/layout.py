@@ -1,4 +1,4 @@
-"""Where the parameters of links and terms stand, and their regressor over generic scalars."""
+"""The order of the parameters of links and terms, and their regressor over generic scalars."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What depends on positions alone: springs, counterbalances and the ripple of motors; each has a potential energy.
+"""Terms that depend on positions alone: springs, counterbalances and the ripple of motors; each has a potential energy.
 
 Also couplings: tendons, and joints that a screw drives.
 """

@@ -330,7 +330,7 @@ class ShapedTerm(Term):
     """What of the shape is one number in any case."""
 
     def acts_at(self, k: int) -> bool:
-        """Whether joint `k`, from 0, is one of its joints."""
+        """Return whether joint `k`, from 0, is one of its joints."""
         return self.joints is None or k + 1 in self.joints
 
     @abstractmethod

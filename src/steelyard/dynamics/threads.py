@@ -67,7 +67,7 @@ def in_threads(function: Callable[[Item], Result], items: Sequence[Item]) -> lis
 
 
 def _allowed(controller: Any) -> int:
-    """How many threads BLAS may use, outside of all limits of ours."""
+    """Return how many threads BLAS may use, outside of all limits of ours."""
     counts = [library["num_threads"] for library in controller.info() if library["user_api"] == "blas"]
     return max(counts, default=1)
 

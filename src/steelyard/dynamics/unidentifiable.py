@@ -118,7 +118,7 @@ _TERMS = 10  # key of the first term parameter in a row of conditions, after the
 
 @dataclass(frozen=True)
 class DriveEffects:
-    """What parameters of terms do, of which each is a constant torque or a constant inertia.
+    """The effects of those parameters of terms that are a constant torque or a constant inertia each.
 
     Attributes
     ----------
@@ -333,7 +333,7 @@ def _turned_twist(row: Row, between: ExactMatrix) -> Row:
 
 
 def _bracket(row: Row, motion: Sequence[Sequence[Fraction]]) -> Row:
-    """How a twist changes as the joint moves; the rates and gravity's constant do not."""
+    """Return how a twist changes as the joint moves; the rates and gravity's constant do not."""
     matrix = _matrix(row)
     left, right = _times(matrix, motion), _times(motion, matrix)
     return _twist([[a - b for a, b in zip(x, y, strict=True)] for x, y in zip(left, right, strict=True)], {})
@@ -367,7 +367,7 @@ def _turned_function(row: Row, between: ExactMatrix) -> Row:
 
 
 def _derivative(row: Row, motion: Sequence[Sequence[Fraction]]) -> Row:
-    """How a function of S changes as the joint moves."""
+    """Return how a function of S changes as the joint moves."""
     half = _times(_coefficients(row), motion)
     return _function([[a + b for a, b in zip(x, y, strict=True)] for x, y in zip(half, _transposed(half), strict=True)])
 

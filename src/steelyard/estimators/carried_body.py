@@ -80,7 +80,7 @@ def changing_parameters(model: Model, changes: Changes = "friction") -> Indices:
 
 @dataclass(frozen=True, eq=False)
 class CarriedBody:
-    """Where a rigid body is fixed to a robot.
+    """The place at which a rigid body is fixed to a robot.
 
     Parameters
     ----------

@@ -54,7 +54,7 @@ FEWEST_FOLDS = 3
 
 @dataclass(frozen=True, eq=False)
 class CrossValidation:
-    """How well fits with each weight of a prior predict data that was not used in them.
+    """The errors with which fits, one for each weight of a prior, predict data that was not used in them.
 
     Attributes
     ----------
@@ -251,7 +251,7 @@ def _path(function: "_Fits", start: Vector, basis: Matrix | None) -> Matrix:
 
 
 def _choose(losses: Matrix) -> tuple[int, int]:
-    """Where the sum of the losses (f, k) is least, and the last that is within one standard error of it."""
+    """Return where the sum of the losses (f, k) is least, and the last that is within one standard error of it."""
     totals = losses.sum(axis=0)
     best = int(np.argmin(totals))
     above = losses - losses[:, [best]]

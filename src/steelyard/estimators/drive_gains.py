@@ -51,7 +51,7 @@ PASSES = 4
 
 @dataclass(frozen=True, eq=False)
 class KnownPayload:
-    """What is known of a payload, in the mounting frame.
+    """A payload of which some values are known, in the mounting frame.
 
     Parameters
     ----------

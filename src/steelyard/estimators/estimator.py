@@ -1,4 +1,4 @@
-"""What an estimator is, the estimators by name, and the Estimate of parameters that an estimator found."""
+"""The interface of estimators, the table of estimators by name, and the Estimate that an estimator returns."""
 
 from __future__ import annotations
 

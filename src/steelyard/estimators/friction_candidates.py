@@ -218,7 +218,7 @@ def _lugre(motion: JointMotion, shapes: Sequence[Shape]) -> list[Array]:
 
 
 def lugre_is_passive(damping: float, viscous: float, ratio: float) -> bool:
-    """Whether LuGre friction dissipates in every motion: ``viscous >= ratio * damping``.
+    """Return whether LuGre friction dissipates in every motion: ``viscous >= ratio * damping``.
 
     Parameters
     ----------

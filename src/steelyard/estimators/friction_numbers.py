@@ -27,7 +27,7 @@ SETTLED = 1e-3
 
 
 class WhiteRows:
-    """What makes rows of a joint white, by an autoregressive model of the residuals of a fit.
+    """A filter that whitens the rows of a joint, by an autoregressive model of the residuals of a fit.
 
     Parameters
     ----------

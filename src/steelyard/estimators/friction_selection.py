@@ -1,4 +1,4 @@
-"""Which friction a robot has: laws are added joint by joint where the data calls for them, and refused elsewhere."""
+"""Selection of friction laws: laws are added joint by joint where the data calls for them, and refused elsewhere."""
 
 from __future__ import annotations
 
@@ -199,7 +199,7 @@ class ChosenFriction:
 
 @dataclass(frozen=True)
 class FrictionTrial:
-    """What became of a law that was tried over all the joints.
+    """The result of trying one law at all the joints.
 
     Attributes
     ----------
@@ -228,7 +228,7 @@ class FrictionTrial:
 
 @dataclass(frozen=True, eq=False)
 class FrictionSelection:
-    """Which laws of friction were added to a model, and what became of the others.
+    """The laws of friction that were added to a model, and the results of those that were tried in vain.
 
     Attributes
     ----------
@@ -544,7 +544,7 @@ class _Told:
 
 
 def falls_surely(before: Array, after: Array) -> bool:
-    """Whether squared errors on stretches that are left out fall by more than chance lets them.
+    """Return whether squared errors on stretches that are left out fall by more than chance lets them.
 
     Parameters
     ----------
@@ -566,7 +566,7 @@ def falls_surely(before: Array, after: Array) -> bool:
 
 
 def _fall(trial: _Trial) -> Array:
-    """By how much the logarithm of the held-out loss of a joint falls, shared out over the folds."""
+    """Return by how much the logarithm of the held-out loss of a joint falls, shared out over the folds."""
     total = float(trial.before.sum())
     share = max(1.0 - float(trial.losses.sum()) / total, 1e-12)
     whole = -2.0 * np.log(max(1.0 - trial.gain, 1e-12))
@@ -730,7 +730,7 @@ class _Joint:
         return columns
 
     def residuals(self, laws: Sequence[_Trial], white: WhiteRows | None = None) -> Array:
-        """What least squares leave of the torque, at rows that follow each other, whitened or as they are."""
+        """Return what least squares leave of the torque, at rows that follow each other, whitened or as they are."""
         rows = np.column_stack([*(self._grid_columns(law, [law.shape])[0] for law in laws), self._grid_regressor(laws)])
         if white is not None:
             rows = white.of(rows)
@@ -739,7 +739,7 @@ class _Joint:
         return np.asarray(rows[:, -1] - basis @ (basis.T @ np.where(self.grid_used, rows[:, -1], 0.0)))
 
     def white(self, left: Array) -> WhiteRows:
-        """What makes the rows of a fit white, by its residuals."""
+        """Return the filter that whitens the rows of a fit, made from its residuals."""
         return WhiteRows(left, self.grid_used, self.grid_breaks)
 
     def loss(self, laws: Sequence[_Trial], white: WhiteRows) -> float:
@@ -930,7 +930,7 @@ class _Joint:
         )
 
     def _dissipates(self, laws: Sequence[_Trial], numbers: tuple[float, float, list[Array]] | None = None) -> bool:
-        """Whether the friction of the joint brakes it at all speeds of the motion, both ways."""
+        """Return whether the friction of the joint brakes it at all speeds of the motion, both ways."""
         if self.viscous is None:
             return True
         viscous, coulomb, of_laws = self._coefficients(laws) if numbers is None else numbers
@@ -962,7 +962,7 @@ class _Joint:
         self.laws.remove(trial)
 
     def needs(self, trial: _Trial, least_gain: float) -> bool:
-        """Whether the error rises where a law is left out, with the others in place."""
+        """Return whether the error rises where a law is left out, with the others in place."""
         if len(self.laws) < 2:
             return True
         trial.before = self._held_out([law for law in self.laws if law is not trial])
@@ -988,7 +988,7 @@ class _Joint:
         self._known, self._bases, self._kept = {}, {}, {}
 
     def _most(self, candidate: FrictionCandidate) -> float:
-        """What the best of the laws that were tried before explains, beside those that were added."""
+        """Return what the best of the laws that were tried before explains, beside those that were added."""
         known = [trial for trial, laws in self._kept.values() if trial is not None and laws == tuple(self.laws)]
         own = [one.explained for one in known if one.candidate is not candidate]
         return max(own, default=0.0)
@@ -1078,7 +1078,7 @@ class _Joint:
 
 
 def _is_within(candidate: FrictionCandidate, shape: Shape, shapes: Sequence[Shape]) -> bool:
-    """Whether no number of a shape is nearest to the first or the last of those that were tried first."""
+    """Return whether no number of a shape is nearest to the first or the last of those that were tried first."""
     if len(candidate.shape_names) >= MANY_SHAPES:  # of which few values are tried, and the search goes further
         return True
     fixed = {name for name, _ in candidate.steps}
@@ -1137,7 +1137,7 @@ def _with_columns(basis: Array, columns: Array) -> Array:
 
 
 def _spacing(values: Array, here: float) -> float:
-    """How far the nearest other of some values is."""
+    """Return the distance from a value to the nearest other of some values."""
     others = np.abs(np.unique(values.round(12)) - here)
     others = others[others > 1e-9]
     return float(others.min()) if len(others) else 0.1

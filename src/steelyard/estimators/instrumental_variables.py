@@ -60,7 +60,7 @@ CONVERGED = 0.01
 
 @dataclass(frozen=True, eq=False)
 class InstrumentStrength:
-    """How well instruments tell the regressor.
+    """The strength of instruments: how well they determine the regressor.
 
     Attributes
     ----------
@@ -578,7 +578,7 @@ def first_made(motions: Sequence[Samples | Motion], base: Vector) -> list[Sample
 
 
 def impossible(error: SolverError) -> SolverError:
-    """What to say where not even the first motion can be simulated."""
+    """Return the message for robots of which not even the first motion can be simulated."""
     return SolverError(
         f"The motion of the first estimate is impossible ({error}); check the gains, the rate and the reference of the "
         "controller, and their units."
@@ -586,7 +586,7 @@ def impossible(error: SolverError) -> SolverError:
 
 
 def used_in_both(samples: Samples, motion: Samples) -> npt.NDArray[np.bool_] | None:
-    """Which rows of each joint (S, N) neither of the masks leaves out; None where there is no mask."""
+    """Return which rows of each joint (S, N) neither of the masks leaves out; None where there is no mask."""
     masks = [one.mask for one in (samples, motion) if one.mask is not None]
     return np.logical_and.reduce(masks) if masks else None
 

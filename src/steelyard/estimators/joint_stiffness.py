@@ -70,7 +70,7 @@ _COMPLIANCE, _RELAXATION, _INERTIA = "compliance", "relaxation", "motor inertia"
 
 @dataclass(frozen=True, eq=False)
 class DeflectionRows:
-    """What the rows of the deflection of one joint are made of, at S instants of one or more logs.
+    """The quantities that make the rows of the deflection of one joint, at S instants of one or more logs.
 
     Parameters
     ----------
@@ -324,7 +324,7 @@ def stiffness_table(joints: Sequence[JointStiffness]) -> tuple[tuple[str, ...], 
 
 @dataclass(frozen=True, eq=False)
 class _Known:
-    """What need not be found: the inertia of the motor, the delay of the second encoder."""
+    """Values that need not be found: the inertia of the motor, the delay of the second encoder."""
 
     motor_inertia: float
     inertia: bool

@@ -1,4 +1,4 @@
-"""What a robot carries, from a log without and one with it, or from the latter alone where the robot is known."""
+"""Estimation of a payload from a log without and a log with it, or from the latter alone where the robot is known."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ class PayloadQuantity:
 
 
 class PayloadQuantities:
-    """What is told of a payload, by the names of its quantities."""
+    """The quantities that are estimated of a payload, by their names."""
 
     quantities: tuple[PayloadQuantity, ...]
 
@@ -384,7 +384,7 @@ class _BodyAlone:
         self.robot = SimpleNamespace(name=PAYLOAD, link_names=(PAYLOAD,), parameters=unknown)
 
     def base_parameters(self) -> BaseParameters:
-        """What the log can show of it."""
+        """Return what the log can show of it."""
         base = self.body.base
         return BaseParameters(tuple(self.parameter_names), base.independent, base.dependent, base.Kd)
 
@@ -618,7 +618,7 @@ def _inertia(problem: _Problem, found: Array) -> list[tuple[Quantity, float]]:
 
 
 def _about_any_point(tensor: list[PayloadQuantity]) -> list[PayloadQuantity]:
-    """What the inertia about some point tells of that about the centre of mass, wherever it is.
+    """Return what the inertia about some point tells of that about the centre of mass, wherever it is.
 
     About the centre of mass no moment of inertia is larger than about any other point, and a product of inertia is no
     larger than the root of both moments.

@@ -43,7 +43,7 @@ class Share:
         return np.column_stack([factor.triangle[:, :-1] @ matrix[factor.columns], target])
 
     def reached(self, index: int, factor: Factor) -> NDArray[np.bool_]:
-        """Which unknowns the rows of a factor depend on, (m,)."""
+        """Return which unknowns the rows of a factor depend on, (m,)."""
         matrix = self.maps[index if len(self.maps) > 1 else 0]
         return np.asarray(np.any(matrix[factor.columns] != 0.0, axis=0))
 

@@ -1,4 +1,4 @@
-"""What data and prior leave open within the feasible set: samples of the posterior, and Laplace's approximation."""
+"""The posterior distribution on the feasible set, from data and prior: samples of it, and Laplace's approximation."""
 
 from __future__ import annotations
 

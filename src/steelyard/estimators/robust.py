@@ -33,7 +33,7 @@ in simulated data, the median is zero, and every other row would count as an out
 
 @dataclass(frozen=True, eq=False)
 class HuberWeights:
-    """How the rows were weighted.
+    """The weights that the robust regression gave to the rows.
 
     Attributes
     ----------

@@ -41,7 +41,7 @@ class Flag:
 
 
 class Shares:
-    """How much of each task is done, from 0 to 1; processes share it, and each task is of one of them."""
+    """Progress of each task, from 0 to 1, in memory that processes share; each task belongs to one of them."""
 
     def __init__(self, count: int) -> None:
         self._values = multiprocessing.RawArray("d", count)

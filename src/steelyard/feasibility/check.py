@@ -428,7 +428,7 @@ def proved_witness(feasible_set: FeasibleSet, base: Vector, parameters: Vector) 
 
 
 def _beyond_rounding(feasible_set: FeasibleSet, parameters: Vector) -> bool:
-    """Whether the blocks remain definite for all maps K that round to the given one.
+    """Return whether the blocks remain definite for all maps K that round to the given one.
 
     Elements of K that are not short decimals are rounded. With parameters of tonnes, rounding errors of terms that
     cancel could make an impossible robot of grams look possible.

@@ -182,7 +182,7 @@ def correct(
 
 
 def _keeps_margin(feasible_set: FeasibleSet, parameters: Vector) -> bool:
-    """Whether δ is in the set with at least half the margin, so that it need not be changed."""
+    """Return whether δ is in the set with at least half the margin, so that it need not be changed."""
     eigenvalues = feasible_set.stack.smallest_eigenvalues(parameters)
     return bool(np.all(eigenvalues >= 0.5 * feasible_set.margin)) and feasible_set.contains(parameters)
 

@@ -328,7 +328,7 @@ class FeasibleSet:
         return solved_for_some(self.equation_matrix, self.equation_values)
 
     def satisfies_equations(self, parameters: Vector) -> bool:
-        """Whether the equations hold to rounding."""
+        """Return whether the equations hold to rounding."""
         if not self.equalities:
             return True
         return self._equations_hold(parameters, 1e-9)

@@ -151,7 +151,7 @@ class Units:
 
 
 def _others(feasible_set: FeasibleSet) -> npt.NDArray[np.bool_]:
-    """Which parameters belong to no link, (n,)."""
+    """Return which parameters belong to no link, (n,)."""
     found = np.ones(feasible_set.parameter_count, dtype=bool)
     found[feasible_set.link_columns] = False
     return found

@@ -1,4 +1,4 @@
-"""How far long work has come, told to whoever watches it: a terminal, a notebook, or nobody."""
+"""Progress of long work, reported to whoever watches it: a terminal, a notebook, or nobody."""
 
 from __future__ import annotations
 

@@ -15,7 +15,7 @@ __all__ = ["ChildLimits", "run_child"]
 
 
 class ChildLimits(NamedTuple):
-    """What another process may take.
+    """Limits of the time and memory that a child process may take.
 
     Parameters
     ----------

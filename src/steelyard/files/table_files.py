@@ -92,7 +92,7 @@ def _columns(content: mmap.mmap) -> list[tuple[int, dict[int, Any]]]:
 
 
 def _is_sound(content: mmap.mmap, rows: int, column: dict[int, Any]) -> bool:
-    """Whether the pages of a column follow one another, with sizes and counts that can be.
+    """Return whether the pages of a column follow one another, with sizes and counts that can be.
 
     A row has one value at least, also where that is null or an empty list. Some writers tell fewer bytes of a column
     than its pages take, so that these are followed until all values are there.

@@ -1,4 +1,4 @@
-"""What may be different about a robot: the friction of a joint, the mass of a link; and how the data would show it."""
+"""Possible causes of a difference between robots (friction of a joint, mass of a link), and how data shows them."""
 
 from __future__ import annotations
 

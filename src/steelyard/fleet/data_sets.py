@@ -56,7 +56,7 @@ class DataSet:
 
 @dataclass(frozen=True, eq=False)
 class ReducedDataSet:
-    """What is kept of a data set when its rows are gone.
+    """The reduced form of a data set, which replaces its rows.
 
     Attributes
     ----------

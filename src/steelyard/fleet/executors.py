@@ -1,4 +1,4 @@
-"""Where tasks run: in this process, in processes of this machine, or on a Dask cluster."""
+"""Executors, which run tasks in this process, in processes of this machine, or on a Dask cluster."""
 
 from __future__ import annotations
 
@@ -154,7 +154,7 @@ class Workers:
 
 
 class _Here:
-    """What a process of `Workers` was given when it began."""
+    """The data that a process of `Workers` was given when it began."""
 
     leaf: Leaf
     common: Any

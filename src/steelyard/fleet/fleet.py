@@ -527,7 +527,7 @@ def _history(
 
 
 def _common(drift: SiblingComparison) -> list[tuple[Cause, float, float, float]]:
-    """What changed in all siblings: causes whose mean change leaves zero out, all of them together."""
+    """Return what changed in all siblings: causes whose mean change leaves zero out, all of them together."""
     from scipy.special import stdtr, stdtrit
 
     freedom = max(len(drift.robot_probability) - 1.0, 1.0)

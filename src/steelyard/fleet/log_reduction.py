@@ -45,7 +45,7 @@ HEAD = 1 << 16  # bytes by which the rows of a text are guessed
 
 
 class _Common:
-    """What the reductions of all the logs have in common."""
+    """The arguments that the reductions of all the logs have in common."""
 
     def __init__(self, reader: LogReader, reduced_by: Model) -> None:
         self.file, self.chunk_rows, self.processing = reader.file, reader.chunk_rows, reader.processing

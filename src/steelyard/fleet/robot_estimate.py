@@ -39,7 +39,7 @@ __all__ = ["Known", "inputs_of", "known_of", "model_of", "robot_estimate", "task
 
 @dataclass(frozen=True, eq=False)
 class Known:
-    """What all robots of one description share.
+    """The knowledge that all robots of one description share.
 
     Attributes
     ----------

@@ -113,7 +113,7 @@ class Deviation:
 
 @dataclass(frozen=True, eq=False)
 class SiblingComparison:
-    """What robots of one kind have in common, and where single ones differ.
+    """A comparison of robots of one kind: the values that they have in common, and where single ones differ.
 
     Attributes
     ----------
@@ -313,7 +313,7 @@ def compare_siblings(
 
 
 def _scale(bases: Array, errors: Array) -> Array:
-    """How far base parameters are from each other as a rule, (n_b,), so that matrices are well conditioned."""
+    """Return how far base parameters are from each other as a rule, (n_b,), so that matrices are well conditioned."""
     middle = np.median(bases, axis=0)
     away = 1.4826 * np.median(np.abs(bases - middle), axis=0)
     variances = np.diagonal(errors, axis1=1, axis2=2)

@@ -91,7 +91,7 @@ def _give_back(block: _Block) -> None:
 
 
 class _Lease:
-    """What an array and its views keep alive while they use a block."""
+    """The object that an array and its views keep alive while they use a block."""
 
     __slots__ = ("__array_interface__", "_block", "_end")
 

@@ -198,7 +198,7 @@ def kernel_source(
 
 
 class _Slots:
-    """Where in the workspace everything stands, in slots of one value each."""
+    """Places of all values in the workspace, in slots of one value each."""
 
     def __init__(self, program: Program, arguments: Sequence[Argument], lanes: int) -> None:
         self.of: dict[int, int] = {}

@@ -103,7 +103,7 @@ class Number:
 
 
 class Mask:
-    """Whether something holds of each problem."""
+    """A mask that says of each problem whether a condition holds."""
 
     def __init__(self, code: Code, text: str) -> None:
         self.code, self.text = code, text

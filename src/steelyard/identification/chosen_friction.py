@@ -358,7 +358,7 @@ def _symbols(kind: str) -> set[str]:
 
 
 def _is_plain(term: Term) -> bool:
-    """Whether a term may give way to another law at a joint."""
+    """Return whether a term may give way to another law at a joint."""
     return isinstance(term, (Coulomb, Viscous))
 
 

@@ -1,4 +1,4 @@
-"""Where saved estimates of one robot differ: in which parameters, and in what they predict."""
+"""Comparison of saved estimates of one robot: the parameters and the predictions in which they differ."""
 
 from __future__ import annotations
 
@@ -455,7 +455,7 @@ def _filtered_differently(loaded: Sequence[SavedResult]) -> list[str]:
 
 
 def _data(estimate: Estimate) -> Array:
-    """What the data says of the base parameters."""
+    """Return what the data says of the base parameters."""
     return estimate.base if estimate.unconstrained_base is None else estimate.unconstrained_base
 
 

@@ -1,4 +1,4 @@
-"""What would mend a log or its robot file: done to samples, and written as lines of robot.toml."""
+"""Corrections of a log or of its robot file, applied to samples and written as lines of robot.toml."""
 
 from __future__ import annotations
 
@@ -206,7 +206,7 @@ def _time_settings(factor: float, columns: LogColumns, layout: Layout | None) ->
 
 
 def _order(matrix: Array) -> list[int] | None:
-    """Which column comes at each place, of a matrix that changes the order and nothing else."""
+    """Return which column comes at each place, of a matrix that changes the order and nothing else."""
     is_order = np.all((matrix == 0.0) | (matrix == 1.0)) and np.all(matrix.sum(axis=0) == 1.0)
     return [int(k) for k in np.argmax(matrix, axis=1)] if is_order and np.all(matrix.sum(axis=1) == 1.0) else None
 

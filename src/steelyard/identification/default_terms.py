@@ -49,7 +49,7 @@ _ROTOR = re.compile(rf"\b{_SYMBOL}\d+\b")
 
 @dataclass(frozen=True, eq=False)
 class RotorDecision:
-    """Whether a model has the inertia of rotors, and why.
+    """The decision whether a model has the inertia of rotors, with its reason.
 
     Attributes
     ----------

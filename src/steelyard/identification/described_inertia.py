@@ -1,4 +1,4 @@
-"""Whether the inertials of a description can be believed, and the nearest possible ones where no body can have them."""
+"""Judgement of the inertials of a description, and the nearest possible inertials where no body can have them."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _EQUAL = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class DescribedBody:
-    """What a description says of a link of the source, in its own frame.
+    """The inertial that a description gives to one of its links, in the frame of that link.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class DescribedBody:
 
 
 def described_bodies(robot: Robot) -> list[list[DescribedBody]]:
-    """What the description says of every moving link: of the link itself, then of each link that is fixed to it.
+    """Return what the description says of every moving link: of the link itself, then of each link that is fixed to it.
 
     Placeholders that are recognised: no mass; the same round moment of inertia about every axis with a round mass and
     the centre of mass in the frame's origin, as templates, simulators' examples and exporters leave them; one inertial
@@ -92,7 +92,7 @@ def described_bodies(robot: Robot) -> list[list[DescribedBody]]:
 
 
 def _adds_up(total: Inertia | None, parts: Sequence[tuple[str, Array, Inertia | None]]) -> bool:
-    """Whether the total of a link is the sum of its parts; it counts alone where somebody has changed it."""
+    """Return whether the total of a link is the sum of its parts; it counts alone where somebody has changed it."""
     if total is None:
         return True
     known = [part.moved(placement).parameters for _, placement, part in parts if part is not None]
@@ -100,7 +100,7 @@ def _adds_up(total: Inertia | None, parts: Sequence[tuple[str, Array, Inertia | 
 
 
 def _is_one_arm(robot: Robot) -> bool:
-    """Whether each link is on the one before it; the four rotors of a quadrotor are alike for a reason."""
+    """Return whether each link is on the one before it; the four rotors of a quadrotor are alike for a reason."""
     return all(joint.parent == index - 1 for index, joint in enumerate(robot.joints))
 
 
@@ -126,7 +126,7 @@ def _isotropic_moment(inertia: Inertia) -> float | None:
 
 
 def _is_round(value: float) -> bool:
-    """Whether a number has one digit alone."""
+    """Return whether a number has one digit alone."""
     return abs(float(f"{value:.0e}") - value) <= _EQUAL * abs(value)
 
 

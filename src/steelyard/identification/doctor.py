@@ -1,4 +1,4 @@
-"""What is wrong with a recording, and which lines of robot.toml mend it: all examinations of a log together."""
+"""Examination of a recording: what is wrong with it, and which lines of robot.toml mend it."""
 
 from __future__ import annotations
 
@@ -137,7 +137,7 @@ class Finding:
 
 @dataclass(frozen=True, eq=False)
 class Examination:
-    """What `examine` saw of a recording.
+    """The findings of `examine` about a recording.
 
     Attributes
     ----------
@@ -669,7 +669,7 @@ class _Patient:
         return {"description": {"locked": locked}, "log": log}
 
     def _units(self, survey: LogSurvey) -> list[Finding]:
-        """What the sizes of positions, speeds and the rate say of units."""
+        """Return what the sizes of positions, speeds and the rate say of units."""
         return [
             Finding(_kind_of(remedy), one, "wrong", 1.0, remedy, "" if remedy else "Check units and gear ratios.")
             for one in survey.unit_remarks()

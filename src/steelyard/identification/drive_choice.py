@@ -1,4 +1,4 @@
-"""Which friction a drive has beside the usual: chosen by simulating stretches that are left out of the fit."""
+"""Choice of the friction that a drive has beside the usual, by simulating stretches that are left out of the fit."""
 
 from __future__ import annotations
 
@@ -170,7 +170,7 @@ def _stretches(logs: Sequence[PositionLog]) -> list[tuple[int, int, int]]:
 
 
 def _told(logs: Sequence[PositionLog], stretches: Sequence[tuple[int, int, int]]) -> NDArray[np.bool_]:
-    """Whether each stretch says something of each joint (F, N): it moves there, and enough in what is left."""
+    """Return whether each stretch says something of each joint (F, N): it moves there, and enough in what is left."""
     ways = np.array([np.abs(np.diff(logs[log].q[begin:end], axis=0)).sum(axis=0) for log, begin, end in stretches])
     whole = ways.sum(axis=0)
     return np.asarray((ways > 0.0) & (whole - ways > SHARE * whole))

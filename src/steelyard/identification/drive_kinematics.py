@@ -1,4 +1,4 @@
-"""What `examine` says of transmissions: wrong ratios and backlash between two encoders, and commands in other units."""
+"""Findings about transmissions: wrong ratios and backlash between two encoders, and commands in other units."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is said beside the values of drives: what they rest on, which are not seen, and when not to believe them."""
+"""Remarks on the values of drives: what they rest on, which the data does not show, and when not to believe them."""
 
 from __future__ import annotations
 
@@ -114,13 +114,13 @@ def unbelievable(robot: Robot, settings: DriveSettings, logs: Sequence[PositionL
 
 
 def _ratio(measured: Array, told: Array) -> float:
-    """How many times as far commands go as a joint, with their sign where both go together."""
+    """Return how many times as far commands go as a joint, with their sign where both go together."""
     found = position_ratio(measured, told)
     return found if np.isfinite(found) else float(np.std(told) / np.std(measured))
 
 
 def above_noise(logs: Sequence[PositionLog], error: Array, factor: float = ABOVE_NOISE) -> NDArray[np.bool_]:
-    """Whether the error of each joint (N,) is above `factor` times the noise of its encoder."""
+    """Return whether the error of each joint (N,) is above `factor` times the noise of its encoder."""
     noise = np.max([noise_deviation(log.q) for log in logs], axis=0)
     return np.asarray(error > factor * noise)
 

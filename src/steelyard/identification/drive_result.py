@@ -1,4 +1,4 @@
-"""What an identification from commands and positions found of drives, and the files in which it is written."""
+"""The result of an identification from commands and positions: the values of drives, and the files that hold them."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class DriveValue:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class PositionIdentification:
-    """What commands and positions tell of a robot's drives; `identify_from_positions` returns it.
+    """The values of a robot's drives, identified from commands and positions; `identify_from_positions` returns it.
 
     Attributes
     ----------

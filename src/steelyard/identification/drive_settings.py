@@ -1,4 +1,4 @@
-"""What drives are told and how they act: the settings of an identification from commands and positions."""
+"""Settings of an identification from commands and positions: what is commanded to the drives, and how they act."""
 
 from __future__ import annotations
 

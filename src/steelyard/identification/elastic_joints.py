@@ -167,7 +167,7 @@ def with_elastic_joints(
 
 
 def _stated_motors(file: RobotFile, settings: SecondEncoders, where: str) -> list[Constraint]:
-    """What [elastic] states of the motors, where the robot file has terms of their rotors."""
+    """Return what [elastic] states of the motors, where the robot file has terms of their rotors."""
     if settings.motor_inertia is None or file.terms_are_default:
         return []
     if not any(term["kind"] == "rotor_inertia" for term in file.terms):

@@ -210,7 +210,7 @@ def elastic_model(
 
 
 def _extra(model: Model) -> int:
-    """How many joints of a robot mimic others."""
+    """Return how many joints of a robot mimic others."""
     return len(model.robot.joints) - model.dof
 
 

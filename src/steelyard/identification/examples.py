@@ -365,7 +365,7 @@ torque = "tau{{}}"
 
 
 def _read_me(experiment: _Experiment, errors: list[float]) -> str:
-    """What the folder holds, what to run, and what must come out."""
+    """Return what the folder holds, what to run, and what must come out."""
     model, truth = experiment.model, experiment.truth
     described = np.nan_to_num(np.asarray(model.robot.parameters))
     rows = []

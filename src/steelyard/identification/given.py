@@ -1,4 +1,4 @@
-"""What an identification is given: a robot and logs, as paths or as what is in memory, under the names that it uses."""
+"""Reading of the arguments of an identification: a robot and logs, as paths or as objects in memory."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a description says of a robot, as plain data: joints, parameters, base parameters, and if it is possible."""
+"""A summary of a description as plain data: joints, parameters, base parameters, and whether it is possible."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ ASSUMED_REACH = 0.3
 
 
 class _Step(NamedTuple):
-    """Where a joint stands: its frame in the link before it, and how far along its axis."""
+    """The place of a joint: its frame in the link before it, and how far along its axis."""
 
     origin: Array
     axis: Array

@@ -1,4 +1,4 @@
-"""What is known of the controller of a robot, and the motions of its logs without noise that follow from it."""
+"""The section `[controller]` of a robot file, and the noise-free motions of logs that are simulated with it."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ SMOOTH = "smooth"
 
 @dataclass(frozen=True)
 class ControllerSettings(TomlSection):
-    """What the controller of a robot follows, and how: the `[controller]` section of robot.toml.
+    """The controller of a robot and the reference that it follows: the `[controller]` section of robot.toml.
 
     Parameters
     ----------

@@ -137,7 +137,7 @@ class DrawnLog:
 
 @dataclass(frozen=True, eq=False)
 class ReducedLog:
-    """What is kept of a log when its rows are gone.
+    """The reduced form of a log, which replaces its rows.
 
     Attributes
     ----------
@@ -186,7 +186,7 @@ class ReducedGroup(NamedTuple):
 
 
 class LogReduction(Protocol):
-    """What reduces logs: one by one in this process, in several processes, or on a cluster."""
+    """A function that reduces logs: one by one in this process, in several processes, or on a cluster."""
 
     def __call__(
         self, reader: LogReader, tasks: Sequence[LogTask], model: Model, say: Progress
@@ -514,7 +514,7 @@ def _until(stop: Event | None, stream: Iterator[Samples]) -> Iterator[Samples]:
 
 
 class _Kept(NamedTuple):
-    """What is kept of the rows of a log, or of a section of it, beside thinned samples; see `ReducedLog`."""
+    """The sums that are kept of a log, or of a section of it, beside thinned samples; see `ReducedLog`."""
 
     information: Information
     blocks: tuple[tuple[NDArray[np.intp], tuple[Array, ...]], ...]
@@ -590,7 +590,7 @@ class SectionedLog:
 
 @dataclass(frozen=True, eq=False)
 class ReducedSection:
-    """What is kept of a section of a log when its rows are gone; see `ReducedLog`.
+    """The reduced form of a section of a log, which replaces its rows; see `ReducedLog`.
 
     Attributes
     ----------
@@ -795,7 +795,7 @@ class DrawnRows:
         return np.concatenate([groups.argmin(axis=2), groups.argmax(axis=2)]).T
 
     def _left(self, samples: Samples) -> Array:
-        """What the preliminary model leaves of the torques."""
+        """Return what the preliminary model leaves of the torques."""
         assert self._base is not None
         if samples.regressor is not None:
             return np.vstack([errors for _, errors in residuals(self.model, samples, self._base)])

@@ -1,4 +1,4 @@
-"""What is looked at of a log that is too long to be examined as a whole."""
+"""The rows that are examined of a log that is too long to be examined as a whole."""
 
 from __future__ import annotations
 

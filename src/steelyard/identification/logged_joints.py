@@ -1,4 +1,4 @@
-"""Which joints of a robot a log speaks of: arms are often logged without the fingers that their description has."""
+"""The joints of a robot that a log holds: arms are often logged without the fingers that their description has."""
 
 from __future__ import annotations
 

@@ -71,7 +71,7 @@ FRICTION = 0.5
 
 @dataclass(frozen=True, eq=False)
 class BodyPrior:
-    """What the links may be: a mean and a covariance of their parameters.
+    """A normal prior of the links: the mean and the covariance of their parameters.
 
     Attributes
     ----------

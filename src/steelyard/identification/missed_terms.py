@@ -1,4 +1,4 @@
-"""What of an identified robot a description has no place for, and how much a simulation without it would miss."""
+"""Identified effects for which a description has no place, and the error of a simulation without them."""
 
 from __future__ import annotations
 

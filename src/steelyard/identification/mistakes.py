@@ -1,4 +1,4 @@
-"""What is probably wrong where a model predicts poorly: mistakes in a log or its robot file, each tried."""
+"""Search for the probable cause of a poor prediction: mistakes in a log or its robot file, each of which is tried."""
 
 from __future__ import annotations
 
@@ -367,7 +367,7 @@ class _Search:
         return cost
 
     def _strangeness(self, samples: Samples) -> float:
-        """What speaks against a motion, as a logarithm of odds: beyond the limits, of many turns, too fast."""
+        """Return what speaks against a motion, as a logarithm of odds: beyond the limits, of many turns, too fast."""
         q, n = samples.q, self.count
         low, high = self.limits
         beyond = np.maximum(np.maximum(low - q.min(axis=0), q.max(axis=0) - high), 0.0) / BEYOND
@@ -381,7 +381,7 @@ class _Search:
     # Whether anything is wrong
 
     def is_poor(self) -> bool:
-        """Whether the log as it is leaves something to be explained; what costs little is tried in any case."""
+        """Return whether the log as it is leaves something to be explained; what costs little is tried in any case."""
         base = self.base.fit
         poor = base.error > DOUBTFUL or bool(np.any(base.errors > DOUBTFUL_JOINT))
         poor = poor or self.strangeness > 0.5 * GAIN or base.torque_surprise.max() > 0.5 * GAIN
@@ -403,7 +403,7 @@ class _Search:
                 self._try(one.kind, one.statement, one.correction, 1.0, anywhere=True)
 
     def explained(self) -> bool:
-        """Whether the best hypothesis leaves nothing to be explained."""
+        """Return whether the best hypothesis leaves nothing to be explained."""
         fit = min(self.found, key=lambda candidate: candidate.cost).fitted.fit
         return not (fit.error > POOR or np.any(fit.errors > POOR_JOINT))
 
@@ -516,7 +516,7 @@ class _Search:
                         cost(tuple(_exchanged(order, i, j)))
 
     def _orders_like(self, order: Order) -> float:
-        """How many orders count as much as this one: two columns that are swapped are likelier than more."""
+        """Return how many orders count as much as this one: two columns that are swapped are likelier than more."""
         moved = sum(k != column for k, column in enumerate(order))
         return float(self.count) ** (2 if moved <= 2 else 3)
 
@@ -864,7 +864,7 @@ def _family(kind: str) -> str:
 
 
 def _is_dense(samples: Samples) -> bool:
-    """Whether accelerations half-way between rows are foretold by the rows to a tenth."""
+    """Return whether accelerations half-way between rows are foretold by the rows to a tenth."""
     if samples.t is None or samples.count < 50:
         return False
     rows = slice(0, samples.count - 1 + samples.count % 2, 2)
@@ -923,7 +923,7 @@ def _depth(function: Callable[[float], float], step: float) -> float:
 
 
 def _least(function: Callable[[float], float], grid: Array, halvings: int = 6) -> float:
-    """Where a function is least: at the best of a grid, refined between its neighbours by halves."""
+    """Return the place where a function is least: the best of a grid, refined between its neighbours by halves."""
     values = [function(float(x)) for x in grid]
     k = int(np.argmin(values))
     x, best = float(grid[k]), values[k]

@@ -1,4 +1,4 @@
-"""What an identification found, in a sentence or two, and what is most worth doing next."""
+"""A summary of an identification in a sentence or two, and the next steps that are most worth taking."""
 
 from __future__ import annotations
 
@@ -186,7 +186,7 @@ def _doctor(identification: Identification) -> NextStep:
 
 
 def _other_estimator(identification: Identification) -> Iterator[NextStep]:
-    """Where the rows that an estimator made of the logs mislead, and the rows as measured do not."""
+    """Return where the rows that an estimator made of the logs mislead, and the rows as measured do not."""
     rows, said = identification.information, identification.prediction
     if said.word not in ("poor", "wrong") or not rows.torque_factors:
         return
@@ -206,7 +206,7 @@ def _other_estimator(identification: Identification) -> Iterator[NextStep]:
 
 
 def _weak(identification: Identification) -> Iterator[str]:
-    """What the motion hides, a clause each."""
+    """Return what the motion hides, a clause each."""
     hidden = identification.information.unidentifiable
     weak = [name for name in identification.weak if name not in hidden]
     count = len(identification.unconstrained.base)

@@ -1,4 +1,4 @@
-"""What every number of an answer rests on: data, physics or the prior; with its interval and its value in CAD."""
+"""Table of parameters: what each number rests on (data, physics or the prior), its interval, its value in CAD."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ class LinkRows:
 
 
 def weakest(rows: Iterable[ParameterRow]) -> Basis:
-    """What the least sure of some numbers rests on."""
+    """Return the basis of the least sure of some numbers."""
     return max((row.basis for row in rows), key=BASES.index)
 
 
@@ -147,7 +147,7 @@ class ParameterTable:
         return len(self.rows)
 
     def count(self, basis: Basis) -> int:
-        """How many rest on it."""
+        """Return how many numbers rest on one basis."""
         return sum(row.basis == basis for row in self.rows)
 
     @property
@@ -387,7 +387,7 @@ def _of_a_sensor(covariance: ParameterCovariance, unconstrained: Estimate) -> Pa
 
 @dataclass(frozen=True)
 class _About:
-    """What a quantity is about: the link with this number, or none; and its kind."""
+    """The subject of a quantity: the number of its link, if any, and its kind."""
 
     link: int
     kind: Literal["mass", "center", "first", "second", "principal", "total", "term"]
@@ -455,7 +455,7 @@ def _scales(
     about: list[_About],
     term_scales: ArrayLike | None,
 ) -> Array:
-    """What half-widths are compared with: the size of such a parameter in a link of this mass and extent."""
+    """Return what half-widths are compared with: the size of such a parameter in a link of this mass and extent."""
     bodies = parameters[feasible_set.link_columns]
     mass = bodies[:, 9]
     second = 0.5 * bodies[:, [0, 3, 5]].sum(axis=1)

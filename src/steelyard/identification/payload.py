@@ -1,4 +1,4 @@
-"""What logs with a payload tell: the payload itself, or, where that is known, the gains of the drives."""
+"""Identification from logs with a payload: of the payload or, where that is known, of the gains of the drives."""
 
 from __future__ import annotations
 
@@ -562,7 +562,7 @@ def _is_nothing(logs: Given) -> bool:
 
 
 def _stated(section: TomlTable) -> KnownPayload | None:
-    """What [payload] says of a known payload."""
+    """Return what [payload] says of a known payload."""
     if "mass" not in section:
         return None
     center = (

@@ -1,4 +1,4 @@
-"""What is known of the links of a robot before it moves: a body for each, and where its mass can be."""
+"""The physical prior, which is what is known of each link before the robot moves: a body, and where its mass can be."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ LARGEST_LINK = 20.0  # times the reach of the robot; beyond, the mesh is in anot
 
 @dataclass(frozen=True, eq=False)
 class LinkPrior:
-    """What is known of one link.
+    """The prior knowledge of one link.
 
     Attributes
     ----------
@@ -436,11 +436,11 @@ class _Gathering:
         return np.zeros(10) if solid is None else factor * SHAPE_DENSITY * parameters_of_pseudo_inertia(solid)
 
     def _counts(self, part: DescribedBody, mass: float) -> bool:
-        """Whether what is fixed to a link has a placeholder that matters: many frames weigh next to nothing."""
+        """Return whether what is fixed to a link has a placeholder that matters: many frames weigh next to nothing."""
         return part.inertia is not None and bool(part.problem) and part.inertia.mass > NEGLIGIBLE * mass
 
     def _judged(self, index: int) -> list[DescribedBody]:
-        """What the description says, with what the size of the link contradicts."""
+        """Return what the description says, with what the size of the link contradicts."""
         found = []
         name = self.robot.links[index].name
         heaviest = HEAVIEST * BODY_DENSITY * float(self.bodies[index].moments[3, 3])
@@ -547,7 +547,7 @@ class _Gathering:
         return body if solid is None else float(np.sqrt(body * SHAPE_DENSITY * solid[3, 3]))
 
     def _is_virtual(self, index: int) -> bool:
-        """Whether a link only joins two axes that meet, in a description that has masses for others."""
+        """Return whether a link only joins two axes that meet, in a description that has masses for others."""
         points = [joint.before[:3, 3] for joint in self.robot.joints if joint.parent == index]
         own = self.described[index][0].inertia
         if not points or np.abs(points).max() > SHORTEST_REACH or (own is not None and own.mass != 0.0):
@@ -555,7 +555,7 @@ class _Gathering:
         return any(part.is_usable for parts in self.described for part in parts)
 
     def _common_factor(self) -> float:
-        """How much heavier than assumed the described links of this robot are, by the median."""
+        """Return how much heavier than assumed the described links of this robot are, by the median."""
         found = []
         for index in range(len(self.robot.links)):
             own, *others = self._judged(index)
@@ -565,7 +565,7 @@ class _Gathering:
         return float(np.exp(np.median(found))) if found else 1.0
 
     def _material_is_unset(self) -> bool:
-        """Whether all masses are those of water within the meshes."""
+        """Return whether all masses are those of water within the meshes."""
         weighed = 0
         for index, link in enumerate(self.robot.links):
             own = self.described[index][0]

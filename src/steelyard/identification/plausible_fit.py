@@ -47,7 +47,7 @@ chose for half of 36 simulated logs of twelve arms, within a factor of ten."""
 
 @dataclass(frozen=True, eq=False)
 class PriceOfPlausibility:
-    """What it costs to stay near the prior, for every weight that was tried.
+    """The price of plausibility: the errors of fits that stay near the prior, for every weight that was tried.
 
     Attributes
     ----------
@@ -140,7 +140,7 @@ class PlausibleFit:
 
 @dataclass(frozen=True, eq=False)
 class TriedPrior:
-    """What is known of a robot, and how well fits near it predict data that they have not seen.
+    """A prior with its cross-validation: how well fits near it predict data that was not used in them.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What a motion will tell of every parameter, before a robot makes it."""
+"""Prediction, before a robot makes a motion, of the interval of every parameter that the motion will give."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ is taken to make a tenth."""
 
 @dataclass(frozen=True, eq=False)
 class PredictedIntervals:
-    """What is to be expected of an identification with a motion.
+    """The intervals that are to be expected of an identification with a motion.
 
     Attributes
     ----------

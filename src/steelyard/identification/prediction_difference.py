@@ -1,4 +1,4 @@
-"""How the torques that several estimates predict differ: on logs, or on random motions within the limits."""
+"""Differences between the torques that several estimates predict, on logs or on random motions within the limits."""
 
 from __future__ import annotations
 

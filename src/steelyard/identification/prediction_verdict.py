@@ -62,7 +62,7 @@ _SAID: dict[Word, str] = {
 
 @dataclass(frozen=True, eq=False)
 class PredictionVerdict:
-    """How well a model predicts torques that were not used to find it.
+    """The verdict on how well a model predicts torques that were not used to find it.
 
     Attributes
     ----------

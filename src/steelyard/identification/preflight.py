@@ -1,4 +1,4 @@
-"""Whether a description can be believed, before anything moves: link by link, with the probable cause of a fault."""
+"""Examination of a description before anything moves: each link is judged, with the probable cause of a fault."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class _Body:
 
 @dataclass(frozen=True, eq=False)
 class LinkReport:
-    """What is said of one link of the description.
+    """The judgement of one link of the description.
 
     Attributes
     ----------
@@ -332,7 +332,7 @@ def _covariance(moments: Array) -> Array:
 
 
 def _mismatch(body: _Body, reference: tuple[Array, bool], density: float) -> float:
-    """How far a body is from its reference, in squared standard deviations."""
+    """Return how far a body is from its reference, in squared standard deviations."""
     moments, has_shape = reference
     of_density, of_place, of_moments = SPREAD[has_shape]
     around = _covariance(moments)
@@ -350,7 +350,7 @@ def _mismatch(body: _Body, reference: tuple[Array, bool], density: float) -> flo
 
 
 def _causes(body: _Body, axes: Array) -> Iterator[tuple[str, float, _Body]]:
-    """What the body would be without a mistake: the mistake, what it costs to assume it, and the body."""
+    """Return what the body would be without a mistake: the mistake, what it costs to assume it, and the body."""
     mass, com, tensor = body.mass, body.com, body.tensor
 
     def scaled(of_mass: float, of_length: float, of_tensor: float) -> _Body:
@@ -406,7 +406,7 @@ def _causes(body: _Body, axes: Array) -> Iterator[tuple[str, float, _Body]]:
 
 
 def _is_copy(one: _Body, other: _Body) -> bool:
-    """Whether two bodies are the same to the last digit, and not the same by symmetry."""
+    """Return whether two bodies are the same to the last digit, and not the same by symmetry."""
     a, b = one.inertia.parameters, other.inertia.parameters
     if one.mass <= TINY or not np.allclose(a, b, rtol=SAME, atol=0.0):
         return False
@@ -414,7 +414,7 @@ def _is_copy(one: _Body, other: _Body) -> bool:
 
 
 def _differ(one: tuple[Array, bool] | None, other: tuple[Array, bool] | None) -> bool:
-    """Whether two links look different: the legs of a quadruped are alike for a reason."""
+    """Return whether two links look different: the legs of a quadruped are alike for a reason."""
     if one is None or other is None:
         return False
     first, second = one[0], other[0]

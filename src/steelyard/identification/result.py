@@ -1,4 +1,4 @@
-"""What an identification returns: both estimates, the verdict, and how well they predict."""
+"""The result of an identification: both estimates, the verdict, and how well they predict."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class Trace:
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """How well both estimates predict the torques of one log.
+    """The errors with which both estimates predict the torques of one log.
 
     Attributes
     ----------

@@ -164,7 +164,7 @@ def check_certificate(
 def _proved_anew(
     document: Mapping[str, Any], feasible_set: FeasibleSet, verified: CertificateCheck, robot: Path
 ) -> CertificateCheck:
-    """What is proved of a robot whose numbers differ from those of a certificate in their last digits.
+    """Return what is proved of a robot whose numbers differ from those of a certificate in their last digits.
 
     The certificate proves nothing of this robot then, so that its base parameters are judged once more.
     """
@@ -429,7 +429,7 @@ def parameters_for_source(
 
 @dataclass(frozen=True, eq=False)
 class EstimateExplanation:
-    """Why a saved estimate is impossible, or what is known of its parameters; `explain_estimate` returns it.
+    """An explanation why a saved estimate is impossible, or of what is known of its parameters; see `explain_estimate`.
 
     Attributes
     ----------

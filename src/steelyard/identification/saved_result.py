@@ -1,4 +1,4 @@
-"""What identify saved: an estimate, and beside it the record of how it was made."""
+"""Results that `identify` saved: an estimate, and beside it the record of how it was made."""
 
 from __future__ import annotations
 
@@ -167,7 +167,7 @@ class SavedResult:
         return None
 
     def has_seen(self, log: object) -> bool:
-        """Whether a log was used to make the estimate, by its content."""
+        """Return whether a log was used to make the estimate, by its content."""
         if self.record is None:
             return False
         used = {content_hash(entry) for log in self.record["logs"] for entry in log}

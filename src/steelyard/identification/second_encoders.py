@@ -40,7 +40,7 @@ TRIM = 0.3
 
 @dataclass(frozen=True)
 class SecondEncoders(TomlSection):
-    """Which columns of a log are the second encoders of elastic joints: the section ``[elastic]`` of robot.toml.
+    """The columns of a log that are the second encoders of elastic joints: the section ``[elastic]`` of robot.toml.
 
     Parameters
     ----------

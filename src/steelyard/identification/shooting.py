@@ -173,7 +173,7 @@ class Unknown:
 
 @dataclass(frozen=True, eq=False)
 class ShootingResult:
-    """What was found.
+    """The result of the search by shooting.
 
     Attributes
     ----------
@@ -745,17 +745,17 @@ class _System:
         self.merit = total
 
     def expected(self, step: Array) -> float:
-        """How much smaller a step makes the squared error, as far as that is quadratic."""
+        """Return how much smaller a step makes the squared error, as far as that is quadratic."""
         return float(2.0 * self.gradient @ step - step @ self.hessian @ step)
 
     def place(self, branch: int, log: int) -> slice:
-        """Where the start of a log stands for a branch."""
+        """Return where the start of a log stands for a branch."""
         width = 2 * self.problem.branches[branch].count
         begin = int(self.offsets[branch]) + log * width
         return slice(begin, begin + width)
 
     def places(self, branch: int, log: int) -> NDArray[np.intp]:
-        """Where the start of a log and the unknowns of a branch stand."""
+        """Return where the start of a log and the unknowns of a branch stand."""
         own = self.place(branch, log)
         return np.concatenate([np.arange(own.start, own.stop), self.offsets[-1] + self.problem.own_unknowns[branch]])
 

@@ -1,4 +1,4 @@
-"""What the transmissions of an identified robot carry, and the motion of the links behind them."""
+"""Torques that the transmissions of an identified robot carry, and the motion of the links behind them."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 
 class Transmissions:
-    """What the transmissions of an identified robot carry."""
+    """A model of the torques that the transmissions of an identified robot carry."""
 
     def __init__(self, model: Model, parameters: Array) -> None:
         self.model, self.parameters = model, parameters
@@ -50,7 +50,7 @@ class Transmissions:
         return np.asarray(self.plain.inverse_dynamics(q, dq, ddq, [known[name] for name in self.plain.parameter_names]))
 
     def missing_rotor(self, joint: int, stiffness: JointStiffness) -> float:
-        """By how much the inertia of a joint's motor exceeds that of its rotor among the parameters.
+        """Return by how much the inertia of a joint's motor exceeds that of its rotor among the parameters.
 
         Torques alone do not tell the two apart from the links where the joint is the first or the second of an arm.
         """
@@ -68,7 +68,7 @@ class Transmissions:
         return all(described[columns[9]] > 0.0 for columns in self.model.link_columns)
 
     def tells_rotor(self, joint: int) -> bool:
-        """Whether torques alone tell the inertia of a joint's rotor from that of the links."""
+        """Return whether torques alone tell the inertia of a joint's rotor from that of the links."""
         base = self.model.base_parameters()
         place = self.rotors[joint]
         if place < 0:
@@ -78,7 +78,7 @@ class Transmissions:
 
 
 def _motor_side(model: Model) -> NDArray[np.bool_]:
-    """Which parameters are those of terms on the motor's side of the transmission."""
+    """Return which parameters are those of terms on the motor's side of the transmission."""
     robot = model.robot
     kinds = [flag for term in robot.terms for flag in [acts_on_motors(term, robot.dof)] * len(term.parameters)]
     flags = np.zeros(model.parameter_count, dtype=bool)
@@ -92,7 +92,7 @@ def _motor_side(model: Model) -> NDArray[np.bool_]:
 
 
 def _rotors(model: Model) -> NDArray[np.intp]:
-    """For each coordinate the place of its rotor inertia among the parameters, -1 where there is none."""
+    """Return for each coordinate the place of its rotor inertia among the parameters, -1 where there is none."""
     found = np.full(model.dof, -1)
     names = list(model.parameter_names)
     for k, joint in enumerate(model.robot.driving_joints):  # whose number parameters bear, with joints that mimic too

@@ -1,4 +1,4 @@
-"""How well a saved estimate predicts logs that it has not seen."""
+"""Validation of a saved estimate: how well it predicts logs that were not used to find it."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ _RIGID = (
 
 @dataclass(frozen=True, eq=False)
 class LogError:
-    """How well one log is predicted.
+    """The error with which one log is predicted.
 
     Attributes
     ----------

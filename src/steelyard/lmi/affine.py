@@ -58,7 +58,7 @@ def vector_to_symmetric(vector: Vector) -> Matrix:
 
 
 def is_positive_definite(matrix: Matrix) -> bool:
-    """Whether a symmetric matrix is positive definite, proved by a Cholesky factorisation in floating point.
+    """Return whether a symmetric matrix is positive definite, proved by a Cholesky factorisation in floating point.
 
     A bound of the rounding errors of the factorisation is subtracted from the matrix first, so that success is a proof
     for the matrix as stored (S. M. Rump, Verification of positive definiteness, BIT 46, 2006).
@@ -273,7 +273,7 @@ class AffineStack:
         return found
 
     def all_positive(self, parameters: Vector) -> bool:
-        """Whether all blocks are proved positive definite; 1 x 1 blocks may also be zero."""
+        """Return whether all blocks are proved positive definite; 1 x 1 blocks may also be zero."""
         values = self.constant + self.coefficients @ parameters
         if not np.all(np.isfinite(values)) or np.any(values[: self.scalar_count] < 0):
             return False

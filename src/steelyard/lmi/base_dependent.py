@@ -1,4 +1,4 @@
-"""From standard parameters δ to base-dependent ones (β, δ_d) and back (thesis 3.10 to 3.13, 3.32)."""
+"""Change from standard parameters δ to base-dependent ones (β, δ_d) and back (thesis 3.10 to 3.13, 3.32)."""
 
 from __future__ import annotations
 

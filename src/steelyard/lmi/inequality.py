@@ -279,7 +279,7 @@ class LinearMatrixInequality:
         return float(self.eigenvalues(values).min(initial=np.inf))
 
     def is_positive_definite(self, values: Values) -> bool:
-        """Whether every block is proved positive definite, by `is_positive_definite` of single matrices."""
+        """Return whether every block is proved positive definite, by `is_positive_definite` of single matrices."""
         return all(is_positive_definite(block) for block in self.evaluate(values))
 
     # Others made from it

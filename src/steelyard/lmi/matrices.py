@@ -214,7 +214,7 @@ def rearranged(block: AffineBlock, names: Sequence[str], order: Sequence[str]) -
 
 
 def same_matrices(one: AffineBlock, other: AffineBlock) -> bool:
-    """Whether two blocks in the same variables are the same function; their names do not count."""
+    """Return whether two blocks in the same variables are the same function; their names do not count."""
     if one.size != other.size or not np.array_equal(one.constant, other.constant):
         return False
     return all(map(np.array_equal, _nonzero(one), _nonzero(other)))
@@ -262,7 +262,7 @@ def values_as_vector(values: Mapping[str, Any] | npt.ArrayLike, names: Sequence[
 
 
 def linear_map(names: Sequence[str], values: Mapping[str, Any]) -> tuple[tuple[str, ...], Matrix, Vector]:
-    """What substituting expressions for variables does: x = matrix y + offset.
+    """Return what substituting expressions for variables does: x = matrix y + offset.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What runs while the robot moves."""
+"""Estimation and excitation that run while the robot moves."""
 
 from typing import TYPE_CHECKING
 

@@ -101,7 +101,7 @@ with 0.2 in 19.9 s."""
 
 @dataclass(frozen=True, eq=False)
 class ExcitationStep:
-    """What was known when a part of the motion began.
+    """The state of the knowledge when a part of the motion began.
 
     Attributes
     ----------
@@ -165,7 +165,7 @@ class _Reference:
 
 @dataclass(eq=False)
 class _Knowledge:
-    """What is known of the robot at one time."""
+    """The knowledge of the robot at one time."""
 
     parameters: Array
     base: Array
@@ -559,7 +559,7 @@ class ActiveExcitation:
         return CompiledVjp(self.model.function("inverse_dynamics"), {"parameters": held}), held
 
     def _assumed(self) -> _Knowledge:
-        """What is known before any measurement."""
+        """Return what is known before any measurement."""
         parameters = self._credible.parameters
         empty = Information.empty(self.model)
         return self._known(parameters, FIRST_NOISE * self._credible.torque_sizes, empty)

@@ -1,4 +1,4 @@
-"""What data an Information rests on: all of it, that of a window, or the more the newer it is."""
+"""The data that an Information counts: all of it, that of a window, or the more the newer it is."""
 
 from __future__ import annotations
 

@@ -136,7 +136,7 @@ class EvenStream:
         return self._steps / self._time if self._steps >= 100 and self._time > 0.0 else float("nan")
 
     def remarks(self) -> tuple[str, ...]:
-        """What the user should know of the samples, in sentences."""
+        """Return what the user should know of the samples, in sentences."""
         count, found = self.counts, []
         ms = 1e3 * self.longest_gap
         for key, text in (

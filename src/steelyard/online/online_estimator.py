@@ -80,7 +80,7 @@ RELEARNING = 5.0
 
 @dataclass(frozen=True, eq=False)
 class OnlineEstimate:
-    """What is known of the robot at a moment.
+    """The estimate of the robot at one moment, with its uncertainty.
 
     Attributes
     ----------
@@ -132,7 +132,7 @@ class OnlineEstimate:
 
 @dataclass(eq=False)
 class _Slow:
-    """What changes slowly from one solution to the next."""
+    """Values that change slowly from one solution to the next."""
 
     rows: int
     weights: Array

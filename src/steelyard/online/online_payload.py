@@ -1,4 +1,4 @@
-"""What a robot has just picked up: mass, centre of mass and inertia, with their intervals, while it moves on."""
+"""Estimation of a payload that a moving robot has just picked up: mass, centre of mass and inertia, with intervals."""
 
 from __future__ import annotations
 
@@ -143,7 +143,7 @@ class OnlinePayload:
 
 @dataclass(frozen=True, eq=False)
 class _Told:
-    """What rows tell of the ten parameters: ``|R p - rho|²``, their least squares and its covariance."""
+    """The information of rows on the ten parameters: ``|R p - rho|²``, their least squares and its covariance."""
 
     R: Array
     rho: Array

@@ -32,7 +32,7 @@ SHOWN = (0.3, 0.5, 1.0, 2.0, 3.0, 5.0)
 
 @dataclass(frozen=True, eq=False)
 class PickUp:
-    """What the sensors of a simulated arm tell while it picks something up.
+    """The measurements of a simulated arm that picks something up.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class PickUp:
 
 @dataclass(frozen=True, eq=False)
 class PickUpRun:
-    """What an estimator knew of the payload of a `PickUp`, and when.
+    """The estimates of the payload of a `PickUp`, with the times at which they were made.
 
     Attributes
     ----------

@@ -34,7 +34,7 @@ LAST_MOTION = 15.0
 
 @dataclass(frozen=True, eq=False)
 class SimulatedExcitation:
-    """What :func:`excite_on_the_fly` did and learned.
+    """The motion that :func:`excite_on_the_fly` made and the estimates that came of it.
 
     Attributes
     ----------

@@ -207,7 +207,7 @@ class _Tables:
 
 @dataclass(frozen=True)
 class _Structure:
-    """Where a Newton matrix and its Cholesky factor have elements, column by column in the order of elimination."""
+    """The pattern of a Newton matrix and its Cholesky factor, column by column in the order of elimination."""
 
     order: list[int]
     column_start: list[int]
@@ -241,7 +241,7 @@ class _Structure:
         return cls(order, starts, rows, place, entry)
 
     def at(self, first: int, second: int) -> int:
-        """Where the element of two unknowns stands."""
+        """Return where the element of two unknowns stands."""
         i, j = int(self.place[first]), int(self.place[second])
         return self.entry[max(i, j), min(i, j)]
 
@@ -459,7 +459,7 @@ def _with_estimator(text: str, name: str) -> str:
 
 
 def _guide(name: str) -> str:
-    """What the README says of the estimator."""
+    """Return what the README says of the estimator."""
     return f"""
 ## The estimator
 

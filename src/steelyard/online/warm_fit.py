@@ -39,7 +39,7 @@ MOST_STEPS = 80
 
 @dataclass(frozen=True, eq=False)
 class WarmAnswer:
-    """What a search reached.
+    """The point that a search reached.
 
     Attributes
     ----------
@@ -85,7 +85,7 @@ class WarmFit:
         self._multipliers = np.ones(len(self._rows))
 
     def inside(self, parameters: Array) -> bool:
-        """Whether every condition holds with the margin, and matrices have the factors that a step needs."""
+        """Return whether every condition holds with the margin, and matrices have the factors that a step needs."""
         if not np.all(self._rows @ parameters + self._constants > 0.0):
             return False
         try:
@@ -188,7 +188,7 @@ class WarmFit:
             add_log_determinants(matrices[None], coefficients, own, np.array([-factor]), gradient[None], hessian[None])
 
     def _longest(self, point: Array, step: Array, slacks: Array, change: Array) -> float:
-        """How many times the step reaches the boundary of the set."""
+        """Return how many times the step reaches the boundary of the set."""
         longest = _times_until_zero(slacks, change)
         for own, coefficients, constants in self._groups:
             matrices = constants + np.einsum("bi,biac->bac", point[own], coefficients)
@@ -201,6 +201,6 @@ class WarmFit:
 
 
 def _times_until_zero(values: Array, change: Array) -> float:
-    """How many times a change can be added to positive values until the first of them is zero."""
+    """Return how many times a change can be added to positive values until the first of them is zero."""
     falling = change < 0.0
     return float(np.min(values[falling] / -change[falling], initial=np.inf))

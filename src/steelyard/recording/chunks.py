@@ -359,7 +359,7 @@ def process_chunks(
 
 @dataclass
 class SeenRows:
-    """What is gathered of the rows of a log, or of a section of it, while they are processed.
+    """Statistics that are gathered of the rows of a log, or of a section of it, while they are processed.
 
     Attributes
     ----------

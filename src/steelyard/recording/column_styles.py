@@ -1,4 +1,4 @@
-"""How programs name the columns of a log: a table in which each entry is one way of naming one quantity.
+"""A table of the names that programs give to the columns of a log; each entry is one way of naming one quantity.
 
 In a pattern, ``{word}`` stands for one of the words of the entry, ``{name}`` for the name of a joint and ``{number}``
 for its number, which counts from 0 where the log has a 0, and from 1 otherwise. Capitals do not matter, nor whether

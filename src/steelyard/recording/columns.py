@@ -52,7 +52,7 @@ Matrix = tuple[Vector, ...]
 
 @dataclass(frozen=True)
 class LogColumns(TomlSection):
-    """Which columns of a log are what, in which units: the `[log]` section of robot.toml.
+    """The meaning and the units of the columns of a log: the `[log]` section of robot.toml.
 
     Every key may be left out; what is left out is looked for in the header by the rules of `find_columns`.
 

@@ -1,4 +1,4 @@
-"""From the columns of a log to measurements in SI units: units, gains, matrices, and the times of the rows."""
+"""Conversion of the columns of a log to measurements in SI units: units, gains, matrices, and the times of the rows."""
 
 from __future__ import annotations
 

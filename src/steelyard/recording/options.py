@@ -50,7 +50,7 @@ how a message puts that."""
 
 @dataclass(frozen=True)
 class Processing(TomlSection):
-    """How a recording becomes samples (thesis, section 4.3.3): the `[processing]` section of robot.toml.
+    """Options for making samples of a recording (thesis, section 4.3.3): the `[processing]` section of robot.toml.
 
     The steps, in this order: rows are placed on an even clock where they are not, torques are moved by the delay,
     positions are filtered without phase shift and derived, ends trimmed, everything decimated, rows that are not to be

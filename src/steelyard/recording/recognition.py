@@ -1,4 +1,4 @@
-"""Which columns of a log are what, by the `[log]` section and by the names of the columns."""
+"""Recognition of the columns of a log, by the `[log]` section and by the names of the columns."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ _EPOCHS = {"s": (1e8, 1e10), "ms": (1e11, 1e13), "us": (1e14, 1e16), "ns": (1e17
 
 @dataclass(frozen=True)
 class ColumnMeaning:
-    """What a column of a log was understood to be.
+    """The meaning that was found for a column of a log.
 
     Attributes
     ----------
@@ -367,7 +367,7 @@ class _Search:
         return self.columns.torque_matrix if kind == "torque" else self.columns.position_matrix
 
     def _expected(self, kind: str) -> int | None:
-        """How many columns of a quantity there must be, where that is known."""
+        """Return how many columns of a quantity there must be, where that is known."""
         matrix = self._matrix(kind)
         return self.joint_count if matrix is None else len(matrix[0])
 
@@ -802,7 +802,7 @@ class _Search:
         return whole * TIME_UNITS[self._time_unit(clock)[0]]
 
     def _runs(self, clock: _Clock) -> bool:
-        """Whether a clock has times, and they are not all the same."""
+        """Return whether a clock has times, and they are not all the same."""
         try:
             head = self._head(clock)
         except InputError:  # texts
@@ -810,7 +810,7 @@ class _Search:
         return len(head) < 2 or bool(np.any(head != head[0]))
 
     def _agree(self, clocks: Sequence[_Clock]) -> bool:
-        """Whether clocks run alike: the same intervals, to a thousandth of the span."""
+        """Return whether clocks run alike: the same intervals, to a thousandth of the span."""
         heads = [self._head(clock) for clock in clocks]
         if any(len(head) < 2 or len(head) != len(heads[0]) for head in heads):
             return False

@@ -119,7 +119,7 @@ class Samples:
         object.__setattr__(self, "remarks", tuple(self.remarks))
 
     def is_biased_for(self, model: Model) -> bool:
-        """Whether torques went through a filter that the regressor of a model did not."""
+        """Return whether torques went through a filter that the regressor of a model did not."""
         return self.filtered_torque and self.regressor_model is not model
 
     def channels_for(self, model: Model, part: slice = slice(None)) -> NDArray[np.float64] | None:

@@ -59,7 +59,7 @@ most; white noise has a quarter."""
 
 @dataclass(frozen=True, eq=False)
 class CombinedRows:
-    """What takes the place of the rows ``[W omega]`` of one joint.
+    """Combinations that replace the rows ``[W omega]`` of one joint.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ class CombinedRows:
 
 @dataclass(frozen=True)
 class RegressorSource:
-    """What computes the base regressor of some samples, all of it or what suffices where the motion is smooth.
+    """A source of the base regressor of samples: of all entries or, where the motion is smooth, of as many as suffice.
 
     An array that one of these returns is overwritten by the next call of the same one.
 
@@ -395,7 +395,7 @@ class _Projections:
 
 
 class _Combination:
-    """What takes the place of the neighbours of one joint.
+    """The combination that replaces the neighbours of one joint.
 
     Parameters
     ----------

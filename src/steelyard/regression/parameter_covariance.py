@@ -31,7 +31,7 @@ NORMAL = 1.959963984540054
 
 @dataclass(frozen=True, eq=False)
 class ResidualCorrelation:
-    """How far the residuals of each joint are correlated in time.
+    """The correlation in time of the residuals of each joint.
 
     Attributes
     ----------
@@ -312,7 +312,7 @@ def _long_run(info: Information, beta: Array, used: Array, inverse: Array) -> tu
     factors = info.factors
 
     def seen(factor: Factor, weight: float) -> Array:
-        """What the rows of a factor contribute to A, in the coordinates in which A is one: (r, r)."""
+        """Return what the rows of a factor contribute to A, in the coordinates in which A is one: (r, r)."""
         rows = weight * factor.triangle[:, :-1] @ inverse[factor.columns]
         return np.asarray(rows.T @ rows)
 

@@ -1,4 +1,4 @@
-"""From samples to triangular factors: rows of single joints, weighted rows, and rows whitened across the joints."""
+"""Reduction of samples to triangular factors: of single joints, of weighted rows, or of rows whitened across joints."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ def residuals_of_rows(model: Model, rows: Sequence[Array], base: Array) -> Array
 
 
 def narrowing(wider: Model, model: Model) -> Array:
-    """What the base regressor of a model is times to be that of the same robot with fewer terms, (n_b, n_c)."""
+    """Return the matrix (n_b, n_c) that turns the base regressor into that of the same robot with fewer terms."""
     whole = wider.base_parameters()
     places = {str(name): index for index, name in enumerate(whole.parameter_names)}
     # A column of the regressor is the base regressor times the column of its parameter in K.

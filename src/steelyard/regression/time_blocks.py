@@ -77,7 +77,7 @@ class _Block:
 
 
 class TimeBlocks:
-    """At most so many blocks of data, each a contiguous stretch, however long the data is.
+    """A bounded number of blocks of data, each a contiguous stretch, however long the data is.
 
     When there are too many, neighbours are merged. What the blocks are follows from the data alone, not from the
     chunks in which it was read.

@@ -100,7 +100,7 @@ class View:
         return self.vector(np.asarray(places, dtype=float) - self.center) + 0.5 * np.array([self.width, self.height])
 
     def depth(self, place: ArrayLike) -> float:
-        """How near to the reader a place is, m."""
+        """Return how near to the reader a place is, m."""
         return float(self.rows[2] @ np.asarray(place, dtype=float))
 
 

@@ -1,4 +1,4 @@
-"""What the motion of the logs shows and what it hides: singular values, weak combinations, and a motion that helps."""
+"""The section on excitation: singular values, combinations that the motion hides, and a motion that shows them."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def excitation(identification: Identification) -> Markup:
 
 
 def _motion(identification: Identification, expression: str) -> str:
-    """What the joint of a base parameter has to do so that it shows."""
+    """Return what the joint of a base parameter has to do so that it shows."""
     model = identification.model
     match = re.match(r"(?:[\d.]+\s*\*?\s*)?\(?([A-Za-z]+?)(\d+)", expression)
     names = identification.estimate.joint_names

@@ -1,4 +1,4 @@
-"""What plain least squares makes impossible, link by link, in words and numbers."""
+"""The section on links that plain least squares makes impossible, in words and numbers."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def impossible(identification: Identification) -> Markup:
 
 
 def _words(identification: Identification) -> dict[str, str]:
-    """What is wrong with each condition, for the parameters nearest to the answer with that base."""
+    """Return what is wrong with each condition, for the parameters nearest to the answer with that base."""
     parameters, feasible_set = identification.estimate.parameters, identification.feasible_set
     if parameters is None:
         return {}

@@ -19,7 +19,7 @@ ROUNDING = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class LinkBody:
-    """What of a link's mass can be drawn, in the frame of the link.
+    """The drawn body of a link, in the frame of the link.
 
     The solid ellipsoid and the solid box of uniform density have the mass, the centre of mass and the inertia of the
     link. They exist exactly where some body of positive density has them.

@@ -170,7 +170,7 @@ class NearPair:
 
 @dataclass(frozen=True, eq=False)
 class Nearness:
-    """How near pairs of links come to each other.
+    """The distances between pairs of links.
 
     Attributes
     ----------

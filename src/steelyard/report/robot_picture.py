@@ -240,7 +240,7 @@ class PlacedRobot:
         return self.turn @ center, radii @ self.turn.T
 
     def is_near(self, place: Array) -> bool:
-        """Whether it lies within the picture."""
+        """Return whether it lies within the picture."""
         return float(np.linalg.norm(place - self.middle)) <= FAR * self.scene.size
 
     def point(self, place: Array) -> Array:

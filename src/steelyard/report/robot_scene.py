@@ -1,4 +1,4 @@
-"""Where the frames, joints and links of a robot are in one configuration."""
+"""Positions of the frames, joints and links of a robot in one configuration."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the predicted torque of each joint comes from: gravity, inertia, friction and so on."""
+"""The parts of the predicted torque of each joint: gravity, inertia, friction and so on."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What there is to look at of a robot: its links, their shapes and their inertia, and what is known of them."""
+"""The robot that the 3D view shows: its links, their shapes and their inertia, and what is known of them."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ TOO_LARGE = "ellipsoids larger than the robot"
 
 @dataclass(frozen=True, eq=False)
 class LinkKnowledge:
-    """What the numbers of a link rest on."""
+    """The basis of the numbers of a link: data, physics or the prior."""
 
     rows: LinkRows
 

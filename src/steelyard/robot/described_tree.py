@@ -1,4 +1,4 @@
-"""From the links and joints of a description to a robot: fixed and locked joints are merged, mimics resolved."""
+"""A robot from the links and joints of a description: fixed and locked joints are merged, mimics resolved."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class DescribedLink:
 
 @dataclass(frozen=True)
 class DescribedMimic:
-    """What drives a joint: value = multiplier * value of `joint` + offset."""
+    """The relation by which another joint drives this one: value = multiplier * value of `joint` + offset."""
 
     joint: str
     multiplier: float
@@ -136,7 +136,7 @@ class _Drive(NamedTuple):
 
 
 class _Place(NamedTuple):
-    """Where a link of the description is carried: index of the moving link (-1: base) and placement in its frame."""
+    """The moving link that carries a link of the description: its index (-1: base), and the placement in its frame."""
 
     link: str
     carrier: int

@@ -83,7 +83,7 @@ class DescriptionFormat(ABC):
         raise InputError(f"{source}: descriptions of this format are read only; estimate.json holds the parameters.")
 
     def refusal(self, robot: Robot) -> str:
-        """Why the description of a robot cannot be written, as a sentence; empty where it can."""
+        """Return why the description of a robot cannot be written, as a sentence; empty where it can."""
         return ""
 
     @property

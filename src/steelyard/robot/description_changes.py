@@ -1,4 +1,4 @@
-"""What an estimate changes in a description, whatever its format: inertias of links, and friction of joints."""
+"""Changes that an estimate makes to a description of any format: inertias of links, and friction of joints."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SAME = 1e-12
 
 @dataclass(frozen=True)
 class DescriptionChanges:
-    """What is to be written; what an estimate leaves as it is, is not in here.
+    """The values that are written into a description; values that an estimate leaves as they are do not appear.
 
     Parameters
     ----------

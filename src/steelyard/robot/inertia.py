@@ -102,7 +102,7 @@ def moment_row(quadratic: Matrix) -> Matrix:
 
 
 def transformation(placement: Matrix) -> Matrix:
-    """How the ten parameters change where every point r of the body goes to T (r, 1): P becomes T P Tᵀ.
+    """Return how the ten parameters change where every point r of the body goes to T (r, 1): P becomes T P Tᵀ.
 
     Parameters
     ----------

@@ -101,7 +101,7 @@ SPRINGS_AND_POWERS = ("spring_stiffness", "spring_rest", "quadratic_damping", "c
 
 @dataclass(frozen=True, eq=False)
 class Drives:
-    """What the drives of a robot add, of each coordinate moving alone; NaN where nothing is known.
+    """Inertia, damping and friction that drives add to each coordinate when it moves alone; NaN where unknown.
 
     Parameters
     ----------

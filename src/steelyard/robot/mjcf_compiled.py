@@ -86,7 +86,7 @@ MEMORY, MEMORY_PER_BYTE = 2**31, 50  # bytes of its address space
 
 @dataclass(frozen=True)
 class CompiledMjcf:
-    """What a description comes to, with defaults, frames and settings of the compiler resolved.
+    """A description in which defaults, frames and settings of the compiler are resolved.
 
     Parameters
     ----------
@@ -271,7 +271,7 @@ class _Excerpt:
         return parts
 
     def is_only_seen(self, geom: MjcfElement, weighs: bool) -> bool:
-        """Whether a geom is made of a file that tells nothing of an inertia."""
+        """Return whether a geom is made of a file that tells nothing of an inertia."""
         of_file = "mesh" in geom.attributes or geom.attributes.get("type") in ("mesh", "hfield", "sdf")
         if "hfield" in geom.attributes or geom.attributes.get("type") == "hfield":
             return True

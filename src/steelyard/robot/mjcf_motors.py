@@ -27,7 +27,7 @@ _SIZES = {FREE: (7, 6), BALL: (4, 3)}
 
 @dataclass(frozen=True)
 class MjcfMotor:
-    """What stands between a joint and its motor, and what the motor has itself, all on the joint side of the gear.
+    """The motor of a joint and the transmission between them, all values on the joint side of the gear.
 
     Parameters
     ----------

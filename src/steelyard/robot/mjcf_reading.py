@@ -70,7 +70,7 @@ FEATHERLESS = ("plane", "hfield")
 
 
 class BeyondReadingError(Exception):
-    """What an MJCF holds that MuJoCo alone reads, as the subject of a sentence."""
+    """An MJCF holds something that only MuJoCo reads; the message names it, as the subject of a sentence."""
 
 
 def read_compiled(document: MjcfDocument) -> CompiledMjcf:

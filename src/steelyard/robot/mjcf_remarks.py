@@ -1,4 +1,4 @@
-"""What to tell of an MJCF: where the numbers of the robot come from, and what it holds that a robot does not have."""
+"""Remarks on an MJCF: where the numbers of the robot come from, and which of its elements a robot does not have."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From a resolved MJCF to the links and joints of a robot, and what it holds that a robot does not have."""
+"""Reading of a resolved MJCF: the links and joints of a robot, and the elements that a robot does not have."""
 
 from __future__ import annotations
 

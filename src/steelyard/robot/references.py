@@ -1,4 +1,4 @@
-"""Where the files are that a description names: meshes, models and packages, found without ROS or Gazebo."""
+"""Search for the files that a description names: meshes, models and packages, without ROS or Gazebo."""
 
 from __future__ import annotations
 

@@ -109,7 +109,7 @@ class _Scope:
         raise self.reader.said(element, f'there is no link, joint or frame "{name}"; {suggestion(name, self.names)}')
 
     def is_within(self, model: SdfFrame) -> bool:
-        """Whether the names are those of a model, or of one in it."""
+        """Return whether the names are those of a model, or of one in it."""
         return self.origin is model or (self.outer is not None and self.outer.is_within(model))
 
     def canonical(self, element: etree._Element | None) -> SdfFrame:

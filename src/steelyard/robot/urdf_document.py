@@ -68,7 +68,7 @@ def _content(path: Path, xacro_arguments: Mapping[str, str] | None) -> tuple[byt
 
 
 def is_xacro(path: Path, content: bytes) -> bool:
-    """Whether a file is a xacro.
+    """Return whether a file is a xacro.
 
     Examples
     --------

@@ -174,7 +174,7 @@ class XmlEdit:
         self._edits.append((min(begin, end), end, text.encode("ascii")))
 
     def _closing(self, element: XmlElement) -> int:
-        """Where the end tag of an element begins."""
+        """Return where the end tag of an element begins."""
         return self.data.rindex(b"</", element.start_tag_end, element.end)
 
     def remove(self, element: XmlElement) -> None:
@@ -219,7 +219,7 @@ class XmlEdit:
         self._edits.append((place, place, text.encode("ascii", "xmlcharrefreplace")))
 
     def _line_start(self, position: int) -> int | None:
-        """Where the line of this position begins, if only white space stands before it; None otherwise."""
+        """Return where the line of this position begins, if only white space stands before it; None otherwise."""
         begin = self.data.rfind(b"\n", 0, position) + 1
         return begin if not self.data[begin:position].strip() else None
 
@@ -228,7 +228,7 @@ class XmlEdit:
         return self._edited(0, len(self.data))
 
     def content(self) -> bytes:
-        """What is inside the root element, with all edits made."""
+        """Return what is inside the root element, with all edits made."""
         if self.root.empty:
             return b""
         return self._edited(self.root.start_tag_end, self._closing(self.root))

@@ -160,7 +160,7 @@ def branches_of(robot: Robot) -> tuple[Branch, ...]:
 
 @dataclass(frozen=True, eq=False)
 class Directions:
-    """By what the motion of a branch is differentiated: m numbers, and how what is simulated changes with each.
+    """The m variables by which the motion of a branch is differentiated, and the change of the simulation with each.
 
     Attributes
     ----------
@@ -184,7 +184,7 @@ class Directions:
 
 @dataclass(frozen=True, eq=False)
 class DrivenMotion:
-    """What a batch of K stretches of L intervals gave for each of B branches of n joints.
+    """The simulated motion of a batch of K stretches of L intervals, for each of B branches of n joints.
 
     Attributes
     ----------

@@ -33,7 +33,7 @@ __all__ = ["Motion", "body_wrench", "inverse_dynamics", "joint_torques", "link_m
 
 @dataclass(frozen=True)
 class Motion:
-    """How a link moves, in its own frame."""
+    """The motion of a link, in its own frame."""
 
     angular_velocity: Vector3
     angular_acceleration: Vector3

@@ -132,7 +132,7 @@ class Search:
         return minimal_face(self.problem)
 
     def _is_ray(self, point: Vector, unit: Vector) -> bool:
-        """Whether the objective falls without bound along a direction that stays inside the set."""
+        """Return whether the objective falls without bound along a direction that stays inside the set."""
         size = float(np.linalg.norm(point))
         if not 0 < size < np.inf:
             return False
@@ -273,7 +273,7 @@ class BoundFinder:
         return Bound(min(proved, attained - self._rounding(row) / floor), attained, parameters)
 
     def _ratio_proof(self, row: Vector, mass: Vector, floor: float) -> Certify:
-        """What dual points of the problem in (τ, τ δ) prove of a ratio, relative to that at the center."""
+        """Return what dual points of the problem in (τ, τ δ) prove of a ratio, relative to that at the center."""
         center = self.center
         weight = float(mass @ center.parameters)
         ratio = float(row @ center.parameters) / weight

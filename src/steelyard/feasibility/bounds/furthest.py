@@ -110,7 +110,7 @@ class Region:
         return words, arrays
 
     def _linear(self, matrices: _Matrices, conic: int, size: int) -> dict[Word, npt.NDArray[Any]]:
-        """How lines and matrices depend on the unknowns, by rows and by columns."""
+        """Return how lines and matrices depend on the unknowns, by rows and by columns."""
         rows, columns = np.nonzero(self.rows)
         parts = [(rows, columns, self.rows[rows, columns]), *matrices.linear]
         rows, columns, values = (np.concatenate(one) for one in zip(*parts, strict=True))
@@ -122,7 +122,7 @@ class Region:
         }
 
     def _products_of_lines(self, size: int) -> dict[Word, npt.NDArray[Any]]:
-        """What each line adds to the lower triangle of a Hessian."""
+        """Return what each line adds to the lower triangle of a Hessian."""
         used = [np.flatnonzero(row) for row in self.rows]
         lower = [np.tri(len(own), dtype=bool) for own in used]
         products = [np.outer(row[own], row[own])[low] for row, own, low in zip(self.rows, used, lower, strict=True)]
@@ -182,7 +182,7 @@ def _by_rows(rows: Indices, columns: Indices, values: Vector, count: int) -> tup
 
 
 def _starts(parts: Sequence[Vector | Indices]) -> Indices:
-    """Where each part begins in all of them joined, and where the last one ends."""
+    """Return where each part begins in all of them joined, and where the last one ends."""
     return np.cumsum([0, *map(len, parts)], dtype=np.int64)
 
 
@@ -191,7 +191,7 @@ def _joined(parts: Sequence[Vector | Indices], kind: npt.DTypeLike) -> npt.NDArr
 
 
 def furthest(region: Region, rows: Matrix, weights: Matrix | None = None, enough: float = ENOUGH) -> Matrix:
-    """Where each row · y is largest in the region, to about a hundredth of the way to there.
+    """Return where each row · y is largest in the region, to about a hundredth of the way to there.
 
     Mehrotra's predictor-corrector method (On the implementation of a primal-dual interior point method, SIAM Journal on
     Optimization 2, 1992) from y = 0, which should be near the analytic center. The search stops where the gap of
@@ -266,7 +266,7 @@ class _Problems:
         return np.asarray(found[: len(self._rows), : self._rows.shape[1]])
 
     def addresses(self, group: int) -> int:
-        """Where the addresses of the arrays of a group are."""
+        """Return where the addresses of the arrays of a group are."""
         return address_of(self._addresses[group])
 
     def begin(self) -> None:

@@ -69,7 +69,7 @@ Function = Callable[[int, int, int], None]
 
 
 class Functions(NamedTuple):
-    """What is compiled. Each takes the addresses of a table, of the arrays of a problem, and of those of a search.
+    """Compiled functions. Each takes the addresses of a table, of the arrays of a problem, and of those of a search.
 
     Attributes
     ----------
@@ -678,7 +678,7 @@ class _Search:
         self.fill(self.n, solved, lambda k: solved[k] - factor * across[k])
 
     def lengths(self) -> tuple[Number, Number]:
-        """How often change and answer can be added."""
+        """Return how often change and answer can be added."""
         self.run("products", self["dual_inverse"], self["answer"], self["dual_products"])
         for names in (
             ("inverse", "slacks", "change", "products", "work", "length"),

@@ -82,7 +82,7 @@ def profile_intervals(
     inside: npt.ArrayLike,
     confidence: float = 0.95,
 ) -> ProfileIntervals:
-    """For each quantity the interval that holds the true value with a given probability, each by itself.
+    """Return for each quantity the interval that holds the true value with a given probability, each by itself.
 
     These are the values that the quantity has among all feasible parameters whose χ² is above that of the most likely
     feasible ones by at most the quantile of the distribution with one degree of freedom: intervals of profile
@@ -164,7 +164,7 @@ def _far_blocks(feasible_set: FeasibleSet, covariance: ParameterCovariance, reac
 
 
 def _reach(feasible_set: FeasibleSet, parameters: Vector) -> Vector:
-    """How far each parameter may go."""
+    """Return how far each parameter may go."""
     links = feasible_set.link_columns
     terms = np.setdiff1d(np.arange(len(parameters)), links)
     found = np.full(len(parameters), FAR * max(1.0, float(np.abs(parameters[terms]).max(initial=0.0))))

@@ -56,7 +56,7 @@ class Quantity:
         return value / mass if mass > 0.0 else float("nan")
 
     def slope(self, parameters: Vector) -> Vector:
-        """By how much it changes with each parameter, to first order at δ, (n,)."""
+        """Return by how much it changes with each parameter, to first order at δ, (n,)."""
         if self.mass is None:
             return self.row
         return (self.row - self.value(parameters) * self.mass) / float(self.mass @ parameters)

@@ -137,13 +137,13 @@ class Slice:
         return np.asarray(self.bounded_basis.T @ stacked)
 
     def is_constrained(self, row: Vector) -> bool:
-        """Whether a combination c·δ is constant along all unconstrained directions."""
+        """Return whether a combination c·δ is constant along all unconstrained directions."""
         along = (row @ self.unidentifiable) @ self.unconstrained
         size = float(np.abs(row).max(initial=0.0) * np.abs(self.unidentifiable).max(initial=0.0))
         return bool(np.all(np.abs(along) <= 1e-9 * size))
 
     def is_identifiable(self, row: Vector) -> bool:
-        """Whether a combination c·δ has the same value in the whole slice."""
+        """Return whether a combination c·δ has the same value in the whole slice."""
         along = row @ self.directions
         size = np.abs(row) @ np.abs(self.directions)
         return bool(np.all(np.abs(along) <= ROUNDING * size))

@@ -283,7 +283,7 @@ def _covariance(covariance: npt.ArrayLike, count: int) -> npt.NDArray[np.float64
 
 
 def _open(key: str, value: float) -> bool:
-    """Whether an infinite bound leaves its side open, so that it can be left out."""
+    """Return whether an infinite bound leaves its side open, so that it can be left out."""
     return (key == "minimum") == (value < 0)
 
 

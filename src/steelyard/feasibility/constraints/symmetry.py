@@ -221,7 +221,7 @@ class EqualLinks:
 
 
 def _is_list(value: Any) -> bool:
-    """Whether it is several planes rather than one."""
+    """Return whether a value lists several planes rather than one."""
     return not isinstance(value, str) and not all(map(is_real, value))
 
 

@@ -164,7 +164,7 @@ def noise_share(q: ArrayLike, rate: float, cutoffs: ArrayLike, order: int = 3) -
 
 @dataclass(frozen=True, eq=False)
 class ResidualAnalysis:
-    """What filters of different cutoffs take away from positions, as `residual_analysis` finds it.
+    """The result of `residual_analysis`: what filters of different cutoffs take away from positions.
 
     Attributes
     ----------

@@ -51,7 +51,7 @@ TELLING = 0.1
 
 @dataclass(frozen=True)
 class Transmission:
-    """What positions on both sides of a transmission tell of its kinematics.
+    """The kinematics of a transmission, as positions on both of its sides show them.
 
     Attributes
     ----------
@@ -127,7 +127,7 @@ class Transmission:
 
 
 def position_ratio(first: Array, second: Array) -> float:
-    """How many times as far one position of a joint goes as the other; NaN where they do not go together.
+    """Return how many times as far one position of a joint goes as the other; NaN where they do not go together.
 
     Examples
     --------
@@ -300,7 +300,7 @@ class _Fit:
 
 
 def _delay(theta: Array, q: Array, rate: float) -> float:
-    """By how much q lags, s, by the velocity in the difference of both."""
+    """Return by how much q lags, s, by the velocity in the difference of both."""
     speed = np.gradient(theta, 1.0 / rate)
     columns = np.column_stack([q - q.mean(), np.ones_like(q), speed, np.gradient(speed, 1.0 / rate)])
     ratio, _, late, _ = np.linalg.lstsq(columns, theta, rcond=None)[0]
@@ -308,7 +308,7 @@ def _delay(theta: Array, q: Array, rate: float) -> float:
 
 
 def _behind_changes(signs: Array, rows: int) -> NDArray[np.bool_]:
-    """Which rows are at most so many before or behind a change of sign: where the gap is crossed."""
+    """Return which rows are at most so many before or behind a change of sign: where the gap is crossed."""
     from scipy.ndimage import binary_dilation
 
     changes = np.zeros(len(signs), dtype=bool)

@@ -189,7 +189,7 @@ def _last_distinct(coefficients: Array, noise: Array, count: int) -> int:
 
 @dataclass(frozen=True, eq=False)
 class Period:
-    """What `find_period` found.
+    """The result of `find_period`.
 
     Attributes
     ----------

@@ -25,7 +25,7 @@ STEADY = 1e-13
 
 @dataclass(frozen=True, eq=False)
 class SmoothedMotion:
-    """What `KalmanSmoother.smooth` returns.
+    """The motion that `KalmanSmoother.smooth` returns.
 
     Attributes
     ----------

@@ -45,7 +45,7 @@ UNIT = re.compile(
 
 @dataclass(frozen=True)
 class Dialect:
-    """How a text is written."""
+    """The dialect of a text file: how its fields, numbers and comments are written."""
 
     separator: str
     width: int
@@ -73,7 +73,7 @@ class Line(NamedTuple):
 
 @dataclass(frozen=True)
 class Head:
-    """What the first lines of a text say."""
+    """The meaning of the first lines of a text."""
 
     names: tuple[str, ...]
     start: int
@@ -373,7 +373,7 @@ class CsvFile(LogFile):
         return separators == self._fields - 1 and not self._skipped(first)
 
     def _is_regular(self, data: bytes) -> bool:
-        """Whether each line but the first is sure to be a row."""
+        """Return whether each line but the first is sure to be a row."""
         # A line that holds no data begins with one of these; searching for all such lines takes ten times as long.
         begins = (b"\n", b"\r", b" ", b"\t", b"\v", b"\f", self._comment)
         return not any(b"\n" + begin in data for begin in begins)
@@ -472,7 +472,7 @@ def _unpadded(data: bytes, separator: str | None) -> bytes:
 
 
 def _is_data(fields: Sequence[str], width: int | None = None) -> bool:
-    """Whether any field is a number, and there are so many fields; a line of names has no number."""
+    """Return whether any field is a number, and there are so many fields; a line of names has no number."""
     return width in (None, len(fields)) and any(NUMERIC.fullmatch(field) for field in fields)
 
 

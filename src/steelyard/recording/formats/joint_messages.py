@@ -44,7 +44,7 @@ a clock was set or a simulation begun anew, and the rows are left as they were r
 
 
 class JointMessage(NamedTuple):
-    """What a message says of joints: for each quantity one number per joint, or nothing."""
+    """The values that a message holds of joints: for each quantity one number per joint, or nothing."""
 
     stamp: int
     """ns of its header; 0 where it has none, or none was filled in."""

@@ -125,7 +125,7 @@ class LogFile(ABC):
 
     @classmethod
     def may_have_places(cls, path: Path) -> bool:
-        """Whether `places` may tell any of a file, as is known before it is opened."""
+        """Return whether `places` may find any place in a file, as far as is known before it is opened."""
         return False
 
     def places(self) -> tuple[tuple[int, int], ...] | None:

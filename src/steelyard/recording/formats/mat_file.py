@@ -58,7 +58,7 @@ class MatFile(ArrayLog):
 
 
 class _Content:
-    """What a file holds; the arrays stand in a temporary folder that goes with this object."""
+    """The content of a file; its arrays stand in a temporary folder that is removed with this object."""
 
     def __init__(self, path: Path) -> None:
         place = tempfile.TemporaryDirectory(prefix="steelyard-", ignore_cleanup_errors=True)

@@ -203,7 +203,7 @@ def _held(topic: Topic) -> set[tuple[str, str]]:
 
 
 def _are_apart(held: Iterable[set[tuple[str, str]]]) -> bool:
-    """Whether no number of a joint stands in two topics, and together they hold positions and torques."""
+    """Return whether no number of a joint stands in two topics, and together they hold positions and torques."""
     sets = list(held)
     together = set().union(*sets)
     return sum(map(len, sets)) == len(together) and {quantity for quantity, _ in together} >= NEEDED

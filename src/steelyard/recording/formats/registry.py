@@ -201,7 +201,7 @@ class LogFiles:
             done += column_length(parts[0])
 
     def _shares(self, names: Sequence[str]) -> list[list[str]]:
-        """Which of `names` is read from which file; a column that several files have is read from each."""
+        """Return which of `names` is read from which file; a column that several files have is read from each."""
         return [[name for name in names if name in file.names] for file in self.files]
 
     def _joined(self, names: Sequence[str], parts: Sequence[Columns]) -> Columns:

@@ -25,7 +25,7 @@ REACH = 2.0
 
 @dataclass(frozen=True, eq=False)
 class GridSearch:
-    """What a search found.
+    """The result of a grid search.
 
     Attributes
     ----------

@@ -118,7 +118,7 @@ class PointMassProgram:
         )
 
     def _holds(self, block: AffineBlock) -> bool:
-        """Whether it holds whatever the masses are, such as a box around all points of a link."""
+        """Return whether it holds whatever the masses are, such as a box around all points of a link."""
         row = np.zeros(self.problem.feasible_set.parameter_count)
         np.add.at(row, block.indices, block.coefficients[:, 0, 0])
         made = np.asarray(row @ self.masses_to_inertia)

@@ -30,7 +30,7 @@ CANCELLED = 1e-7
 
 @dataclass(frozen=True, eq=False)
 class VirtualParameterSearch:
-    """How a search ended.
+    """The result of a search for virtual parameters.
 
     Attributes
     ----------

@@ -45,7 +45,7 @@ _MODULES = (
 
 @dataclass(frozen=True)
 class Reproduction:
-    """What was computed.
+    """The results of a reproduction.
 
     Attributes
     ----------

@@ -86,7 +86,7 @@ def _chart_from_dict(content: dict[str, Any]) -> Chart:
 
 @dataclass(frozen=True)
 class Context:
-    """What a section may use.
+    """The services that a section may use.
 
     Attributes
     ----------

@@ -123,7 +123,7 @@ def _least_squares(information: Information, _: FeasibleSet) -> Estimate:
 
 
 def _excess(runs: dict[str, MethodRun | None]) -> tuple[float, str]:
-    """How far our error is above the least of the feasible answers of others, relative, and whose that is."""
+    """Return how far our error is above the least of the feasible answers of others, relative, and whose that is."""
     ours = runs[OURS]
     assert ours is not None
     others = {n: r.relative_error for n, r in runs.items() if n != OURS and r is not None and r.feasible}

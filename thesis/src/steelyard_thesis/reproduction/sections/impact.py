@@ -48,7 +48,7 @@ _REMARKS = (
 
 @dataclass(frozen=True, eq=False)
 class Finding:
-    """What an impossible estimate does, and what its correction does.
+    """The effects of an impossible estimate and of its correction.
 
     Attributes
     ----------

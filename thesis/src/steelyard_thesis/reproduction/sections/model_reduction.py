@@ -106,7 +106,7 @@ def _nearest(name: str, path: tuple[ReductionStep, ...], feasible_set: FeasibleS
 
 
 def _missing(path: tuple[ReductionStep, ...], feasible_set: FeasibleSet) -> Table:
-    """What the nearest feasible point changes in the reduced model that comes nearest."""
+    """Return what the nearest feasible point changes in the reduced model that comes nearest."""
     step = _closest(path)
     nearest = correct(feasible_set, base=step.base).base
     model = wam_model()

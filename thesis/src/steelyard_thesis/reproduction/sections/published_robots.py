@@ -1,4 +1,4 @@
-"""What others published of the real robots of the data folder, beside ours."""
+"""Published results of the real robots of the data folder, beside ours."""
 
 from __future__ import annotations
 
