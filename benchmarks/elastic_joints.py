@@ -7,7 +7,9 @@ noise.
 
     python benchmarks/elastic_joints.py                     # UR5 and Panda, 10 seeds each
     python benchmarks/elastic_joints.py --arms ur5 --seeds 30 --free    # inertia of the motors not stated
-    python benchmarks/elastic_joints.py --kr300 ../shared/data/kuka_kr300
+    python benchmarks/elastic_joints.py --friction          # motors with other friction, which `auto` finds
+    python benchmarks/elastic_joints.py --friction --motors # the same by the encoders of the motors alone
+    python benchmarks/elastic_joints.py --kr300 ../shared/data/kuka_kr300 [--friction]
 """
 
 import argparse
@@ -66,6 +68,57 @@ def arms(name, seeds, first, stated):
         print(f"   joint {k + 1}: {own.sum()} measured, worst {worst}", flush=True)
 
 
+RIGHT = {"coulomb": set(), "stribeck": {"stribeck"}, "polynomial": {"friction_polynomial"}}
+"""The laws that ``friction = "auto"`` should add to viscous and Coulomb friction."""
+
+
+def chosen_friction(name, seeds, first, law, motors):
+    """Print which laws are chosen for motors with friction of a law, and how near stiffnesses are with and without."""
+    from elastic_logs import ElasticArm
+
+    right, joints, errors, inside, torques = 0, 0, {None: [], "auto": []}, [], {None: [], "auto": []}
+    others: dict[str, int] = {}
+    begin = time.process_time()
+    for seed in range(first, first + seeds):
+        random = np.random.default_rng([seed, 5])
+        arm = ElasticArm(name, random, law)
+        log = arm.log(random)
+        with tempfile.TemporaryDirectory() as folder:
+            file = arm.robot_file(Path(folder), second=not motors)
+            found = {asked: sy.identify(file, log, friction=asked) for asked in errors}
+        for asked, result in found.items():
+            torques[asked].append(result.predictions[0].feasible_error)
+            for joint, truth in zip(result.elastic_joints, arm.stiffness, strict=True):
+                low, high = joint.stiffness_interval
+                if joint.verdict == "measured":
+                    errors[asked].append(abs(joint.stiffness / truth - 1.0))
+                if asked == "auto":
+                    inside.append(low <= truth <= high)
+        chosen = found["auto"].friction.selection.chosen
+        for k in range(len(arm.stiffness)):
+            kinds = {one.kind for one in chosen if one.joint == k}
+            joints, right = joints + 1, right + (kinds == RIGHT[law])
+            if kinds != RIGHT[law]:
+                told = " and ".join(sorted(kinds)) or "nothing"
+                others[told] = others.get(told, 0) + 1
+    seconds = (time.process_time() - begin) / seeds
+    print(
+        f"{name}, {seeds} arms, {joints} joints with {law} friction, encoders of the "
+        f"{'motors alone' if motors else 'motors and links'}: the right laws at {right} joints; otherwise {others}; "
+        f"intervals of auto hold the truth in {np.mean(inside):.1%}; {seconds:.0f} s of the processor each",
+        flush=True,
+    )
+    for asked, own in errors.items():
+        size = np.array(own)
+        error = f"error of the torques {np.mean(torques[asked]):.2%}"
+        print(f"   friction {asked}: {error}; {len(size)} stiffnesses measured", end="")
+        if len(size):
+            near = f"{np.mean(size < 0.03):.1%} within 3 %, median {np.median(size):.2%}, worst {size.max():.2%}"
+            print(f", {near}", end="")
+        print()
+    sys.stdout.flush()
+
+
 def counterbalance_of(about):
     """Return the term of the KR300's counterbalance: anchor points, piston and gas are the source's.
 
@@ -81,8 +134,8 @@ def counterbalance_of(about):
     return text + '[[constraints.linear_bound]]\nexpression = "Kcj2"\nmaximum = 1.0\n'
 
 
-def kr300(source):
-    """Print the delays, the stiffnesses, the deflections of A and B, and the error of the torque on B."""
+def kr300(source, friction):
+    """Print delays, stiffnesses, deflections of A and B, and the error of the torque on B."""
     from kr300 import about, elastic_robot
 
     a, b = source / "A.csv", source / "B.csv"
@@ -91,13 +144,15 @@ def kr300(source):
             file = Path(folder) / "kr300.toml"
             file.write_text(elastic_robot(source, counterbalance_of(about(source)) if counterbalance else ""))
             begin = time.perf_counter()
-            result = sy.identify(file, a, b)
+            result = sy.identify(file, a, b, friction=friction)
             took = time.perf_counter() - begin
             print(
                 f"\nKR300 {'with' if counterbalance else 'without'} a counterbalance term, fitted to A in {took:.0f} s"
             )
             for one in result.predictions:
                 print(f"  {one.role}: {one.feasible_error:.1%} (least squares {one.unconstrained_error:.1%})")
+            for sentence in () if result.friction is None else result.friction.sentences:
+                print(f"  {sentence}")
             heads, rows = result.elastic_table()
             print("  " + " | ".join(heads))
             for row in rows:
@@ -113,13 +168,19 @@ def main():
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--free", action="store_true", help="do not state the inertia of the motors")
+    parser.add_argument("--friction", action="store_true", help="motors with other friction, which auto is to find")
+    parser.add_argument("--motors", action="store_true", help="with --friction: no encoders of the links")
     parser.add_argument("--kr300", type=Path, help="folder of the recordings, in place of the simulated arms")
     given = parser.parse_args()
     warnings.simplefilter("ignore")
     if given.kr300:
-        kr300(given.kr300)
+        kr300(given.kr300, "auto" if given.friction else None)
         return
     for name in given.arms:
+        if given.friction:
+            for law in RIGHT:
+                chosen_friction(name, given.seeds, given.first, law, given.motors)
+            continue
         arms(name, given.seeds, given.first, not given.free)
 
 

@@ -142,13 +142,6 @@ def test_laws_that_are_not_added_are_told_as_taken_back():
     assert told["joints"][0]["held_out_error"] == 1.0
 
 
-def test_friction_and_the_stiffness_of_joints_are_not_chosen_together(tmp_path):
-    stated = tmp_path / "robot.toml"
-    stated.write_text('[description]\nrows = [[0, 0.5, 0, "q"]]\n\n[elastic]\njoints = ["joint1"]\n')
-    with pytest.raises(sy.InputError, match=r"not chosen together with the stiffness of \[elastic\]"):
-        sy.identify(stated, samples_of(lambda dq: dq), friction="auto")
-
-
 def test_other_words_are_refused():
     with pytest.raises(sy.InputError, match='friction must be "auto" or None'):
         sy.identify(sy.Robot.from_dh([(0, 0.5, 0, "q")]), samples_of(lambda dq: dq), friction="stribeck")
@@ -162,7 +155,5 @@ def test_a_pattern_is_a_reason_to_let_the_logs_choose():
     model = sy.Model(robot.with_terms(*terms))
     found = sy.identify(model, samples)
     assert any("--friction auto" in step.code for step in next_steps(found))
-    with_springs = replace(found, elastic_joints=(SimpleNamespace(),))  # with which such a run is refused
-    assert not any("--friction auto" in step.code for step in next_steps(with_springs))
     chosen = next_steps(sy.identify(model, samples, friction="auto"))
     assert not any("--friction auto" in step.code or "lacks" in step.reason for step in chosen)

@@ -36,7 +36,7 @@ position = "link{}"
 """
 
 
-def pendulum(seconds=30.0):
+def pendulum(seconds=30.0, friction=lambda speed: VISCOUS * speed):
     """A log of a pendulum behind a spring, whose motor follows a motion exactly; SciPy integrates the link."""
     random = np.random.default_rng(1)
     sizes, speeds = np.array([0.8, 1.0, 0.3]), np.array([3.0, 1.1, 5.3])
@@ -54,7 +54,7 @@ def pendulum(seconds=30.0):
 
     start = [-WEIGHT / STIFFNESS, motor(0.0, 1)]
     q, dq = solve_ivp(rate, (0.0, seconds), start, rtol=1e-7, atol=1e-9, t_eval=t).y
-    torque = ROTOR * motor(t, 2) + VISCOUS * motor(t, 1) + spring(t, q, dq)
+    torque = ROTOR * motor(t, 2) + friction(motor(t, 1)) + spring(t, q, dq)
     noise = random.normal(size=(3, t.size))
     return {
         "t": t,
@@ -124,6 +124,52 @@ def test_from_a_log_to_a_table_and_back(robot, tmp_path, run):
     assert code == 0
     assert "unexplained" in out
     assert rows.read_text().startswith("t,torque_joint1,deflection_joint1,measured_joint1")
+
+
+def stribeck(speed):
+    return VISCOUS * speed + np.sign(speed) * (1.5 + 2.0 * np.exp(-((speed / 0.4) ** 2)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("second", [True, False], ids=["both encoders", "that of the motor"])
+def test_friction_of_the_motor_is_chosen_beside_the_stiffness(robot, tmp_path, run, second):
+    """Stribeck's friction is found at the speed of the motor, with a spring that gives way by a degree."""
+    path = with_lines(robot, f"motor_inertia = [{ROTOR}]", f"stribeck{second}.toml")
+    path.write_text(path.read_text().replace('kind = "viscous"', 'kind = "viscous"\n[[terms]]\nkind = "coulomb"'))
+    log, other = pendulum(friction=stribeck), pendulum(15.0, friction=stribeck)
+    if not second:
+        path.write_text(path.read_text().replace('position = "link{}"\n', ""))
+        del log["link1"], other["link1"]
+    plain, result = sy.identify(path, log), sy.identify(path, log, other, friction="auto")
+    (joint,), (law,) = result.elastic_joints, result.friction.selection.chosen
+    low, high = joint.stiffness_interval
+    assert low < STIFFNESS < high
+    assert abs(joint.stiffness / STIFFNESS - 1.0) < 0.03
+    assert law.kind == "stribeck"
+    assert abs(law.shape["velocity"] / 0.4 - 1.0) < 0.1
+    values = dict(zip(result.model.parameter_names, result.estimate.parameters, strict=True))
+    assert abs(values["Fsj1"] / 2.0 - 1.0) < 0.1
+    assert abs(values["Fcj1"] / 1.5 - 1.0) < 0.1
+    assert result.predictions[0].feasible_error < 0.5 * plain.predictions[0].feasible_error
+    assert result.elastic_model.is_proved
+    # What was saved is read with its laws, and moves the motor.
+    result.save(tmp_path / "result")
+    again = validate_estimate(path, tmp_path / "result", other)
+    assert abs(again.prediction.relative_error / result.predictions[1].feasible_error - 1.0) < 0.02
+    code, _, _ = run("simulate", path, tmp_path / "result" / "estimate.json", "--output", tmp_path / "moved")
+    assert code == 0
+    saved = json.loads((tmp_path / "result" / "estimate.json").read_text())
+    assert "Fsj2" in saved["elastic_model"]["parameter_names"]
+    assert "Laws that were added" in (tmp_path / "result" / "report.html").read_text()
+
+
+@pytest.mark.slow
+def test_nothing_is_added_where_the_friction_of_the_motor_is_what_was_stated(robot):
+    path = with_lines(robot, f"motor_inertia = [{ROTOR}]", "plain.toml")
+    plain, result = sy.identify(path, pendulum()), sy.identify(path, pendulum(), friction="auto")
+    assert not result.friction.selection.chosen
+    assert np.array_equal(plain.estimate.parameters, result.estimate.parameters)
+    assert plain.elastic_joints[0].stiffness == result.elastic_joints[0].stiffness
 
 
 MJCF = """\

@@ -7,16 +7,21 @@ from payload_logs import SimulatedArm
 from pinocchio_oracle import pinocchio
 from scipy.integrate import solve_ivp
 
+LAWS = ("coulomb", "stribeck", "polynomial")
 DELAY, ENCODER, NOISE = 1.7e-3, 1e-5, 0.01  # s, rad, of the torque's root mean square
 
 
 class ElasticArm:
     """An arm of example-robot-data whose motors follow a motion exactly, and whose links follow by springs.
 
-    Links, friction, rotors, stiffnesses, dampings and zeros of the encoders are drawn anew for each `random`.
+    Links, friction, rotors, stiffnesses, dampings and zeros of the encoders are drawn anew for each `random`. Friction
+    of the motors is viscous and Coulomb's, with Stribeck's beside it where `law` says so, or the square and the cube of
+    the speed.
     """
 
-    def __init__(self, name, random):
+    def __init__(self, name, random, law="coulomb"):
+        assert law in LAWS
+        self.law = law
         self.arm = SimulatedArm(name)
         self.pin, count = self.arm.pin.copy(), self.arm.pin.nv
         for index in range(1, self.pin.njoints):  # the description is wrong by some ten percent
@@ -32,6 +37,20 @@ class ElasticArm:
         self.damping = 2 * 0.05 * np.sqrt(self.stiffness * np.maximum(inertia, 0.02))
         self.zero = 2e-3 * random.normal(size=count)
         self.delay = DELAY * random.uniform(0.5, 1.5, count)
+        if law == "stribeck":  # of motions that reach about 1 rad/s
+            self.breakaway = self.coulomb * random.uniform(0.6, 1.2, count)
+            self.stribeck_speed = random.uniform(0.05, 0.2, count)
+        if law == "polynomial":
+            self.saturating = self.viscous * random.uniform(0.3, 0.5, count)
+
+    def friction(self, speed):
+        """Torque of friction at the motors, (S, N)."""
+        torque = self.viscous * speed + self.coulomb * np.sign(speed)
+        if self.law == "stribeck":
+            torque = torque + self.breakaway * np.exp(-((speed / self.stribeck_speed) ** 2)) * np.sign(speed)
+        if self.law == "polynomial":
+            torque = torque + self.saturating * (0.3 * speed**3 - speed * np.abs(speed))
+        return torque
 
     def log(self, random, noise=1.0, duration=20.0):
         """Columns of a log, as a dictionary: t, q1 … of the motors, tau1 …, and link1 … of the links."""
@@ -53,7 +72,7 @@ class ElasticArm:
         states = found.sol(t)
         q, dq = states[:count].T, states[count:].T
         spring = self.stiffness * (theta - q) + self.damping * (speed - dq)
-        torque = self.rotor * acceleration + self.viscous * speed + self.coulomb * np.sign(speed) + spring
+        torque = self.rotor * acceleration + self.friction(speed) + spring
         late = np.column_stack([found.sol(np.maximum(t - d, t[0]))[k] for k, d in enumerate(self.delay)])
         torque = torque + noise * NOISE * np.sqrt(np.mean(torque**2, axis=0)) * random.normal(size=torque.shape)
         motor = theta + noise * ENCODER * random.normal(size=theta.shape)
@@ -64,7 +83,7 @@ class ElasticArm:
         self.deflection = theta - q
         return columns
 
-    def robot_file(self, folder, *, inertia=True, joints=None):
+    def robot_file(self, folder, *, inertia=True, joints=None, second=True):
         """Write a robot.toml with the description as it is, not as the arm is."""
         joints = list(range(1, self.pin.nv + 1)) if joints is None else joints
         locked = f"locked = {json.dumps(list(self.arm.locked))}\n" if self.arm.locked else ""
@@ -74,7 +93,8 @@ class ElasticArm:
             f'[description]\nurdf = "{self.arm.path}"\n{locked}'
             + "".join(f'[[terms]]\nkind = "{kind}"\n' for kind in ("viscous", "coulomb", "offset", "rotor_inertia"))
             + '[log]\nposition = "q{}"\ntorque = "tau{}"\n[processing]\ncutoff = 10.0\n'
-            + f'[elastic]\njoints = {joints}\nposition = "link{{}}"\n'
+            + f"[elastic]\njoints = {joints}\n"
+            + ('position = "link{}"\n' if second else "")
             + (f"motor_inertia = {inertias}\n" if inertia else "")
         )
         return path

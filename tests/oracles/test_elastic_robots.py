@@ -6,7 +6,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import steelyard as sy
-from steelyard.dynamics import Spring, elastic_robot
+from steelyard.dynamics import ByJoint, Cogging, Coulomb, LoadFriction, Spring, Stribeck, elastic_robot
 from steelyard.robot.mjcf_motors import MjcfMotor, add_motors
 from steelyard.simulation import MotorControl, at_rest
 
@@ -64,6 +64,29 @@ def test_accelerations_are_those_of_mujoco(crane):
         found = model.forward_dynamics(q, dq, torque, delta)
         np.testing.assert_allclose(found, data.qacc, rtol=1e-7, atol=1e-6)
         np.testing.assert_allclose(model.inverse_dynamics(q, dq, data.qacc, delta), torque, atol=1e-5)
+
+
+def test_laws_of_friction_and_ripple_act_at_motors_and_springs_at_links_also_where_one_term_has_all_of_them():
+    laws = ByJoint([Stribeck(0.2, joints=[1]), Cogging([3.0], joints=[1]), Spring(joints=[2]), Coulomb(), sy.Viscous()])
+    robot = sy.Robot.from_dh([(0, 0.3, 0, "q"), (0, 0.2, 0, "q")]).with_terms(laws)
+    model = sy.Model(elastic_robot(robot, ["joint1", "joint2"]))
+    numbers = {"Fsj3": 2.0, "Fcj3": 1.0, "Fvj3": 0.5, "Fcj4": 0.7, "Ksj2": 8.0, "Tc1j3": 0.4, "Ts1j3": 0.2}
+    assert set(numbers) <= set(model.parameter_names)
+    delta = [numbers.get(name, 0.0) for name in model.parameter_names]
+    q, dq = np.array([0.3, -0.4, 0.5, 0.1]), np.array([0.2, 0.1, 0.15, -0.3])
+    ripple = 0.4 * np.cos(3 * 0.5) + 0.2 * np.sin(3 * 0.5)
+    motor = 0.5 * 0.15 + 1.0 + 2.0 * np.exp(-((0.15 / 0.2) ** 2)) + ripple
+    found = model.inverse_dynamics(q, dq, np.zeros(4), delta)
+    np.testing.assert_allclose(found, [0.0, 8.0 * -0.4, motor, -0.7], atol=1e-12)
+
+
+def test_friction_by_the_load_acts_at_the_motor_by_the_weight_of_the_links():
+    link = sy.Inertia.from_com(mass=2.0, com=(0.2, 0.0, 0.0), about_com=0.01 * np.eye(3))
+    robot = sy.Robot.from_dh([(0, 0.3, 0, "q")], gravity=(0, -9.81, 0), inertias={"link1": link})
+    model = sy.Model(elastic_robot(robot.with_terms(LoadFriction()), ["joint1"]))
+    delta = [0.1 * (name == "Flj2") for name in model.parameter_names]
+    found = model.inverse_dynamics([0.5, 0.6], [0.3, -0.2], [0.0, 0.0], delta)
+    np.testing.assert_allclose(found, [0.0, -0.1 * 2.0 * 9.81 * 0.5 * np.cos(0.6)], atol=1e-12)
 
 
 def test_a_keyframe_has_its_motors_where_their_joints_are(crane):

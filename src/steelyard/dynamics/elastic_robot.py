@@ -25,10 +25,11 @@ from steelyard.errors import InputError
 from steelyard.files import shown, suggestion
 from steelyard.robot import Condition, Joint, Link, Robot, Term, TermParameter
 
+from .by_joint import ByJoint
 from .layout import columns_of
 from .terms import RotorInertia, term_from_dict
 
-__all__ = ["AtCoordinates", "Transmission", "acts_on_motors", "elastic_robot"]
+__all__ = ["AtCoordinates", "Transmission", "acts_on_motors", "elastic_robot", "motor_symbols"]
 
 
 class Transmission(Term):
@@ -255,6 +256,36 @@ def acts_on_motors(term: Term, dof: int) -> bool:
     return term.kind == "cogging" or not any(stores)
 
 
+def motor_symbols(term: Term, dof: int) -> frozenset[str]:
+    """Return the symbols of those parameters of a term that act on the motor's side of a transmission.
+
+    Examples
+    --------
+    >>> import steelyard as sy
+    >>> from steelyard.dynamics import ByJoint, Spring
+    >>> sorted(motor_symbols(ByJoint([Spring(), sy.Coulomb()]), 2))
+    ['Fcj']
+    """
+    return frozenset(one.symbol for part in _at_motors(term, dof) for one in part.parameters)
+
+
+def _at_motors(term: Term, dof: int) -> tuple[Term, ...]:
+    """What of a term acts on the motor's side: all, nothing, or of laws that differ from joint to joint some."""
+    return _parts(term, [acts_on_motors(law, dof) for law in term.laws])
+
+
+def _at_links(term: Term, dof: int) -> tuple[Term, ...]:
+    """What of a term acts on the link."""
+    return _parts(term, [not acts_on_motors(law, dof) for law in term.laws])
+
+
+def _parts(term: Term, taken: Sequence[bool]) -> tuple[Term, ...]:
+    kept = [law for law, is_taken in zip(term.laws, taken, strict=True) if is_taken]
+    if not kept:
+        return ()
+    return (ByJoint(kept),) if isinstance(term, ByJoint) else (term,)
+
+
 def elastic_robot(robot: Robot, joints: Sequence[str | int]) -> Robot:
     """Return a robot some of whose joints are elastic, with a second set of coordinates: those of their motors.
 
@@ -320,9 +351,10 @@ def elastic_robot(robot: Robot, joints: Sequence[str | int]) -> Robot:
     links = [Link(name) for _, name in more]
     at_links = range(1, count + 1)
     at_motors = [motors.get(place, place) + 1 for place in range(count)]
-    terms: list[Term] = [
-        AtCoordinates(term, at_motors if acts_on_motors(term, count) else at_links) for term in robot.terms
-    ]
+    terms: list[Term] = []
+    for term in robot.terms:
+        terms.extend(AtCoordinates(part, at_motors) for part in _at_motors(term, count))
+        terms.extend(AtCoordinates(part, at_links) for part in _at_links(term, count))
     if not any(isinstance(term, RotorInertia) for term in robot.terms):
         terms.append(AtCoordinates(RotorInertia(), at_motors))
     terms.append(Transmission([place + 1 for place in places], [motors[place] + 1 for place in places]))

@@ -40,9 +40,10 @@ from .second_encoders import (
 )
 from .transmission_torques import Transmissions, unseen_motions
 
-__all__ = ["links_of_logs", "with_elastic_joints"]
+__all__ = ["Identify", "link_motion", "links_of_logs", "motor_motion", "with_elastic_joints"]
 
 Array = NDArray[np.float64]
+Identify = Callable[..., Identification]
 _ROUNDS = 3
 _NEGLIGIBLE = 0.1
 """Change of a joint's torques by deflections, relative to what its model leaves unexplained, that is not worth a second
@@ -58,7 +59,7 @@ _TOO_FAR = 0.01
 
 
 def with_elastic_joints(
-    identify: Callable[..., Identification],
+    identify: Identify,
     file: RobotFile,
     data: Data,
     validate: Data | None = None,
@@ -156,7 +157,7 @@ def with_elastic_joints(
         joints = _stiffnesses(settings, places, result, read, motions)
         if round_number == _ROUNDS - 1 or not (round_number or _matters(joints, places, settings, result, read)):
             break
-        motions = [_link_motion(one, settings, places, joints, k) for k, one in enumerate(read)]
+        motions = [link_motion(one, settings, places, joints, k) for k, one in enumerate(read)]
         result = anew(joints, motions)
         if not remarks:
             remarks.append(
@@ -181,7 +182,7 @@ def _stated_motors(file: RobotFile, settings: SecondEncoders, where: str) -> lis
 
 
 def _again(
-    identify: Callable[..., Identification],
+    identify: Identify,
     rigid: RobotFile,
     result: Identification,
     samples: Sequence[Samples],
@@ -312,7 +313,7 @@ def _told(joints: Sequence[JointStiffness]) -> list[str]:
     return found
 
 
-def _motor_motion(one: TwoEncoders, settings: SecondEncoders, places: Sequence[int]) -> Motion:
+def motor_motion(one: TwoEncoders, settings: SecondEncoders, places: Sequence[int]) -> Motion:
     """The motion of the motors, on the joint side."""
     motion = [np.array(one.first.q), np.array(one.first.dq), np.array(one.first.ddq)]
     if settings.side == "motor" and one.second is not None:
@@ -321,7 +322,7 @@ def _motor_motion(one: TwoEncoders, settings: SecondEncoders, places: Sequence[i
     return motion[0], motion[1], motion[2]
 
 
-def _link_motion(
+def link_motion(
     one: TwoEncoders, settings: SecondEncoders, places: Sequence[int], joints: Sequence[JointStiffness], log: int
 ) -> Motion:
     """The motion of the links as measured: on the link side, its delay and zero taken out."""
@@ -348,7 +349,7 @@ def _samples_of(
     if settings.side == "motor" and one.second is None:
         motor = unseen_motions(one, settings, places, joints, transmissions)[1]
     else:
-        motor = _motor_motion(one, settings, places)
+        motor = motor_motion(one, settings, places)
     logged = one.first.channels
     beside = transmissions.drive_torques(*motor, logged) - transmissions.drive_torques(*motion, logged)
     for place, joint in zip(places, joints, strict=True):
@@ -476,7 +477,7 @@ def _scale_error(
     """How well the scale of what a transmission carries is known, from the torques of its motor and the description."""
     columns = []
     for log, (one, motion, torque) in enumerate(zip(read, motions, torques, strict=True)):
-        motor = _motor_motion(one, settings, [place])
+        motor = motor_motion(one, settings, [place])
         drives = transmissions.drive_torques(*motor, one.first.channels)[:, place]
         used = np.ones(one.first.count, dtype=bool) if one.first.mask is None else one.first.mask[:, place]
         change = inertia_change * motion[2][:, place]

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.dynamics import Model, RotorInertia, elastic_robot
-from steelyard.dynamics.elastic_robot import acts_on_motors
+from steelyard.dynamics.elastic_robot import motor_symbols
 from steelyard.errors import InputError, SolverError
 from steelyard.estimators.joint_stiffness import JointStiffness
 from steelyard.feasibility import FeasibilityCertificate, FeasibleSet, Verdict, check, correct, verify_document
@@ -183,9 +183,7 @@ def elastic_model(
             if not own_rotors:
                 given[symbol] = joint.motor_inertia
     values = dict.fromkeys(whole.parameter_names, 0.0)
-    on_motor = {
-        symbol.symbol for term in model.robot.terms if acts_on_motors(term, model.dof) for symbol in term.parameters
-    }
+    on_motor = frozenset[str]().union(*(motor_symbols(term, model.dof) for term in model.robot.terms))
     motor_of = {_number(model, name): names.index(f"{name}_motor") + _extra(model) + 1 for name in found}
     for k in range(model.dof):
         number = model.robot.driving_joints[k] + 1

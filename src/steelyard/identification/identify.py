@@ -172,11 +172,6 @@ def identify(
         raise InputError(f'prior must be "auto" or None, got {shown(prior)}.')
     if friction not in ("auto", None):
         raise InputError(f'friction must be "auto" or None, got {shown(friction)}.')
-    if friction is not None and file.section("elastic"):
-        raise InputError(
-            f"{file.path}: friction is not chosen together with the stiffness of [elastic]; let it be chosen without "
-            "that section, and state the [[terms]] that the report tells."
-        )
     own_prior = getattr(found, "has_prior", False)
     if own_prior and not (prior == prefer == prior_weight == "auto"):
         raise InputError(
@@ -190,7 +185,11 @@ def identify(
             "packages leave out; leave out one of them."
         )
     if file.section("elastic"):
-        from .elastic_joints import with_elastic_joints  # loaded where a robot file names such joints
+        # Loaded where a robot file names such joints.
+        if friction == "auto":
+            from .elastic_friction import with_chosen_friction as with_elastic_joints
+        else:
+            from .elastic_joints import with_elastic_joints
 
         return with_elastic_joints(
             identify,

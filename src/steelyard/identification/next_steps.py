@@ -272,7 +272,7 @@ def _missing_terms(identification: Identification) -> Iterator[NextStep]:
             "\n".join(f'[[terms]]\nkind = "{kind}"' for kind in lacking),
             "toml",
         )
-    elif not lacking and not identification.elastic_joints:  # beside whose stiffness friction is not chosen
+    elif not lacking:
         logs = " ".join(_paths(identification, identification.logs)) or "LOG..."
         yield NextStep(
             "Let the logs choose the friction.",

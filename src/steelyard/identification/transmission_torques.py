@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.dynamics import Model
-from steelyard.dynamics.elastic_robot import acts_on_motors
+from steelyard.dynamics.elastic_robot import motor_symbols
 from steelyard.estimators.joint_stiffness import JointStiffness, Motion, motion_behind
 
 from .result import Identification
@@ -80,7 +80,11 @@ class Transmissions:
 def _motor_side(model: Model) -> NDArray[np.bool_]:
     """Return which parameters are those of terms on the motor's side of the transmission."""
     robot = model.robot
-    kinds = [flag for term in robot.terms for flag in [acts_on_motors(term, robot.dof)] * len(term.parameters)]
+    kinds = [
+        one.symbol in symbols
+        for term, symbols in ((term, motor_symbols(term, robot.dof)) for term in robot.terms)
+        for one in term.parameters
+    ]
     flags = np.zeros(model.parameter_count, dtype=bool)
     links = np.zeros(model.parameter_count, dtype=bool)
     for columns in model.link_columns:

@@ -1,0 +1,87 @@
+"""Friction that the logs choose for a robot with elastic joints: at the motors, beside the stiffness."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+from steelyard.recording import Processing, Samples
+from steelyard.robot import RobotFile
+
+from .chosen_friction import choose_friction
+from .elastic_joints import Identify, link_motion, motor_motion, with_elastic_joints
+from .given import Data, GivenSamples, given_logs
+from .log_reader import LogReader, Progress
+from .result import Identification
+from .second_encoders import SecondEncoders, TwoEncoders, own_section, read_two_encoders
+from .transmission_torques import Transmissions, unseen_motions
+
+__all__ = ["with_chosen_friction"]
+
+
+def with_chosen_friction(
+    identify: Identify,
+    file: RobotFile,
+    data: Data,
+    validate: Data | None = None,
+    *,
+    progress: Progress | None = None,
+    **options: Any,
+) -> Identification:
+    """Identify a robot with elastic joints whose friction the logs choose.
+
+    Friction acts at the motors. So the robot is identified with the friction that is stated, laws are chosen by the
+    motion of the motors, and where laws were added all is identified anew with them. Where deflections matter, what
+    the links ask for by their own motion beside that of the motors is moved to the torques by which laws are chosen.
+
+    Parameters
+    ----------
+    identify, file, data, validate, progress, **options
+        See :func:`with_elastic_joints`.
+    """
+    say = progress or (lambda _: None)
+    first = with_elastic_joints(identify, file, data, validate, progress=progress, **options)
+    model = first.model
+    settings, where = own_section(file)
+    decided: Any = first.options["decided"]
+    processing = Processing.from_dict({**file.section("processing"), **decided})
+    logs, _ = given_logs(data, None)
+    samples = []
+    for number, log in enumerate(logs):
+        needs_second = settings.position is not None
+        one = read_two_encoders(log, file, settings, where, model, processing, needs_second=needs_second)
+        samples.append(GivenSamples(_at_motors(one, settings, first, number), str(log)))
+    reader = LogReader(file, model, options.get("chunk_rows", 200_000))
+    choice = choose_friction(reader, samples, model, model, say)
+    found = first
+    if choice.selection.chosen:
+        terms = tuple(term.to_dict() for term in choice.terms)
+        stated = replace(file, terms=terms, terms_are_default=False)
+        found = with_elastic_joints(identify, stated, data, validate, progress=progress, **options)
+        description = {**found.estimate.description, "terms": list(terms)}
+        found = replace(found, estimate=replace(found.estimate, description=description))
+    return replace(
+        found,
+        friction=choice,
+        remarks=tuple(dict.fromkeys((*found.remarks, *choice.remarks))),
+        options={**found.options, "friction": "auto"},
+    )
+
+
+def _at_motors(one: TwoEncoders, settings: SecondEncoders, result: Identification, log: int) -> Samples:
+    """Samples with the motion of the motors; what links ask for by a motion of their own is moved to the torque."""
+    model, joints, measured = result.model, result.elastic_joints, one.first
+    places: Sequence[int] = settings.indices(model.robot.joint_names)
+    motors = motor_motion(one, settings, places)
+    torque = measured.torque
+    if result.elastic_model is not None and result.elastic_model.link_motion:
+        transmissions = Transmissions.of(result)
+        if one.second is None:
+            links = unseen_motions(one, settings, places, joints, transmissions)[0]
+        else:
+            links = link_motion(one, settings, places, joints, log)
+        torque = torque + transmissions.torques(*motors) - transmissions.torques(*links)
+        for place, joint in zip(places, joints, strict=True):  # of which the links of the fit hold a part
+            torque[:, place] -= transmissions.missing_rotor(place, joint) * (motors[2] - links[2])[:, place]
+    return Samples(*motors, torque=torque, mask=measured.mask, t=measured.t, channels=measured.channels)
