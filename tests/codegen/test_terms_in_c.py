@@ -28,6 +28,8 @@ GROUPS = (
     ),
     ({"kind": "friction_by_load", "power": 1}, {"kind": "rotor_inertia"}),
     ({"kind": "friction_by_channel", "channel": "heat", "range": [0, 60]},),
+    ({"kind": "dahl", "displacement": 0.01}, {"kind": "viscous"}),
+    ({"kind": "lugre", "displacement": 0.01, "ratio": 0.5, "velocity": 0.1},),
 )
 
 
@@ -40,8 +42,8 @@ def test_generated_torques_are_those_of_the_model(group, tmp_path: Path, random)
     (call,) = compiled("c", project_of("arm", [model.function("inverse_dynamics")]), tmp_path)
     parameters = random.uniform(0.1, 1.0, model.parameter_count)
     for q, dq, ddq in random.uniform(-2.0, 2.0, (5, 3, 2)):
-        heat = random.uniform(10.0, 50.0, 2)
-        channels = {"heat": heat} if model.robot.channels else None
-        given = (q, dq, ddq, heat, parameters) if channels else (q, dq, ddq, parameters)
+        logged = random.uniform(-1.0, 1.0, 2) if model.remembers else random.uniform(10.0, 50.0, 2)
+        channels = dict.fromkeys(model.robot.channels, logged) or None
+        given = (q, dq, ddq, logged, parameters) if channels else (q, dq, ddq, parameters)
         expected = model.regressor(q, dq, ddq, channels=channels) @ parameters  # compiled apart
         np.testing.assert_allclose(call(*given)[0], expected, rtol=1e-11, atol=1e-11)

@@ -1,14 +1,13 @@
-"""Laws of friction that are chosen on pendulums with torques in closed form; presliding against SciPy's integrator."""
+"""Laws of friction that are chosen on pendulums with torques in closed form."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 from scipy.signal import lfilter
 
 import steelyard as sy
-from steelyard.estimators.friction_candidates import CANDIDATES, JointMotion, bristle_states, lugre_is_passive
+from steelyard.estimators.friction_candidates import CANDIDATES, lugre_is_passive
 from steelyard.estimators.friction_selection import select_friction
 
 FEW = tuple(one for one in CANDIDATES if one.kind in ("viscous_by_direction", "stribeck", "friction_polynomial"))
@@ -78,22 +77,6 @@ def test_friction_that_would_drive_the_joint_is_refused():
     model, samples = pendulum(lambda dq: -1.8 * np.sign(dq) * np.exp(-((dq / 0.4) ** 2)), seed=2)
     found = select_friction(model, samples, candidates=[one for one in FEW if one.kind == "stribeck"])
     assert found.chosen == ()
-
-
-def test_bristles_follow_their_equation():
-    t = np.linspace(0.0, 4.0, 4001)
-    q, dq = 0.1 * np.sin(3.0 * t), 0.3 * np.cos(3.0 * t)
-    motion = JointMotion(q, dq, np.zeros_like(q))
-    for d, ratio, speed in ((0.02, 0.0, 1.0), (0.005, 0.8, 0.1)):
-        states, rates = bristle_states(motion, [(d, ratio, speed)])
-
-        def slope(time, u, d=d, ratio=ratio, speed=speed):
-            v = 0.3 * np.cos(3.0 * time)
-            return (v - abs(v) * u / (1.0 + ratio * np.exp(-((v / speed) ** 2)))) / d
-
-        exact = solve_ivp(slope, (0.0, 4.0), [0.0], t_eval=t, rtol=1e-8, atol=1e-10, max_step=0.01).y[0]
-        assert np.abs(states[0] - exact).max() < 2e-3
-        assert np.abs(rates[0] - d * slope(t, exact)).max() < 2e-3
 
 
 def test_the_condition_of_passivity_is_where_energy_begins_to_be_made():

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from .functions import DEFAULT_FUNCTIONS as DEFAULT_FUNCTIONS
     from .model import Model as Model
     from .model_source import model_project as model_project
+    from .presliding import Dahl as Dahl
+    from .presliding import LuGre as LuGre
     from .spring_terms import Cogging as Cogging
     from .spring_terms import Counterbalance as Counterbalance
     from .spring_terms import Screw as Screw

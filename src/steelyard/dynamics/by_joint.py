@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from typing import Any
@@ -160,11 +160,15 @@ class ByJoint(Term):
 
     def conditions(self) -> tuple[Condition, ...]:
         """Return those of all the laws: what a law asks of parameters that have no effect is no restriction."""
-        found: dict[tuple[str, tuple[str, ...]], Condition] = {}
-        for law in self.laws:
-            for condition in law.conditions():
-                found.setdefault((condition.name, tuple(condition.coefficients)), condition)
-        return tuple(found.values())
+        return _each_once(condition for law in self.laws for condition in law.conditions())
+
+    def conditions_at(self, k: int) -> tuple[Condition, ...]:
+        """Return those of all the laws at a joint."""
+        return _each_once(condition for law in self.laws for condition in law.conditions_at(k))
+
+    def bristles(self, k: int) -> tuple[float, float, float] | None:
+        """Return what tells the state that the friction of a joint needs, where a law with one acts there."""
+        return next((shape for law in self.at_joint(k) if (shape := law.bristles(k)) is not None), None)
 
     def check(self, robot: Robot) -> None:
         """Refuse laws that do not fit the robot, and two at a joint with the same parameter."""
@@ -182,3 +186,10 @@ class ByJoint(Term):
     def to_dict(self) -> dict[str, Any]:
         """Return the term as it stands in robot.toml."""
         return {"kind": self.kind, "laws": [law.to_dict() for law in self.laws]}
+
+
+def _each_once(conditions: Iterable[Condition]) -> tuple[Condition, ...]:
+    found: dict[tuple[str, tuple[str, ...]], Condition] = {}
+    for condition in conditions:
+        found.setdefault((condition.name, tuple(condition.coefficients)), condition)
+    return tuple(found.values())

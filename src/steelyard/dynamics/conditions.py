@@ -109,7 +109,7 @@ def model_conditions(robot: Robot, consistency: str) -> tuple[AffineBlock, ...]:
         for term in robot.terms:
             symbols = [p.symbol for p in term.parameters]
             units = {p.symbol: p.unit_prismatic if joint.kind == "prismatic" else p.unit for p in term.parameters}
-            for condition in term.conditions():
+            for condition in term.conditions_at(driving[index]):
                 used = [s for s in symbols if s in condition.coefficients]
                 result.append(
                     AffineBlock(

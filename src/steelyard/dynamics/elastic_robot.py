@@ -165,7 +165,7 @@ class AtCoordinates(Term):
 
     def check_channel(self, name: str, values: NDArray[np.float64]) -> None:
         """Refuse values for which the term was not made."""
-        self.term.check_channel(name, values)
+        self.term.check_channel(name, values[..., list(self.coordinates)])
 
     def without_channels(self) -> Term | None:
         """Return this term with one that needs no channels."""
@@ -219,6 +219,14 @@ class AtCoordinates(Term):
     def conditions(self) -> tuple[Condition, ...]:
         """Return those of the term."""
         return self.term.conditions()
+
+    def conditions_at(self, k: int) -> tuple[Condition, ...]:
+        """Return those of the term at its own coordinate."""
+        return self.term.conditions_at(self.coordinates.index(k)) if k in self.coordinates else self.conditions()
+
+    def bristles(self, k: int) -> tuple[float, float, float] | None:
+        """Return what tells the state that the friction of a coordinate needs."""
+        return self.term.bristles(self.coordinates.index(k)) if k in self.coordinates else None
 
     def check(self, robot: Robot) -> None:
         """Refuse coordinates that the robot does not have."""

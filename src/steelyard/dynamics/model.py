@@ -17,6 +17,7 @@ from steelyard.errors import InputError
 from steelyard.graph import Function, Kernel
 from steelyard.lmi import AffineBlock
 from steelyard.robot import Drives, Robot, RobotFile
+from steelyard.robot.robot import PRESLIDING
 
 from .algorithms.kinematics import joint_frames
 from .algorithms.regressor import regressor_with_numpy, term_torques
@@ -30,6 +31,8 @@ from .threads import one_thread
 
 if TYPE_CHECKING:
     from steelyard import codegen
+
+    from .bristles import Bristles
 
 __all__ = ["Model"]
 
@@ -434,6 +437,8 @@ class Model:
             return Drives.unknown(n)
         still, delta = np.zeros((n, n)), parameter_values(parameters, self.parameter_names, self.robot.name)
         described = np.array(self._layout.described_as)
+        # Each joint slides steadily where its friction remembers the motion; what else is logged is zero.
+        logged = [row for name in self.robot.channels for row in np.eye(n) * (name == PRESLIDING)]
         braking = ("damping", "friction", "quadratic_damping", "cubic_damping")
 
         def felt(kind: str) -> Array:
@@ -442,11 +447,11 @@ class Model:
             share = np.where(described == kind, delta, 0.0)
             speed = np.eye(n) if kind in braking else still
             acceleration = np.eye(n) if kind == "rotor_inertia" else still
-            forth = term_torques(self._layout, still, speed, acceleration, share)
+            forth = term_torques(self._layout, still, speed, acceleration, share, logged)
             if kind not in braking:
                 return np.diagonal(forth).copy()
             # Half of the difference of both directions, which is all that a description holds of friction that differs.
-            back = term_torques(self._layout, still, -speed, acceleration, share)
+            back = term_torques(self._layout, still, -speed, acceleration, share, [-one for one in logged])
             return np.diagonal(0.5 * (forth - back)).copy()
 
         told = {kind: felt(kind) for kind in (*braking, "rotor_inertia", "offset")}
@@ -502,6 +507,66 @@ class Model:
             found.append(values)
         return np.ascontiguousarray(np.concatenate(found, axis=-1)) if found else np.zeros((*shape[:-1], 0))
 
+    @property
+    def remembers(self) -> bool:
+        """Whether friction has a state, see `presliding`."""
+        return PRESLIDING in self.robot.channels
+
+    @cached_property
+    def bristles(self) -> Bristles:
+        """The bristles of joints whose friction has a state; see `presliding`."""
+        from .bristles import Bristles  # few models have any
+
+        return Bristles(self.robot)
+
+    def presliding(self, q: ArrayLike, dq: ArrayLike, starts: Sequence[int] = (0,)) -> Array:
+        """Return the state of friction with presliding along a motion, (S, N), which terms need as a channel.
+
+        It is the deflection of the bristles of Dahl's or LuGre's friction over that of steady sliding; zero at joints
+        without such friction. Where a motion begins it is taken as zero, and is known once the joint has moved by some
+        of its presliding displacements.
+
+        Parameters
+        ----------
+        q, dq : array_like
+            (S, N) rad or m, and per s, row after row in time.
+        starts : sequence of int
+            Rows at which a motion begins, so that nothing is remembered from the row before.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import steelyard as sy
+        >>> from steelyard.dynamics import Dahl
+        >>> model = sy.Model(sy.Robot.from_dh([(0, 1.0, 0, "q")]).with_terms(Dahl(displacement=0.01)))
+        >>> q = np.linspace(0.0, 0.03, 4)[:, None]
+        >>> model.presliding(q, np.ones_like(q))[:, 0].round(3)
+        array([0.   , 0.632, 0.865, 0.95 ])
+        """
+        motion = np.asarray(q, dtype=np.float64), np.asarray(dq, dtype=np.float64)
+        if any(one.ndim != 2 or one.shape != (len(motion[0]), self.dof) for one in motion):
+            raise InputError(
+                f"The motion along which presliding is computed must be q and dq of shape (S, {self.dof}), row after "
+                f"row in time, got {motion[0].shape} and {motion[1].shape}."
+            )
+        return self.bristles.along(*motion, starts=starts)[0]
+
+    def refuse_presliding(self, what: str) -> None:
+        """Raise InputError where friction remembers the motion, which what is to be done with the model cannot hold.
+
+        Parameters
+        ----------
+        what : str
+            What is not done with such models, such as ``"simulated"``.
+        """
+        if self.remembers:
+            kinds = " and ".join(term.kind for term in self.robot.terms if PRESLIDING in term.channels)
+            raise InputError(
+                f"The friction of the term {kinds} of {self.robot.name} remembers the motion before, and models with "
+                f"such friction are not {what}; state `sliding = true` in the term for its friction in steady sliding, "
+                "or model.without_channels in Python."
+            )
+
     def _logged(self, channels: Mapping[str, ArrayLike], motion: ArrayLike) -> tuple[Array, ...]:
         """Return the channels as an argument of functions, of which there is none where no term needs any."""
         return (self.channel_values(channels, np.shape(motion)),) if self.robot.channels else ()
@@ -516,6 +581,12 @@ class Model:
 
     def _lacks(self, name: str) -> str:
         kinds = " and ".join(term.kind for term in self.robot.terms if name in term.channels)
+        if name == PRESLIDING:
+            return (
+                f"The friction of the term {kinds} of {self.robot.name} has a state that follows from the motion "
+                f"before, which was not given: give channels={{{name!r}: model.presliding(q, dq)}}; samples get it by "
+                "samples.with_presliding(model)."
+            )
         return (
             f"The term {kinds} of {self.robot.name} needs the channel {name!r}, which was not given: name its column "
             f'in [log], as in channels = {{ {name} = "..." }}, or give channels={{{name!r}: values}} in Python.'

@@ -396,6 +396,8 @@ _OWN: dict[str, type[Term] | str] = {
     "friction_piecewise": f"{_FRICTION}:PiecewiseFriction",
     "friction_by_load": f"{_FRICTION}:LoadFriction",
     "friction_by_channel": f"{_FRICTION}:ChannelFriction",
+    "dahl": "steelyard.dynamics.presliding:Dahl",
+    "lugre": "steelyard.dynamics.presliding:LuGre",
     "spring": f"{_SPRINGS}:Spring",
     "counterbalance": f"{_SPRINGS}:Counterbalance",
     "cogging": f"{_SPRINGS}:Cogging",

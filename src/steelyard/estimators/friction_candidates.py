@@ -9,12 +9,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from steelyard.dynamics.bristles import BristleStates, bristle_states
+
 __all__ = [
     "BY_GRAVITY",
     "CANDIDATES",
     "FrictionCandidate",
     "JointMotion",
-    "bristle_states",
     "by_channel",
     "lugre_is_passive",
 ]
@@ -150,71 +151,18 @@ def _harmonics(motion: JointMotion) -> list[Shape]:
     return [(float(h),) for h in range(2, MOST_HARMONICS + 1) if h * extent > 2.0 * np.pi and h * step < 0.5 * np.pi]
 
 
-def bristle_states(motion: JointMotion, shapes: Sequence[tuple[float, float, float]]) -> tuple[Array, Array]:
-    """Integrate the state of a bristle along a measured motion, for many shapes at a time.
-
-    The state u of LuGre friction, its deflection over that of steady sliding with Coulomb friction, follows
-    ``du/dt = (dq - |dq| u / g(dq)) / d`` with ``g(dq) = 1 + r exp(-(dq / v)²)``. Over a step in which the joint moves
-    one way at one speed this has a closed form, which is taken; Dahl's is the case r = 0.
-
-    Parameters
-    ----------
-    motion : JointMotion
-    shapes : sequence of (d, r, v)
-        Presliding displacement (rad or m), what breaks away above Coulomb friction, relative to that, and Stribeck
-        velocity.
-
-    Returns
-    -------
-    states, rates : ndarray
-        (K, S) each: u, and d du/dt.
-
-    References
-    ----------
-    P. R. Dahl, A solid friction model, Aerospace Corporation, 1968. C. Canudas de Wit et al., A new model for control
-    of systems with friction, IEEE Transactions on Automatic Control 40, 1995.
-
-    Examples
-    --------
-    A joint that starts to slide gets to Coulomb friction over its presliding displacement:
-
-    >>> q = np.linspace(0.0, 0.05, 6)
-    >>> motion = JointMotion(q, np.full(6, 0.1), np.zeros(6))
-    >>> bristle_states(motion, [(0.01, 0.0, 1.0)])[0].round(3)
-    array([[0.   , 0.632, 0.865, 0.95 , 0.982, 0.993]])
-    """
-    d, ratio, speed = (np.array(one)[None, :] for one in zip(*shapes, strict=True))
-    dq = motion.dq[:, None]
-    bound = 1.0 + ratio * np.exp(-np.minimum((dq / speed) ** 2, 700.0))  # (S, K)
-    moved = np.diff(motion.q, prepend=motion.q[:1])
-    middle = 0.5 * (bound + np.vstack([bound[:1], bound[:-1]]))
-    kept = np.exp(-np.abs(moved)[:, None] / (d * middle))
-    pulled = np.sign(moved)[:, None] * middle * (1.0 - kept)
-    starts = list(motion.starts)
-    kept[starts], pulled[starts] = 0.0, 0.0
-    states = _recursion(kept, pulled)
-    rates = dq - np.abs(dq) * states / bound
-    return states.T, rates.T
-
-
-def _recursion(factors: Array, terms: Array) -> Array:
-    """Return u with ``u[k] = factors[k] u[k - 1] + terms[k]`` along the first axis, by doubling the steps."""
-    found, reach, factors = terms.copy(), 1, factors.copy()
-    while reach < len(found):
-        found[reach:] += factors[reach:] * found[:-reach].copy()
-        factors[reach:] *= factors[:-reach].copy()
-        reach *= 2
-    return found
+def _bristles(motion: JointMotion, shapes: Sequence[Shape]) -> BristleStates:
+    numbers = zip(*shapes, strict=True)
+    return bristle_states(motion.q[:, None], motion.dq[:, None], *numbers, starts=motion.starts)
 
 
 def _dahl(motion: JointMotion, shapes: Sequence[Shape]) -> list[Array]:
-    states, _ = bristle_states(motion, [(d, 0.0, 1.0) for (d,) in shapes])
-    return [state[:, None] for state in states]
+    return [state[:, None] for state in _bristles(motion, shapes).states.T]
 
 
 def _lugre(motion: JointMotion, shapes: Sequence[Shape]) -> list[Array]:
-    pairs = zip(*bristle_states(motion, [(d, r, v) for d, r, v in shapes]), strict=True)
-    return [np.column_stack(pair) for pair in pairs]
+    found = _bristles(motion, shapes)
+    return [np.column_stack(pair) for pair in zip(found.states.T, found.rates.T, strict=True)]
 
 
 def lugre_is_passive(damping: float, viscous: float, ratio: float) -> bool:

@@ -115,6 +115,7 @@ class FrictionData:
     def of(cls, model: Model, samples: Samples | Sequence[Samples], memory: float = 1.0) -> FrictionData:
         """Take samples as they are, each of them one log."""
         parts = [samples] if isinstance(samples, Samples) else list(samples)
+        parts = [part.with_presliding(model) for part in parts]
         if not parts:
             raise InputError("there are no samples to choose friction by; give at least one Samples.")
         for part in parts:

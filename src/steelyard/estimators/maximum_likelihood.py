@@ -325,7 +325,7 @@ def _checked(model: Model, samples: Iterable[Samples], counts: list[int]) -> Ite
     for one in samples:
         require_joints(model, one)
         counts.append(one.count)
-        yield one
+        yield one.with_presliding(model)
 
 
 def _parts(

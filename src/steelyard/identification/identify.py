@@ -185,6 +185,7 @@ def identify(
             "packages leave out; leave out one of them."
         )
     if file.section("elastic"):
+        model.refuse_presliding("identified together with the stiffness of [elastic]")
         # Loaded where a robot file names such joints.
         if friction == "auto":
             from .elastic_friction import with_chosen_friction as with_elastic_joints

@@ -875,6 +875,7 @@ def _with_channels(samples: Samples, model: Model, name: str) -> Samples:
     """Return samples with the regressor of a model whose terms need channels, as those of a log have it."""
     if not model.robot.channels or samples.regressor_model is model:
         return samples
+    samples = samples if samples.filtered_torque else samples.with_presliding(model)
     if samples.filtered_torque:
         raise InputError(
             f"The torques of {name} were filtered, and what terms need of its channels was not; give the model to "

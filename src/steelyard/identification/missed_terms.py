@@ -11,6 +11,7 @@ from steelyard.recording import Samples
 from steelyard.regression import Estimate
 from steelyard.robot import Robot
 from steelyard.robot.description import URDF, description_format
+from steelyard.robot.robot import PRESLIDING
 
 __all__ = ["missed_terms", "undescribed_kinds"]
 
@@ -53,13 +54,20 @@ def missed_terms(model: Model, estimate: Estimate, samples: Iterable[Samples]) -
     described = {one.symbol: one.described_as for term in model.robot.terms for one in term.parameters}
     lost = {symbol for symbol, name in described.items() if name not in held}
     missed = np.array([name.rstrip("0123456789") in lost for name in model.parameter_names])
-    if not kind.is_written or not missed.any():
+    remembers = model.remembers
+    if not kind.is_written or not (missed.any() or remembers):
         return ()
     parts, whole = np.zeros(model.robot.dof), np.zeros(model.robot.dof)
     parameters = np.where(missed, estimate.parameters, 0.0)
+    friction = [described.get(name.rstrip("0123456789")) == "friction" for name in model.parameter_names]
+    coulomb = np.where(np.array(friction) & ~missed, estimate.parameters, 0.0)
     for one in samples:
         rows = np.ones_like(one.torque, dtype=bool) if one.mask is None else one.mask
         torque = model.inverse_dynamics(one.q, one.dq, one.ddq, parameters, channels=one.channels)
+        if remembers:  # of which descriptions hold Coulomb friction
+            slides = {**(one.channels or {}), PRESLIDING: np.sign(one.dq)}
+            torque = torque + model.inverse_dynamics(one.q, one.dq, one.ddq, coulomb, channels=one.channels)
+            torque = torque - model.inverse_dynamics(one.q, one.dq, one.ddq, coulomb, channels=slides)
         parts += np.sum(np.where(rows, torque, 0.0) ** 2, axis=0)
         whole += np.sum(np.where(rows, one.torque, 0.0) ** 2, axis=0)
     if not whole.sum() > 0.0:
@@ -82,4 +90,9 @@ def missed_terms(model: Model, estimate: Estimate, samples: Iterable[Samples]) -
 def undescribed_kinds(robot: Robot) -> list[str]:
     """Return the kinds of the terms, or of their laws, that have parameters of which no description knows."""
     laws = [law for term in robot.terms for law in term.laws]
-    return list(dict.fromkeys(law.kind for law in laws if any(one.described_as is None for one in law.parameters)))
+    undescribed = (
+        law.kind
+        for law in laws
+        if PRESLIDING in law.channels or any(one.described_as is None for one in law.parameters)
+    )
+    return list(dict.fromkeys(undescribed))

@@ -158,7 +158,9 @@ def excite_on_the_fly(
     """
     say = progress or (lambda _: None)
     file = RobotFile.load(robot)
-    whole = model_of_estimate(estimate, file).without_channels
+    given = model_of_estimate(estimate, file)
+    given.refuse_presliding("excited on the fly")
+    whole = given.without_channels
     bounds = MotionLimits.from_robot(whole.robot)
     constraints: tuple[MotionConstraint, ...] = ()
     if limits is not None:

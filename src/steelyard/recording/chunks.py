@@ -33,7 +33,7 @@ from .formats import BLOCK_ROWS, Columns, LogFiles, Source
 from .formats.registry import split_source
 from .measurements import check_order, check_period
 from .options import Processing
-from .plan import masking_remarks
+from .plan import KnownBristles, masking_remarks
 from .recording import Recording
 from .samples import Samples, regrouped
 from .survey import LogSurvey
@@ -376,6 +376,10 @@ class SeenRows:
         self.masked[name] = self.masked[name] + counts if name in self.masked else counts
 
 
+NOTHING = 1e-12
+"""Weight below which an earlier state of presliding friction is nothing: rounding changes more."""
+
+
 class OpenedLog:
     """A log of which everything is chosen that the data decides, in sections that can be processed one by one.
 
@@ -473,18 +477,72 @@ class OpenedLog:
         first_piece, stop = self._bounds[section : section + 2]
         pieces = self.pieces[first_piece:stop]
         spans = [self.even.rows(piece.part, piece.first, piece.last) for piece in pieces]
+        remembers = plan.model is not None and plan.model.remembers
+        known = self._bristles_at(first_piece) if remembers and pieces else None
         stream = ahead(self.stream.spans(spans), lead)
         for number, (piece, span, raw) in enumerate(zip(pieces, spans, stream, strict=True), first_piece):
             seen.survey.add(raw)
             recording = self.even.placed(raw, span[0], piece.part, piece.first, piece.last)
             begin, end = piece.kept
             trimmed = max(0, piece.begin - piece.first), min(piece.end - piece.first, recording.count)
-            samples, flags = plan.rows(recording, begin - piece.first, end - piece.first, trimmed)
+            place = (begin - piece.first, end - piece.first, trimmed)
+            if known is None:
+                samples, flags = plan.rows(recording, *place)
+            else:
+                later: list[Callable[[int], KnownBristles]] = []
+                samples, flags = plan.rows(recording, *place, known, later)
+                known = self._bristles_behind(number, later[0]) if later else self._unknown_at(number + 1)
             first = (piece.start - begin) // step
             own = samples.rows(first, first - (piece.start - piece.stop) // step, with_remarks=number == 0)
             for name, flagged in flags.items():
                 seen.mask(name, flagged[first : first + own.count].sum(axis=0))
             yield replace(own, remarks=self.remarks) if number == 0 else own
+
+    def _settled(self, number: int) -> int:
+        """Return the row of its part from which on the state of presliding friction in a piece goes on."""
+        piece = self.pieces[number]
+        rate = self.stream.rate if self.even.as_is else 1.0 / self.even.period
+        return self.plan.settled(piece.first, piece.begin, rate)
+
+    def _unknown_at(self, number: int) -> KnownBristles:
+        """Return that nothing is known of presliding friction where a piece begins; of none behind the last."""
+        if number == len(self.pieces):
+            return KnownBristles(0)
+        return KnownBristles(self._settled(number) - self.pieces[number].first)
+
+    def _goes_on(self, number: int) -> bool:
+        """Whether a piece goes on where the one before ends, with no gap and no trimmed rows between them."""
+        return 0 < number < len(self.pieces) and self.pieces[number].start > self.pieces[number].begin
+
+    def _bristles_behind(self, number: int, later: Callable[[int], KnownBristles]) -> KnownBristles:
+        """Return what is known of presliding friction where the piece behind a piece begins."""
+        if not self._goes_on(number + 1):
+            return self._unknown_at(number + 1)
+        row = self._settled(number + 1)
+        return later(row - self.pieces[number].first)._replace(row=row - self.pieces[number + 1].first)
+
+    def _bristles_at(self, number: int) -> KnownBristles:
+        """Return what is known of presliding friction where a section begins, from as many pieces before as count.
+
+        The state behind a piece is linear in that before it, so that each of them is read once, the last one first.
+        """
+        known, plan = self._unknown_at(number), self.plan
+        state, weight = np.zeros(self.first.joint_count), np.ones(self.first.joint_count)
+        moving = ~plan.held.mask
+        if plan.model is not None:
+            moving &= np.isin(np.arange(len(moving)), plan.model.bristles.joints)
+        before = number
+        while self._goes_on(before) and weight[moving].max(initial=0.0) > NOTHING:
+            before -= 1
+            piece = self.pieces[before]
+            span = self.even.rows(piece.part, piece.first, piece.last)
+            raw = next(self.stream.spans([span]))
+            recording = self.even.placed(raw, span[0], piece.part, piece.first, piece.last)
+            row = self._settled(before + 1) - piece.first
+            found = plan.bristles_after(recording, self._unknown_at(before), row)
+            assert found.state is not None
+            state, weight = state + weight * found.state, weight * found.weight
+        return known if before == number else KnownBristles(known.row, state, weight)
 
     def ending(self, seen: SeenRows) -> tuple[str, ...]:
         """Return what is only known after the last row.

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from math import ceil
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,18 +28,35 @@ from .filters.zero_phase import (
 )
 from .measurements import Measurements
 from .options import Processing
-from .samples import Samples, cut_channels
+from .samples import FORGOTTEN, TOO_EARLY, Samples, cut_channels
 
 if TYPE_CHECKING:
     from steelyard.dynamics import Model
 
-__all__ = ["Plan", "masking_remarks"]
+__all__ = ["KnownBristles", "Plan", "masking_remarks"]
 
 Array = NDArray[np.float64]
 Flags = dict[str, NDArray[np.bool_]]
 LARGEST_TRIM = 0.15
 """Share of a log that is trimmed at either end where the filters ring for longer, and the user did not say how much."""
 LATE = "without a torque once the delay was taken out"
+
+
+class KnownBristles(NamedTuple):
+    """What is known of the state of presliding friction at a row of a recording.
+
+    Attributes
+    ----------
+    row : int
+    state : ndarray or None
+        (N,); None where nothing is known, as at the beginning of a log.
+    weight : ndarray
+        (N,) of the unknown state at the beginning of the log in it.
+    """
+
+    row: int
+    state: Array | None = None
+    weight: Array = np.ones(1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,13 +233,46 @@ class Plan:
         ringing = [2.0 * rate / cutoff for cutoff in cutoffs if cutoff]
         return int(max([30.0 * self.processing.step, *ringing]))
 
+    def settled(self, piece: int, begin: int, rate: float) -> int:
+        """Return the first row whose motion is whole, of a piece that begins at a row of a part kept from `begin` on.
+
+        There the state of presliding friction goes on from that of the piece before.
+        """
+        return max(begin, piece + self.filter.padding(rate) if piece else 0)
+
+    def bristles_after(self, recording: Measurements, known: KnownBristles, row: int) -> KnownBristles:
+        """Return what is known of the state of presliding friction at a later row of a recording."""
+        assert self.model is not None
+        q, dq, _ = self.held.without_motion(*self._motion(recording, self.flags(recording)))
+        return self._bristles(q, dq, known)[2](row)
+
+    def _bristles(
+        self, q: Array, dq: Array, known: KnownBristles
+    ) -> tuple[Array, Array, Callable[[int], KnownBristles]]:
+        """States and weights of presliding friction in all rows, and what is known of them at a row."""
+        assert self.model is not None
+        first, still = known.row, np.zeros(q.shape[1])
+        state, weight = (still, still + 1.0) if known.state is None else (known.state, known.weight)
+        own, passed = self.model.bristles.along(q[first:], dq[first:], first=state)
+        # The rows before feed filters only.
+        states = np.concatenate([np.repeat(own[:1], first, axis=0), own])
+        weights = np.concatenate([np.ones((first, len(still))), passed * weight])
+        return states, weights, lambda row: KnownBristles(row, states[row].copy(), weights[row].copy())
+
     def rows(
-        self, recording: Measurements, start: int, stop: int, trimmed: tuple[int, int] | None = None
+        self,
+        recording: Measurements,
+        start: int,
+        stop: int,
+        trimmed: tuple[int, int] | None = None,
+        known: KnownBristles | None = None,
+        follows: list[Callable[[int], KnownBristles]] | None = None,
     ) -> tuple[Samples, Flags]:
         """Process a recording and keep rows start:stop before decimation; also tell why rows are masked.
 
         Rows outside start:stop only feed the filters. `trimmed` are the rows that trimming leaves of the log where the
-        recording is a piece of it.
+        recording is a piece of it; `known` is what is known of the state of presliding friction then, and to `follows`
+        is added what tells it of a later row.
         """
         processing, rate, source = self.processing, recording.rate, recording.source
         if recording.count < 3:
@@ -235,6 +285,18 @@ class Plan:
         if late.any():
             flags[LATE] = late
         step = processing.step
+        logged, bristles = recording.channels or {}, None
+        if self.model is not None and self.model.remembers:
+            bristles = self.model.bristles
+        if bristles is not None and bristles.channel not in logged:
+            begin = KnownBristles(max(inside.start, 0)) if known is None else known
+            states, weights, later = self._bristles(q, dq, begin)
+            recording = replace(recording, channels={**logged, bristles.channel: states}, remarks=())
+            unknown = weights > FORGOTTEN
+            if unknown.any():
+                flags[TOO_EARLY] = unknown
+            if follows is not None:
+                follows.append(later)
         regressor = self._regressor((q, dq, ddq), recording, start, stop, inside)
         q, dq, ddq, torque = (
             decimate(array[start:stop], processing.decimate, source) for array in (q, dq, ddq, torque)

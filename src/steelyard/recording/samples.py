@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 import numpy as np
@@ -21,6 +21,13 @@ if TYPE_CHECKING:
 __all__ = ["Samples", "regrouped"]
 
 T = TypeVar("T", bound=np.generic)
+
+FORGOTTEN = 0.01
+"""Weight of the unknown state at its beginning below which a row tells of presliding: of 1 % of Coulomb friction at
+most. A joint has then slid by 4.6 of its presliding displacements."""
+GAP = 1.5
+"""Sample times from one row to the next from which on the motion between them is not known."""
+TOO_EARLY = "at a beginning, before presliding friction is known"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -134,6 +141,44 @@ class Samples:
             return None
         given = {name: values[part] for name, values in (self.channels or {}).items()}
         return model.channel_values(given, self.q[part].shape)
+
+    def with_presliding(self, model: Model) -> Samples:
+        """Return the samples with the state of friction that remembers the motion, which terms of a model need.
+
+        The rows are taken in their order, from one gap of the times to the next. What happened before the first of them
+        is not known, so that rows of a joint at which it still counts for more than 1 % are masked. Samples that have
+        the state already, as those of logs that were processed with the model, and any where no term needs it are
+        returned as they are.
+
+        Raises
+        ------
+        InputError
+            Where torques were filtered: the columns of the friction must go through the same filter.
+        """
+        if not model.remembers or model.bristles.channel in (self.channels or {}):
+            return self
+        if self.filtered_torque:
+            raise InputError(
+                "The torques of these samples were filtered, and what terms need of the motion before was not; give "
+                "the model to Recording.process, which filters both."
+            )
+        starts = [0]
+        if self.t is not None and self.count > 2:
+            steps = np.diff(self.t)
+            typical = float(np.median(steps))
+            starts += (np.flatnonzero((steps > GAP * typical) | (steps <= 0.0)) + 1).tolist()
+        states, weights = model.bristles.along(self.q, self.dq, starts)
+        known = weights <= FORGOTTEN
+        mask = known if self.mask is None else known & self.mask
+        lost = np.count_nonzero((~known) if self.mask is None else (self.mask & ~known), axis=0)
+        told = ", ".join(f"{count} of joint {j + 1}" for j, count in enumerate(lost) if count)
+        remark = f"Rows left out because they are {TOO_EARLY}: {told}."
+        return replace(
+            self,
+            mask=None if mask.all() else mask,
+            channels={**(self.channels or {}), model.bristles.channel: states},
+            remarks=(*self.remarks, remark) if told else self.remarks,
+        )
 
     @property
     def count(self) -> int:

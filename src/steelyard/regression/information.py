@@ -214,7 +214,7 @@ class Information:
         whole = None if matrix is None else WhitenedReduction(model, matrix, batch_means)
         filtered, any_rows = False, False
         # Blocks of rows are the same, and are added in the same order, wherever the chunks end.
-        for samples in regrouped(chunks, CHUNK):
+        for samples in regrouped((one.with_presliding(model) for one in chunks), CHUNK):
             require_joints(model, samples)
             filtered, any_rows = filtered or samples.is_biased_for(model), True
             by_joint.add(samples)

@@ -77,6 +77,7 @@ def residual_covariance(
     sums, counts = np.zeros((joints, joints)), np.zeros((joints, joints))
     for chunk in [samples] if isinstance(samples, Samples) else samples:
         require_joints(model, chunk)
+        chunk = chunk.with_presliding(model)
         for part, errors in residuals(model, chunk, base):
             used = np.ones(errors.shape) if chunk.mask is None else chunk.mask[part].astype(np.float64)
             sums += (errors * used).T @ (errors * used)

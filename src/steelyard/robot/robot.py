@@ -24,6 +24,9 @@ __all__ = ["Condition", "Robot", "Term", "TermParameter"]
 
 Matrix = NDArray[np.float64]
 
+PRESLIDING = "presliding"
+"""The channel that is the state of the bristles of friction; it is not logged but follows from the motion before."""
+
 
 @dataclass(frozen=True)
 class TermParameter:
@@ -153,6 +156,13 @@ class Term(ABC):
         """Return a term that comes near to this one and needs no channels; None where there is none."""
         return None if self.channels else self
 
+    def bristles(self, k: int) -> tuple[float, float, float] | None:
+        """Return what tells the state that the friction of coordinate `k` needs as the channel ``presliding``.
+
+        Displacement, ratio and velocity, as of :class:`steelyard.dynamics.LuGre`; None as a rule, where it has none.
+        """
+        return None
+
     def on(self, robot: Robot) -> Term:
         """Return the term as it acts on a robot: itself, unless its columns depend on the robot's links."""
         return self
@@ -196,6 +206,10 @@ class Term(ABC):
             for parameter in self.parameters
             if parameter.nonnegative
         )
+
+    def conditions_at(self, k: int) -> tuple[Condition, ...]:
+        """Conditions on the parameters of coordinate `k`, from 0; as a rule those of all."""
+        return self.conditions()
 
     def check(self, robot: Robot) -> None:
         """Raise InputError where the term does not fit the robot (a matrix of another size, for example)."""

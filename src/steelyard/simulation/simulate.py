@@ -137,6 +137,7 @@ def simulate(
     positive(relative_tolerance, "relative_tolerance", "1")
     positive(absolute_tolerance, "absolute_tolerance", "rad")
     read_whole(seed, "seed")
+    model.refuse_presliding("simulated")
     request = Request(
         model.without_channels,
         parameters,

@@ -235,10 +235,12 @@ def momentum_balance_with_numpy(
     return momentum, rest
 
 
-def term_torques(layout: ParameterLayout, q: Array, dq: Array, ddq: Array, parameters: Array) -> Array:
+def term_torques(
+    layout: ParameterLayout, q: Array, dq: Array, ddq: Array, parameters: Array, channels: list[Array] | None = None
+) -> Array:
     """Return the torques (S, N) of the terms."""
     torques = np.zeros_like(q)
-    for row, column, value in layout.terms(list(q.T), list(dq.T), list(ddq.T), np):
+    for row, column, value in layout.terms(list(q.T), list(dq.T), list(ddq.T), np, channels=channels):
         torques[:, row] += parameters[column] * value
     return torques
 
