@@ -9,11 +9,12 @@ import numpy.typing as npt
 
 from steelyard.display import text_table
 from steelyard.errors import InputError
-from steelyard.feasibility.barrier import Barrier, minimise
+from steelyard.feasibility.barrier import Barrier, log_determinants, minimise
 from steelyard.feasibility.feasible_set import FeasibleSet
 from steelyard.files import tell
 from steelyard.regression import Information
 from steelyard.regression.factor import column_lengths, solve
+from steelyard.robot.inertia import pseudo_inertia
 
 from .prior import PreparedPrior, Prior
 from .reduced_fit import fit_reduced
@@ -305,10 +306,21 @@ class _Fits:
         self.reference = priors[0].reference
         self.stiffness = weights[:, None] * np.array([one.diagonal for one in priors])
         self.links = replace(priors[0], diagonal=np.zeros_like(self.reference))
+        # The barrier has the determinants of the entropic prior, too: their logarithms are taken once for both.
+        self.shared = bool(self.links.entropy) and self.barrier.has_bodies
+        if self.shared:
+            self.slope = self.links.slope(self.reference)
+            logarithms = log_determinants(pseudo_inertia(self.links.bodies))
+            self.constant = float(logarithms.sum() - self.slope @ self.reference)
 
     def value(self, points: Matrix, problems: npt.NDArray[np.intp]) -> Vector:
         data, which = np.divmod(problems, len(self.weights))
-        found = BARRIER * self.barrier.value(points) + self.weights[which] * self.links.distances(points)
+        weights = self.weights[which]
+        if self.shared:
+            found = BARRIER * self.barrier.value(points, 1.0 + weights / BARRIER)
+            found += weights * (points @ self.slope + self.constant)
+        else:
+            found = BARRIER * self.barrier.value(points) + weights * self.links.distances(points)
         errors = points - self.reference
         found += 0.5 * np.einsum("pi,pi->p", self.stiffness[which] * errors, errors)
         for number in set(data.tolist()):
@@ -326,6 +338,11 @@ class _Fits:
         gradients += self.stiffness[which] * (points - self.reference)
         diagonal = np.arange(points.shape[1])
         hessians[:, diagonal, diagonal] += self.stiffness[which]
-        self.barrier.add_derivatives(points, np.full(len(points), BARRIER), gradients, hessians)
-        self.links.add_derivatives(points, self.weights[which], gradients, hessians)
+        weights, factors = self.weights[which], np.full(len(points), BARRIER)
+        if self.shared:
+            gradients += weights[:, None] * self.slope
+            self.barrier.add_derivatives(points, factors, gradients, hessians, 1.0 + weights / BARRIER)
+            return gradients, hessians
+        self.barrier.add_derivatives(points, factors, gradients, hessians)
+        self.links.add_derivatives(points, weights, gradients, hessians)
         return gradients, hessians
