@@ -155,7 +155,7 @@ def _values(own: Tensor, coefficients: Tensor, constants: Tensor) -> Tensor:
 
 
 def _add_blocks(hessians: Tensor, places: Indices, blocks: Tensor) -> None:
-    """Add blocks (p, b, c, c) to matrices (p, n, n), in the rows and columns (b, c) of which no two blocks share any."""
+    """Add blocks (p, b, c, c) to matrices (p, n, n), in rows and columns (b, c) that no two blocks share."""
     hessians[:, places[:, :, None], places[:, None, :]] += blocks
 
 

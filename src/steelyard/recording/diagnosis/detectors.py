@@ -375,9 +375,12 @@ def find_stiction(
     >>> [(round(one.begin, 1), round(one.end, 1)) for one in found]
     [(1.0, 2.0)]
     """
-    own_tolerance, own_duration = stiction_duration(recording)
-    tolerance = own_tolerance if tolerance is None else np.asarray(tolerance, dtype=np.float64)
-    lengths = own_duration if duration is None else np.broadcast_to(np.asarray(duration, float), own_duration.shape)
+    if tolerance is None or duration is None:
+        own_tolerance, own_duration = stiction_duration(recording)
+        tolerance = own_tolerance if tolerance is None else tolerance
+        duration = own_duration if duration is None else duration
+    tolerance = np.asarray(tolerance, dtype=np.float64)
+    lengths = np.broadcast_to(np.asarray(duration, float), (recording.joint_count,))
     flags = _resting(recording, tolerance, lengths)
     for j in range(recording.joint_count):
         for start, stop in runs(flags[:, j]):
@@ -390,10 +393,10 @@ def stuck_while_others_move(recording: Measurements) -> Intervals:
 
     Those are the rests at its begin and end, and those of all joints together, where nothing was commanded to move.
     """
-    found = find_stiction(recording)
+    tolerance, lengths = stiction_duration(recording)
+    found = find_stiction(recording, lengths, tolerance)
     if not found:
         return found
-    tolerance, lengths = stiction_duration(recording)
     together = np.all(_resting(recording, tolerance, lengths), axis=1) & (recording.joint_count > 1)
     flags = found.flags.copy()
     for one in found:

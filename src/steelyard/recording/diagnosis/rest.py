@@ -71,7 +71,8 @@ class HeldJoints:
     position : ndarray
         (N,) rad or m, where they are held.
     tolerance : ndarray
-        (N,) rad or m: the means of positions over some hundredths of a second differ by no more.
+        (N,) rad or m: the means of positions over some hundredths of a second differ by no more. Zero for joints that
+        go too far to be held whatever it is.
 
     Examples
     --------
@@ -91,13 +92,17 @@ class HeldJoints:
     @classmethod
     def of(cls, recording: Measurements) -> Self:
         """Find the joints that do not move in a recording, or in the first rows of a log."""
-        q = recording.q
+        travel = np.ptp(recording.q, axis=0)
+        likely = travel <= MOST_TRAVEL
+        held = cls(likely, recording.q[0].copy(), np.zeros(len(travel)))
+        if not likely.any():
+            return held
+        q = recording.q[:, likely]
         tolerance = np.maximum(STEPS * resolution(q), DEVIATIONS * noise_deviation(q))
         tolerance = np.maximum(tolerance, max(SMALLEST, SLOWEST * recording.duration))
-        travel = np.ptp(q, axis=0)
         few = np.array([len(np.unique(column[:1000])) <= FEW_LEVELS >= len(np.unique(column)) for column in q.T])
-        tolerance[few] = np.maximum(tolerance[few], 1.001 * travel[few])  # means round
-        held = cls(np.ones(q.shape[1], dtype=bool), np.median(q, axis=0), tolerance)
+        tolerance[few] = np.maximum(tolerance[few], 1.001 * travel[likely][few])  # means round
+        held.position[likely], held.tolerance[likely] = np.median(q, axis=0), tolerance
         return held.among([recording])
 
     def among(self, recordings: Iterable[Measurements]) -> Self:
