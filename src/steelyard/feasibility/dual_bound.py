@@ -218,6 +218,10 @@ CONVEX_STEPS = 6
 """Largest number of mending steps for a bound of the objective of a fit. One suffices for 100 random fits (gaps up to
 8.0e-7 instead of 7.6e-7); robots that are harder to fit need more."""
 
+LEAST_GAIN = 0.1
+"""Part of what a bound of a fit's objective lacks to be enough that a step has to gain, or the next ones will not lead
+there either: another attempt of the solver is cheaper."""
+
 DEARNESSES = (1e-4, 1e-2, 1.0)
 """Units of steps in w, relative to a change of X by 1, that are tried: a step in w costs its square, a change of X
 hardly anything. With 1 alone, one of 100 random fits ends above the gap, and bounds are off by up to 1e-3 where joints
@@ -324,12 +328,21 @@ class ConvexProblem:
         for start in (self._positive(Z), self._positive(Z + self._inner)):
             state = _State(start, mu, np.zeros(len(self.root)), np.zeros(len(self.feasible_set.equation_values)))
             for _ in range(CONVEX_STEPS):
-                cost, _, state = min((self._cost(s), k, s) for k, s in enumerate(self._mended(state)))
+                cost, state = self._best_mended(state, (self.value - enough) / self.size)
                 gain, best = self.value - self.size * cost - best, max(best, self.value - self.size * cost)
                 if best >= enough:
                     return best
-                if gain < 1e-9 * self.size:
+                if gain < max(1e-9 * self.size, LEAST_GAIN * (enough - best)):
                     break
+        return best
+
+    def _best_mended(self, state: "_State", enough: float) -> "tuple[float, _State]":
+        """The mended multipliers of the least cost, and it; of one dearness after the other until it is low enough."""
+        best = self._cost(state), state
+        for found in self._mended(state):
+            best = min([best, *((self._cost(one), one) for one in found)], key=lambda pair: pair[0])
+            if best[0] <= enough < np.inf:
+                break
         return best
 
     @cached_property
@@ -409,8 +422,8 @@ class ConvexProblem:
             found[rows] = symmetric_to_vector(group)
         return found
 
-    def _mended(self, state: "_State") -> "Iterator[_State]":
-        """Multipliers near the given ones with a smaller g."""
+    def _mended(self, state: "_State") -> "Iterator[list[_State]]":
+        """Multipliers near the given ones with a smaller g, those of each dearness together."""
         _, root, inequalities, equations = self._scaled
         coefficients, _ = self._conditions
         mending = Mending(
@@ -421,15 +434,18 @@ class ConvexProblem:
         places = np.cumsum([len(root), len(state.mu)])
         for dearness in DEARNESSES:
             further = np.hstack([-2.0 * dearness * root.T, inequalities.T * state.mu, FREEDOM * equations.T])
+            found = []
             for matrices, step in mending.steps(missing, further):
                 w, mu, multipliers = np.split(step, places)
-                yield _State(
-                    self._stacked(matrices),
-                    np.maximum(state.mu * (1.0 + mu), 0.0),
-                    dearness * w,
-                    state.equations + FREEDOM * multipliers,
+                found.append(
+                    _State(
+                        self._stacked(matrices),
+                        np.maximum(state.mu * (1.0 + mu), 0.0),
+                        dearness * w,
+                        state.equations + FREEDOM * multipliers,
+                    )
                 )
-        yield state
+            yield found
 
 
 @dataclass(frozen=True, eq=False)

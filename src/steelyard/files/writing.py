@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import json
+import math
 import os
 import secrets
 import shutil
@@ -117,6 +118,11 @@ def plain(value: Any) -> Any:
     >>> plain({"errors": np.array([1.0, np.inf]), "count": np.int64(3), 2: ("a", None)})
     {'errors': [1.0, None], 'count': 3, '2': ['a', None]}
     """
+    kind = type(value)
+    if kind is float:
+        return value if math.isfinite(value) else None
+    if value is None or kind is str or kind is bool or kind is int:
+        return value
     if isinstance(value, np.ndarray):
         exact = value.dtype.kind != "f" or bool(np.all(np.isfinite(value)))
         return value.tolist() if exact else [plain(item) for item in value]

@@ -368,8 +368,11 @@ class Information:
     @classmethod
     def without_each(cls, parts: Sequence[Information]) -> Iterator[Information]:
         """Yield for each of the parts the Information of all the others together."""
+        # Sums from either end: twelve additions for six parts, where all the others of each would take 24.
+        before = list(itertools.accumulate(parts[:-1], add))
+        behind = list(itertools.accumulate(parts[:0:-1], lambda later, earlier: earlier + later))[::-1]
         for place in range(len(parts)):
-            yield cls.total([*parts[:place], *parts[place + 1 :]])
+            yield cls.total([*before[max(place - 1, 0) : place], *behind[place : place + 1]])
 
     @classmethod
     def held_out_squares(cls, parts: Sequence[Information], base_of: Callable[[Information], Array]) -> Array:
