@@ -20,9 +20,9 @@ from scipy.signal import lfilter
 
 import steelyard as sy
 from steelyard.estimators import fit_reduced
+from steelyard.estimators.physical_prior import physical_prior
+from steelyard.estimators.plausible_fit import plausible_fit, tried_prior
 from steelyard.identification.parameter_table import parameter_table
-from steelyard.identification.physical_prior import physical_prior
-from steelyard.identification.plausible_fit import plausible_fit, tried_prior
 from steelyard.recording import Processing
 from steelyard.regression.reduction import empty_factors
 from steelyard.regression.time_blocks import TimeBlocks

@@ -32,10 +32,10 @@ from believable_answers import ARMS, MEMORY, MOTIONS, STRIBECK, WHITE, Experimen
 
 import steelyard as sy
 from steelyard.estimators.estimator import find_estimator
+from steelyard.estimators.physical_prior import physical_prior
+from steelyard.estimators.plausible_fit import plausible_fit, tried_prior
 from steelyard.feasibility.bounds.quantities import quantities
 from steelyard.identification.parameter_table import parameter_table
-from steelyard.identification.physical_prior import physical_prior
-from steelyard.identification.plausible_fit import plausible_fit, tried_prior
 
 NORMAL = 1.959963984540054
 

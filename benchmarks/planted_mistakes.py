@@ -22,7 +22,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests" / "oracl
 from planted_mistakes import MOTIONS, ROBOTS, Arm, cases, described, plant, undescribed, verdicts
 
 import steelyard as sy
-from steelyard.identification.marginal_likelihood import body_priors, likeliest_robot, moments
+from steelyard.estimators.marginal_likelihood import body_priors, likeliest_robot, moments
 from steelyard.identification.mistakes import find_mistakes
 
 LARGE = 0.2

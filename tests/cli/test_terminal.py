@@ -11,8 +11,8 @@ import pytest
 import steelyard as sy
 from steelyard.cli import terminal
 from steelyard.identification import Hypothesis, Identification, identify
-from steelyard.identification.correction import Correction
 from steelyard.identification.parameter_table import ParameterRow, ParameterTable
+from steelyard.recording.correction import Correction
 from steelyard.report import report_html
 
 LINKS = ("upper", "fore")

@@ -7,7 +7,7 @@ import steelyard as sy
 from steelyard.collision import Mesh, RobotGeometry, shapes_of_moving_links, visual_shapes
 from steelyard.collision.described_shapes import ellipsoid
 from steelyard.errors import InputError
-from steelyard.identification.physical_prior import physical_prior
+from steelyard.estimators.physical_prior import physical_prior
 from steelyard.robot import Robot, mjcf_compiled, mjcf_document
 from steelyard.robot.description import read_description
 

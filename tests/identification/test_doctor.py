@@ -318,7 +318,7 @@ class TestLongLogs:
 
     @pytest.fixture(autouse=True)
     def few_rows_are_long(self, monkeypatch):
-        from steelyard.identification import log_sample
+        from steelyard.recording import log_sample
 
         for name, rows in (("LONGEST_EXAMINED", 4000), ("IN_THE_MIDDLE", 2000), ("IN_A_STRETCH", 500)):
             monkeypatch.setattr(log_sample, name, rows)

@@ -10,10 +10,10 @@ import pytest
 
 import steelyard as sy
 from steelyard.dynamics import ByJoint, PiecewiseFriction
-from steelyard.identification.correction import Correction, correction_settings, toml_inline, toml_text
-from steelyard.identification.marginal_likelihood import body_priors, likeliest_factors, moments
+from steelyard.estimators.marginal_likelihood import body_priors, likeliest_factors, moments
 from steelyard.identification.mistakes import find_mistakes
 from steelyard.recording import LogColumns
+from steelyard.recording.correction import Correction, correction_settings, toml_inline, toml_text
 from steelyard.robot import RobotFile
 
 URDF = """<robot name="small">

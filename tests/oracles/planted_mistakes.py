@@ -6,9 +6,9 @@ import numpy as np
 from pinocchio_oracle import URDFS, pinocchio
 
 import steelyard as sy
-from steelyard.identification.correction import Correction
-from steelyard.identification.plausible_fit import plausible_fit, tried_prior
+from steelyard.estimators.plausible_fit import plausible_fit, tried_prior
 from steelyard.identification.prediction_verdict import prediction_verdict
+from steelyard.recording.correction import Correction
 from steelyard.regression.reduction import empty_factors
 from steelyard.regression.time_blocks import TimeBlocks
 

@@ -12,9 +12,9 @@ import typer.main
 import steelyard as sy
 from steelyard.cli.main import app
 from steelyard.identification import Identification
-from steelyard.identification.correction import Correction
 from steelyard.identification.mistakes import Hypothesis
 from steelyard.identification.next_steps import NextStep, found, next_steps
+from steelyard.recording.correction import Correction
 from steelyard.report import report_html
 
 SIGN = Hypothesis(

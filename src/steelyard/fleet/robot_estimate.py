@@ -17,13 +17,13 @@ from steelyard.display import shortened
 from steelyard.dynamics import Model
 from steelyard.errors import InputError, SteelyardError
 from steelyard.estimators.cross_validation import FEWEST_FOLDS
+from steelyard.estimators.physical_prior import PhysicalPrior, physical_prior
+from steelyard.estimators.plausible_fit import plausible_fit, tried_prior
 from steelyard.feasibility import FeasibleSet, check
 from steelyard.files import file_hash
 from steelyard.identification.default_terms import wider_model
 from steelyard.identification.given import given_constraints, given_logs
 from steelyard.identification.parameter_table import parameter_table
-from steelyard.identification.physical_prior import PhysicalPrior, physical_prior
-from steelyard.identification.plausible_fit import plausible_fit, tried_prior
 from steelyard.identification.prediction_verdict import prediction_verdict
 from steelyard.recording.formats import content_hash, hashed_log
 from steelyard.regression import Information, ParameterCovariance, least_squares

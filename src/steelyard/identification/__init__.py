@@ -5,10 +5,13 @@ from typing import TYPE_CHECKING
 from steelyard.first_use import import_at_first_use
 
 if TYPE_CHECKING:
+    from ..estimators.physical_prior import LinkPrior as LinkPrior
+    from ..estimators.physical_prior import PhysicalPrior as PhysicalPrior
+    from ..estimators.physical_prior import physical_prior as physical_prior
+    from ..recording.correction import Correction as Correction
     from .closed_loop import ClosedLoop as ClosedLoop
     from .comparison import Comparison as Comparison
     from .comparison import compare_estimates as compare_estimates
-    from .correction import Correction as Correction
     from .default_terms import model_of_estimate as model_of_estimate
     from .deflections import Deflections as Deflections
     from .deflections import LogDeflections as LogDeflections
@@ -31,9 +34,6 @@ if TYPE_CHECKING:
     from .payload import PayloadIdentification as PayloadIdentification
     from .payload import identify_drive_gains as identify_drive_gains
     from .payload import identify_payload as identify_payload
-    from .physical_prior import LinkPrior as LinkPrior
-    from .physical_prior import PhysicalPrior as PhysicalPrior
-    from .physical_prior import physical_prior as physical_prior
     from .play import play as play
     from .positions import identify_from_positions as identify_from_positions
     from .result import Identification as Identification

@@ -33,13 +33,13 @@ from steelyard.estimators.friction_selection import (
     select_friction,
 )
 from steelyard.recording import Recording, Samples
+from steelyard.recording.correction import toml_value
 from steelyard.regression import Information
 from steelyard.regression.factor import solve
 from steelyard.regression.reduction import empty_factors
 from steelyard.regression.time_blocks import TimeBlocks
 from steelyard.robot import Term
 
-from .correction import toml_value
 from .given import GivenLog
 from .log_reader import LogReader, Progress
 

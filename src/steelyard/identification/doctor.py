@@ -27,11 +27,14 @@ from steelyard.recording import (
 )
 from steelyard.recording.clock import FEWEST_ROWS, ClockStatistics, clock_of
 from steelyard.recording.columns import TIME_UNITS
+from steelyard.recording.correction import Settings, toml_inline, toml_text
 from steelyard.recording.cutoff.by_spectra import noise_share
 from steelyard.recording.diagnosis import DETECTORS, Diagnosis
 from steelyard.recording.diagnosis.rest import HeldJoints
 from steelyard.recording.even import EvenClock, longest_part
 from steelyard.recording.formats import LogFiles
+from steelyard.recording.log_sample import LogSample, sample_of
+from steelyard.recording.logged_joints import logged_joints
 from steelyard.recording.recognition import Layout
 from steelyard.recording.survey import LogSurvey
 from steelyard.regression import Estimate, Information, least_squares
@@ -40,12 +43,9 @@ from steelyard.regression.time_blocks import TimeBlocks
 from steelyard.robot import RobotFile
 from steelyard.robot.description import read_description
 
-from .correction import Settings, toml_inline, toml_text
 from .given import GivenRobot, GivenSamples, One, given_constraints, given_logs, given_robot
 from .log_checks import mistakes_in_logs
 from .log_reader import LogReader, against_limits
-from .log_sample import LogSample, sample_of
-from .logged_joints import logged_joints
 
 __all__ = ["Examination", "Finding", "examine", "merged"]
 

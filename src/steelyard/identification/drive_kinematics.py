@@ -11,12 +11,12 @@ import numpy as np
 from steelyard.errors import InputError
 from steelyard.files import suggestion
 from steelyard.recording import LogColumns, Recording
+from steelyard.recording.correction import Settings
 from steelyard.recording.diagnosis.transmission import ALIKE, Transmission, diagnose_transmission
 from steelyard.recording.even import longest_part
 from steelyard.recording.formats import LogFiles
 from steelyard.robot import RobotFile
 
-from .correction import Settings
 from .drive_settings import DriveSettings
 from .second_encoders import SecondEncoders, with_positions
 

@@ -19,7 +19,9 @@ from steelyard.errors import InputError
 from steelyard.feasibility import FeasibleSet
 from steelyard.recording import LogColumns
 from steelyard.recording.columns import FIND
+from steelyard.recording.correction import Settings, toml_value
 from steelyard.recording.formats import LogFiles
+from steelyard.recording.logged_joints import LoggedJoints, logged_joints
 from steelyard.recording.recognition import Layout
 from steelyard.regression.batch_means import BatchSums
 from steelyard.regression.reduction import empty_factors
@@ -27,11 +29,9 @@ from steelyard.regression.time_blocks import TimeBlocks
 from steelyard.robot import RobotFile
 from steelyard.robot.description import URDF, description_format
 
-from .correction import Settings, toml_value
 from .default_terms import decide_rotors, with_rotors
 from .doctor import CHUNK_ROWS, POINTS, Examination, examine, merged
 from .log_reader import LogReader
-from .logged_joints import LoggedJoints, logged_joints
 
 __all__ = ["FirstRobotFile", "Guess", "first_robot_file"]
 

@@ -15,6 +15,8 @@ from steelyard.errors import InputError, SolverError
 from steelyard.estimators import fit
 from steelyard.estimators.cross_validation import FEWEST_FOLDS, MANY_PARAMETERS
 from steelyard.estimators.estimator import Estimator, estimate_with, find_estimator
+from steelyard.estimators.physical_prior import PhysicalPrior
+from steelyard.estimators.plausible_fit import PlausibleFit, plausible_fit, tried_prior
 from steelyard.feasibility import FeasibleSet, check
 from steelyard.feasibility.constraints import Constraint
 from steelyard.files import shown
@@ -30,8 +32,6 @@ from .log_checks import heavy_ends, implausible_mass, mistakes_in_logs
 from .log_reader import DrawnLog, LogReader, LogReduction, LogTask, Progress, one_by_one
 from .mistakes import POOR, sentence
 from .parameter_table import parameter_table
-from .physical_prior import PhysicalPrior
-from .plausible_fit import PlausibleFit, plausible_fit, tried_prior
 from .prediction_verdict import prediction_verdict
 from .result import Identification, Prediction, Trace
 

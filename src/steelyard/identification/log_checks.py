@@ -10,21 +10,21 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.display import few_digits
 from steelyard.dynamics import Model
+from steelyard.estimators.kinematic_bodies import reach_of
+from steelyard.estimators.marginal_likelihood import body_priors
+from steelyard.estimators.physical_prior import PhysicalPrior
 from steelyard.feasibility.constraints import Constraint
 from steelyard.recording import LogColumns, Samples
+from steelyard.recording.correction import correction_settings
 from steelyard.recording.formats import LogFiles
 from steelyard.recording.recognition import Layout
 from steelyard.regression import Estimate
 from steelyard.robot import RobotFile
 
-from .correction import correction_settings
 from .given import GivenLog, GivenSamples
-from .kinematic_bodies import reach_of
 from .log_reader import LogReader
-from .marginal_likelihood import body_priors
 from .mistakes import MOTION_UNITS, TOO_MANY_JOINTS, Hypothesis, find_mistakes
 from .parameter_table import ParameterTable
-from .physical_prior import PhysicalPrior
 
 __all__ = ["heavy_ends", "implausible_mass", "mistakes_in_logs"]
 

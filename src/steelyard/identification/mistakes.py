@@ -12,11 +12,7 @@ from scipy.optimize import linear_sum_assignment
 
 from steelyard.display import percent
 from steelyard.dynamics import Model
-from steelyard.files import tell
-from steelyard.recording import Samples
-
-from .correction import Correction, Settings, toml_inline, toml_text
-from .marginal_likelihood import (
+from steelyard.estimators.marginal_likelihood import (
     LEAST_ERROR,
     BodyPrior,
     LikeliestRobot,
@@ -27,7 +23,10 @@ from .marginal_likelihood import (
     likeliest_robot,
     moments,
 )
-from .physical_prior import nonnegative_terms
+from steelyard.estimators.physical_prior import nonnegative_terms
+from steelyard.files import tell
+from steelyard.recording import Samples
+from steelyard.recording.correction import Correction, Settings, toml_inline, toml_text
 
 __all__ = ["Hypothesis", "find_mistakes", "sentence"]
 

@@ -12,12 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
+from steelyard.estimators.physical_prior import DENSITIES, reference_bodies
 from steelyard.robot import Drives, Robot
+from steelyard.robot.described_inertia import DescribedBody, described_bodies, possible_body
 from steelyard.robot.description import URDF, description_format
 from steelyard.robot.inertia import Inertia
-
-from .described_inertia import DescribedBody, described_bodies, possible_body
-from .physical_prior import DENSITIES, reference_bodies
 
 __all__ = ["LinkReport", "Preflight", "preflight"]
 

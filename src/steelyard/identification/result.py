@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from steelyard.display import html_sentences, html_table
 from steelyard.dynamics import Model
 from steelyard.errors import InputError
+from steelyard.estimators.plausible_fit import PlausibleFit
 from steelyard.feasibility import FeasibleSet, Verdict
 from steelyard.files import shown
 from steelyard.recording import CutoffChoice, Layout, Samples
@@ -22,7 +23,6 @@ from steelyard.regression import Estimate, Information
 
 from .mistakes import Hypothesis, sentence
 from .parameter_table import ParameterTable
-from .plausible_fit import PlausibleFit
 from .prediction_verdict import PredictionVerdict
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.dynamics import Model
+from steelyard.estimators.physical_prior import PhysicalPrior, nonnegative_terms, physical_prior
 from steelyard.excitation import MotionLimits
-from steelyard.identification.physical_prior import PhysicalPrior, nonnegative_terms, physical_prior
 from steelyard.robot.inertia import parameters_of_pseudo_inertia, pseudo_inertia
 
 __all__ = ["CredibleRobots", "random_motions"]

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.recording.formats import LogFiles
-from steelyard.recording.formats.log_file import BLOCK_ROWS, Columns, column_length
-from steelyard.recording.formats.memory import MemoryLog
-from steelyard.recording.recognition import Layout
+from .formats import LogFiles
+from .formats.log_file import BLOCK_ROWS, Columns, column_length
+from .formats.memory import MemoryLog
+from .recognition import Layout
 
 __all__ = ["LONGEST_EXAMINED", "LogSample", "Stretch", "sample_of"]
 

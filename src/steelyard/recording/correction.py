@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.recording import LogColumns, Samples
-from steelyard.recording.columns import POSITION_UNITS, TIME_UNITS, TORQUE_UNITS
-from steelyard.recording.recognition import Layout
 from steelyard.robot import RobotFile
+
+from .columns import POSITION_UNITS, TIME_UNITS, TORQUE_UNITS, LogColumns
+from .recognition import Layout
+from .samples import Samples
 
 __all__ = ["Correction", "Settings", "correction_settings", "toml_inline", "toml_text", "toml_value"]
 

@@ -16,9 +16,9 @@ from steelyard.feasibility import FeasibleSet
 from steelyard.feasibility.constraints import Constraint
 from steelyard.regression import Information
 from steelyard.robot import Robot
+from steelyard.robot.described_inertia import DescribedBody, described_bodies, possible_body
 from steelyard.robot.inertia import moment_row, parameters_of_pseudo_inertia, pseudo_inertia, transformation
 
-from .described_inertia import DescribedBody, described_bodies, possible_body
 from .kinematic_bodies import SHORTEST_REACH, kinematic_bodies, lengths_beyond, reach_of
 
 if TYPE_CHECKING:

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.robot import Robot
-from steelyard.robot.inertia import Inertia, parameters_of_pseudo_inertia, pseudo_inertia
+from .inertia import Inertia, parameters_of_pseudo_inertia, pseudo_inertia
+from .robot import Robot
 
 __all__ = ["DescribedBody", "described_bodies", "possible_body"]
 

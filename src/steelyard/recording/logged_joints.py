@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from steelyard.errors import InputError
-from steelyard.recording.formats import LogFiles
-from steelyard.recording.recognition import Layout, find_columns
+
+from .formats import LogFiles
+from .recognition import Layout, find_columns
 
 __all__ = ["LoggedJoints", "logged_joints"]
 

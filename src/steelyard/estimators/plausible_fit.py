@@ -11,22 +11,23 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.display import html_table, text_table
 from steelyard.dynamics import Model
-from steelyard.estimators import ConstantPullbackPrior, EntropicPrior, fit, fit_reduced
-from steelyard.estimators.cross_validation import (
-    FEWEST_FOLDS,
-    TYPICAL_COUNT,
-    CrossValidation,
-    cross_validation,
-    term_deviations,
-)
-from steelyard.estimators.prior import distance_from
 from steelyard.feasibility import FeasibleSet
 from steelyard.feasibility.certificates import FeasibilityCertificate
 from steelyard.feasibility.constraints import Constraint
 from steelyard.files import plain
 from steelyard.regression import Estimate, Information
 
+from .cross_validation import (
+    FEWEST_FOLDS,
+    TYPICAL_COUNT,
+    CrossValidation,
+    cross_validation,
+    term_deviations,
+)
+from .fit import fit
 from .physical_prior import PhysicalPrior, physical_prior
+from .prior import ConstantPullbackPrior, EntropicPrior, distance_from
+from .reduced_fit import fit_reduced
 
 __all__ = [
     "PlausibleFit",

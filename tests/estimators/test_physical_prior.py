@@ -11,10 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import steelyard as sy
+from steelyard.estimators.kinematic_bodies import kinematic_bodies, lengths_beyond
 from steelyard.feasibility.constraints import CenterOfMassBox, MeasuredMass, SymmetricLink, TotalMass
 from steelyard.identification import physical_prior
-from steelyard.identification.described_inertia import possible_body
-from steelyard.identification.kinematic_bodies import kinematic_bodies, lengths_beyond
+from steelyard.robot.described_inertia import possible_body
 from steelyard.robot.inertia import Inertia, pseudo_inertia
 
 ROBOTS = Path(sysconfig.get_path("purelib")) / "cmeel.prefix/share/example-robot-data/robots"
