@@ -9,12 +9,16 @@ that law alone is chosen (joints that move too little for it may go without), ho
 the whole friction is, along the log: coefficients of a polynomial are nearly collinear, so that their errors say
 little of the friction. Beside the share of numbers within 5 % stands the one that an unbiased estimator would reach at
 best, which knows the law, the true motion and the noise (Cramer and Rao): what a log does not tell is no fault of ours,
-and longer ones tell more. The motion slows down and reverses slowly in turn, as an experimenter would let it. Of real
-recordings a fifth of the log, or one log of several, is predicted by all the rest.
+and longer ones tell more. The motion slows down and reverses slowly in turn, as an experimenter would let it. With
+`--motion designed` the same robots, with the same friction and noise in N m, move as `steelyard excite --criterion
+friction` lets an arm move that is in the same range, within the speeds and torques of its description and 10 rad/s²:
+one motion of two minutes for each arm, which knows nothing of the friction of any robot. Of real recordings a
+fifth of the log, or one log of several, is predicted by all the rest.
 
     python benchmarks/friction_selection.py --results friction.jsonl          # every law and none, 100 robots each
     python benchmarks/friction_selection.py --results friction.jsonl --recordings ../shared/data    # with these beside
     python benchmarks/friction_selection.py --laws stribeck,none --seeds 20
+    python benchmarks/friction_selection.py --results designed.jsonl --motion designed
     python benchmarks/friction_selection.py --laws lugre --seeds 10 --duration 160              # logs that tell more
     python benchmarks/friction_selection.py --recordings ../shared/data       # the Staubli TX40, the UR10 and the Gen3
 """
@@ -42,6 +46,7 @@ from believable_answers import description
 import steelyard as sy
 from steelyard.estimators.friction_candidates import CANDIDATES
 from steelyard.estimators.friction_selection import FrictionData, select_friction
+from steelyard.excitation import ExcitationObjective, SearchOptions
 from steelyard.identification.chosen_friction import confirmed_terms, laws_for, memory_of, samples_of
 from steelyard.identification.given import given_robot
 from steelyard.identification.log_reader import LogReader
@@ -52,9 +57,12 @@ SLOW, ROUND = 0.05, 20.0
 """Of the speed of the series, the slowest, and how often it is slow, s. Where all is fast, joints turn around so fast
 that the log cannot tell how far LuGre's friction rises before it falls: the least standard error of any unbiased
 estimator of that ratio is 15 % then, and 3.6 % with slow reversals."""
+FASTEST = 10.0
+"""rad/s², of a motion that is designed; the random ones come to 9."""
 ENCODER = 3e-5  # rad, white
 NOISE = 0.005  # of the root mean square of the torque of a joint: that which lasts; as much is white
 FINER, SMALL = 20, 1e-3
+NORMAL = 1.96
 
 
 @cache
@@ -81,10 +89,7 @@ def series(model, random, t):
     """A random Fourier series of each joint: (S, N) positions, velocities and accelerations."""
     base = 2.0 * np.pi * 0.1
     q, dq, ddq = np.zeros((3, len(t), model.nv))
-    for joint in range(model.nv):
-        lower, upper = model.lowerPositionLimit[joint], model.upperPositionLimit[joint]
-        if not (np.isfinite(lower) and np.isfinite(upper) and upper - lower < 7.0):
-            lower, upper = -np.pi, np.pi
+    for joint, (lower, upper) in enumerate(zip(*ranges(model), strict=True)):
         harmonics = np.arange(1, 7)
         a, b = random.normal(size=(2, 6)) / np.sqrt(harmonics)
         phase = base * harmonics * t[:, None]
@@ -95,6 +100,31 @@ def series(model, random, t):
         dq[:, joint] = size * (np.cos(phase) @ (a * rates) - np.sin(phase) @ (b * rates))
         ddq[:, joint] = -size * (np.sin(phase) @ (a * rates**2) + np.cos(phase) @ (b * rates**2))
     return q, dq, ddq
+
+
+def ranges(model):
+    """The positions between which the joints move, (N,) each."""
+    lower, upper = model.lowerPositionLimit.copy(), model.upperPositionLimit.copy()
+    free = ~(np.isfinite(lower) & np.isfinite(upper) & (upper - lower < 7.0))
+    lower[free], upper[free] = -np.pi, np.pi
+    return lower, upper
+
+
+@cache
+def designed(name):
+    """A motion of an arm that shows friction: t (S,), and (S, N) positions, velocities and accelerations."""
+    described, model = arm(name)
+    lower, upper = ranges(described)
+    middle, half = 0.5 * (lower + upper), np.minimum(0.4 * (upper - lower), 1.6)
+    motion = sy.design_excitation(
+        model,
+        {"lower": (middle - half).tolist(), "upper": (middle + half).tolist(), "acceleration": FASTEST},
+        objective=ExcitationObjective(criterion="friction"),
+        search=SearchOptions(starts=4, workers=1),
+        rate=RATE,
+        self_collision=False,
+    )
+    return motion.trajectory.sample(RATE)
 
 
 def presliding(q, t, displacement, ratio, speed):
@@ -236,18 +266,20 @@ def whitened(rows):
 class Experiment:
     """A robot with a law of friction, and the log of a motion."""
 
-    def __init__(self, law, seed, duration=DURATION):
+    def __init__(self, law, seed, duration=DURATION, kind="random"):
         random = np.random.default_rng([seed, LAWS.index(law)])
-        self.described, self.model = arm(ARMS[seed % len(ARMS)])
-        data, self.t = self.described.createData(), np.arange(0.0, duration, 1.0 / RATE)
-        self.motion = motion(self.described, random, self.t)
-        loads = np.array([pinocchio.rnea(self.described, data, *row) for row in zip(*self.motion, strict=True)])
-        q, dq, _ = self.motion
-        self.rows = [(q[:, k], dq[:, k], loads[:, k], self.t) for k in range(self.described.nv)]
+        name = ARMS[seed % len(ARMS)]
+        self.described, self.model = arm(name)
+        self.t = np.arange(0.0, DURATION if kind == "designed" else duration, 1.0 / RATE)
+        loads = self._move(motion(self.described, random, self.t))
         self.truth = [drawn(law, random, *rows[:3]) for rows in self.rows]
-        planted = np.column_stack([one.torque(*rows) for one, rows in zip(self.truth, self.rows, strict=True)])
-        torque = loads + planted
-        self.noise = NOISE * np.sqrt(np.mean(torque**2, axis=0))
+        planted = self._friction()
+        self.noise = NOISE * np.sqrt(np.mean((loads + planted) ** 2, axis=0))
+        if kind == "designed":
+            self.t, *moved = designed(name)
+            loads = self._move(moved)
+            planted = self._friction()
+        q, torque = self.motion[0], loads + planted
         lasting = lfilter([np.sqrt(1.0 - MEMORY**2)], [1.0, -MEMORY], random.normal(size=torque.shape), axis=0)
         torque += self.noise * (lasting + random.normal(size=torque.shape))
         self.recording = sy.Recording(
@@ -259,6 +291,17 @@ class Experiment:
         self.samples = self.recording.process(model=self.model)
         first = round(float(self.samples.t[0]) * RATE)
         self.planted = planted[first : first + self.samples.count]
+
+    def _move(self, moved):
+        """Take a motion, and return the torques of the links."""
+        data = self.described.createData()
+        loads = np.array([pinocchio.rnea(self.described, data, *row) for row in zip(*moved, strict=True)])
+        self.motion, (q, dq, _) = moved, moved
+        self.rows = [(q[:, k], dq[:, k], loads[:, k], self.t) for k in range(self.described.nv)]
+        return loads
+
+    def _friction(self):
+        return np.column_stack([one.torque(*rows) for one, rows in zip(self.truth, self.rows, strict=True)])
 
     def least_errors(self):
         """Least standard errors of the laws' numbers at each joint, relative (Cramer and Rao).
@@ -314,49 +357,53 @@ class Experiment:
         return float(np.std(found - true) / np.std(true))
 
 
-def trial(law, seed, duration=DURATION):
+def trial(law, seed, duration=DURATION, kind="random"):
     """What is chosen for one robot, and how far off it is, as plain numbers."""
-    experiment = Experiment(law, seed, duration)
+    experiment = Experiment(law, seed, duration, kind)
     began = time.process_time()
     found = select_friction(experiment.model, experiment.samples)
     spent = time.process_time() - began
-    errors, bounds, curves = [], [], []
+    errors, bounds, told, curves = [], [], [], []
     least = experiment.least_errors()
     for one in [one for one in found.chosen if one.kind == law]:
         truth = experiment.truth[one.joint]
         given = [*(one.shape[name] for name in truth.shape), *one.coefficients]
         errors.extend(np.abs(np.array(given) - [*truth.shape.values(), *truth.numbers]) / truth.sizes)
         bounds.extend(least[one.joint])
+        own = [*(one.shape_errors[name] for name in truth.shape), *one.coefficient_errors]
+        told.extend(np.array(own) / truth.sizes)
         curves.append(experiment.friction_error(one.joint, [two for two in found.chosen if two.joint == one.joint]))
     return {
         "law": law,
         "seed": seed,
         "duration": duration,
+        "motion": kind,
         "kinds": found.kinds,
         "joints": len({one.joint for one in found.chosen if one.kind == law}) / experiment.model.dof,
         "numbers": list(map(float, errors)),
         "least": list(map(float, bounds)),
+        "told": list(map(float, told)),
         "torques": curves,
         "held_out": [float(x) for x in found.errors / found.plain_errors],
         "seconds": spent,
     }
 
 
-def planted(laws, seeds, first, results, duration=DURATION):
+def planted(laws, seeds, first, results, duration=DURATION, kind="random"):
     """Try robots that were not tried before, by turns of the laws, and print the table of all."""
     done = [json.loads(line) for line in results.read_text().splitlines()] if results and results.exists() else []
-    done = [one for one in done if one["duration"] == duration]
+    done = [one for one in done if one["duration"] == duration and one.get("motion", "random") == kind]
     known = {(one["law"], one["seed"]) for one in done}
     for seed in range(first, first + seeds):
         for law in laws:
             if (law, seed) not in known:
-                done.append(trial(law, seed, duration))
+                done.append(trial(law, seed, duration, kind))
                 if results:
                     with results.open("a") as file:
                         file.write(json.dumps(done[-1]) + "\n")
     print(
-        f"logs of {duration:g} s\n{'law':22s}robots  right  missed  other  joints  "
-        "numbers within 5 %  at best  median  torque within 5 %  median  time"
+        f"{kind} motions of {duration:g} s\n{'law':22s}robots  right  missed  other  joints  "
+        "numbers within 5 %  at best  median  in their intervals  torque within 5 %  median  time"
     )
     changes = {}
     for law in laws:
@@ -365,13 +412,15 @@ def planted(laws, seeds, first, results, duration=DURATION):
         others = Counter(kind for one in own for kind in one["kinds"] if kind != law)
         numbers = np.array([x for one in own for x in one["numbers"]] or [np.nan])
         least = np.array([x for one in own for x in one["least"]] or [np.nan])
+        told = np.array([y for one in own for y in one.get("told", [np.nan] * len(one["numbers"]))] or [np.nan])
+        inside = "-" if np.isnan(told).any() else f"{np.mean(numbers < NORMAL * told):.1%}"
         torques = np.array([x for one in own for x in one["torques"]] or [np.nan])
         changes[law] = [float(np.exp(np.mean(np.log(one["held_out"]))) - 1.0) for one in own]
         print(
             f"{law:22s}{len(own):6d}  {sum(list(one['kinds']) == wanted for one in own):5d}  "
             f"{sum(bool(wanted) and law not in one['kinds'] for one in own):6d}  {dict(others)!s}  "
             f"{np.mean([one['joints'] for one in own]):.0%}  {np.mean(numbers < 0.05):.0%}  "
-            f"{np.mean(erf(0.05 / np.sqrt(2.0) / least)):.0%}  {np.median(numbers):.1%}  "
+            f"{np.mean(erf(0.05 / np.sqrt(2.0) / least)):.0%}  {np.median(numbers):.1%}  {inside}  "
             f"{np.mean(torques < 0.05):.0%}  {np.median(torques):.1%}  {np.mean([one['seconds'] for one in own]):.2f} s"
         )
     print("held-out error of each joint by itself, geometric mean over the joints: median and worst robot, worst joint")
@@ -458,6 +507,7 @@ def main():
     parser.add_argument("--seeds", type=int, default=100)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--duration", type=float, default=DURATION, help="of each log, s")
+    parser.add_argument("--motion", default="random", choices=("random", "designed"), help="of the robots")
     parser.add_argument("--results", type=Path, help="where results are kept, so that a run can go on later")
     parser.add_argument("--recordings", type=Path)
     given = parser.parse_args()
@@ -465,7 +515,12 @@ def main():
     if given.recordings is not None:
         changes["recordings"] = recordings(given.recordings)
     if given.recordings is None or given.results is not None:
-        changes["simulations"] = planted(given.laws.split(","), given.seeds, given.first, given.results, given.duration)
+        duration = given.duration
+        if given.motion == "designed":
+            duration = round(float(designed(ARMS[0])[0][-1]), 3)
+        changes["simulations"] = planted(
+            given.laws.split(","), given.seeds, given.first, given.results, duration, given.motion
+        )
     changes["all"] = [x for several in changes.values() for x in several]
     for what, own in changes.items():
         if own:

@@ -69,6 +69,8 @@ def test_numbers_are_those_of_least_squares_with_the_covariance_of_the_noise(exp
     errors = np.sqrt(np.diag(spread))
     assert np.abs((numbers - expected) / errors).max() < 0.02
     assert np.all(np.abs(numbers - np.array(TRUTH)) < 4.0 * errors)
+    told = [found.coefficient_errors[1][0][0], found.free_errors[1][0][0] * found.shapes[1][0][0]]
+    assert told == pytest.approx(errors[3:], rel=0.02)
     plain, _ = curve_fit(
         lambda _, *values: torques(rows, *values)[flags], None, measured[flags], p0=(1.0, 1.0, 1.0, 1.0, 0.25)
     )

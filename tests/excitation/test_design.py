@@ -246,6 +246,37 @@ def test_margin_periods_and_lead(arm, arm_limits):
     assert isinstance(plain.trajectory, FourierTrajectory)
 
 
+def friction_uncertainty(model, motion):
+    """Mean logarithm of the standard errors of a square and a cube, another viscous friction backward, Stribeck's."""
+    q, dq, ddq = motion
+    base = model.base_parameters()
+    rigid = model.regressor(q, dq, ddq)[:, :, base.independent]
+    found = []
+    for k in range(model.dof):
+        v = dq[:, k]
+        laws = np.column_stack([v * np.abs(v), v**3, np.abs(v), np.sign(v) * np.exp(-((v / 0.2) ** 2))])
+        covariance = np.linalg.pinv(np.column_stack([laws, rigid[:, k]]))[:4]
+        found.append(np.log(np.linalg.norm(covariance, axis=1)))
+    return float(np.mean(found))
+
+
+@pytest.mark.slow
+def test_the_criterion_of_friction_shows_laws_that_the_model_does_not_have(arm, arm_limits):
+    design = designed(arm, arm_limits, criterion="friction", harmonics=None, periods=2, starts=1, rate=250.0)
+    assert (design.slow_time, design.excitation.harmonics) == (5.0, 10)
+    assert {"Fv3j1", "Fsj2", "Ksj3"} <= {name.split()[-1] for name in design.subset}
+    assert design.base_count == arm.base_parameters().count
+    q, dq, ddq = motions_of(design, 3700.0)
+    assert np.all((q >= arm_limits["lower"]) & (q <= arm_limits["upper"]))
+    assert np.abs(dq).max() <= 2.5
+    assert np.all(np.abs(ddq) <= arm_limits["acceleration"])
+    same = {"harmonics": 10, "periods": 2, "starts": 1, "slow_time": 5.0, "rate": 250.0}
+    plain = designed(arm, arm_limits, **same)
+    better, other = (friction_uncertainty(arm, motions_of(one, 100.0)) for one in (design, plain))
+    assert better < other - 0.1
+    assert motions_of(plain, 10.0)[0].shape == motions_of(design, 10.0)[0].shape
+
+
 def test_designs_show_themselves(plain):
     assert repr(plain).startswith("ExcitationDesign(arm: fourier, ")
     assert "nearest limit: " in repr(plain)
@@ -299,6 +330,9 @@ def test_joints_without_limits_of_position(arm):
         ({"margin": 1.0}, "margin must be a fraction"),
         ({"noise": [1.0, 2.0]}, "noise must be 3 positive numbers"),
         ({"criterion": "e"}, "criterion must be one of"),
+        ({"criterion": "friction", "subset": "payload"}, "friction of all joints; leave out subset"),
+        ({"slow_time": -1.0}, "slow_time must be a time in s"),
+        ({"family": "spline", "slow_time": 2.0}, "slow_time belong to the family fourier"),
         (
             {"prior_information": FourierTrajectory([[1.0]], [[1.0]], [0.0], 1.0)},
             "a motion of 1 joints, but arm has 3",

@@ -9,7 +9,13 @@ import steelyard as sy
 from steelyard.excitation import QuinticTrajectory, load_trajectory, save_trajectory
 from steelyard.excitation.family import FourierFamily, QuinticFamily, SplineFamily
 
-FAMILIES = [FourierFamily(2.0, 2, 0.5, 2), FourierFamily(2.0, 2, 0.0), SplineFamily(2.0, 6), QuinticFamily(2.0, 4)]
+FAMILIES = [
+    FourierFamily(2.0, 2, 0.5, 2),
+    FourierFamily(2.0, 2, 0.0),
+    SplineFamily(2.0, 6),
+    QuinticFamily(2.0, 4),
+    FourierFamily(2.0, 2, 0.3, 2, slow_time=0.5),
+]
 
 
 def trajectory_of(family):

@@ -16,6 +16,7 @@ from steelyard.excitation.family import FourierFamily, QuinticFamily, SplineFami
 FAMILIES = [
     FourierFamily(5.0, 3, 1.2, 2),
     FourierFamily(5.0, 3, 0.0),
+    FourierFamily(5.0, 3, 0.8, 2, slow_time=1.5),
     SplineFamily(6.0, 9),
     QuinticFamily(6.0, 5),
 ]
@@ -89,6 +90,30 @@ def test_leads_follow_the_path_of_the_series_and_are_never_faster():
         np.testing.assert_allclose(ours, theirs, atol=1e-9)
 
 
+def test_slow_passages_follow_the_path_at_a_twentieth_of_the_speed_and_go_on_where_the_last_one_ended():
+    family = FourierFamily(4.0, 3, 1.5, 2, slow_time=5.0)
+    x = coefficients(family, 3)
+    trajectory, series = family.trajectory(x), family.excitation(x)
+    assert trajectory.duration == pytest.approx(2 * 1.5 + 2 * (4.0 + 2 * 1.5 + 5.0))
+    assert np.allclose(trajectory.slow_passages, [(5.5, 13.5), (17.5, 25.5)])
+    t = np.linspace(0.0, trajectory.duration, 20_001)
+    q, dq, _ = trajectory.motion(t)
+    phase, rate, change = trajectory.phase(t)
+    np.testing.assert_allclose(q, series.motion(phase)[0], atol=1e-12)
+    np.testing.assert_allclose(np.gradient(phase, t)[1:-1], rate[1:-1], atol=1e-5)
+    np.testing.assert_allclose(np.gradient(rate, t)[1:-1], change[1:-1], atol=1e-4)
+    assert rate.min() >= 0.0
+    assert rate.max() <= 1.0
+    for begin, end in trajectory.slow_passages:
+        slow = (t > begin + 1.5) & (t < end - 1.5)
+        np.testing.assert_allclose(rate[slow], 0.05, atol=1e-12)
+        np.testing.assert_allclose(dq[slow], 0.05 * series.motion(phase[slow])[1], atol=1e-12)
+    # Between the passages lies one whole period, so that the second begins where the first one ended.
+    first, second = (trajectory.phase(np.array(ends))[0] for ends in trajectory.slow_passages)
+    assert second[0] - first[1] == pytest.approx(4.0)
+    assert first[1] - first[0] == pytest.approx(1.5 * 1.05 + 0.05 * 5.0)
+
+
 def test_a_move_is_the_minimum_jerk_polynomial():
     """Hogan 1984: 10 u^3 - 15 u^4 + 6 u^5."""
     t = np.linspace(0.0, 2.0, 21)
@@ -129,10 +154,20 @@ def test_splines_agree_with_scipy():
             lambda: make_family("fourier", period=1, harmonics=0, points=None, ramp_time=None, periods=1),
             "harmonics must be",
         ),
+        (
+            lambda: make_family("fourier", period=1, harmonics=1, points=None, ramp_time=0.0, periods=1, slow_time=2.0),
+            "so do slow passages",
+        ),
+        (
+            lambda: make_family(
+                "fourier", period=1, harmonics=1, points=None, ramp_time=None, periods=1, slow_time=-1.0
+            ),
+            "slow_time must be a time",
+        ),
         (lambda: make_family("fourier", period=1, harmonics=1, points=4, ramp_time=None, periods=1), "points belong"),
         (
             lambda: make_family("spline", period=1, harmonics=1, points=4, ramp_time=None, periods=2),
-            "periods and ramp_time",
+            "periods, ramp_time and slow_time",
         ),
         (lambda: make_family("spline", period=1, harmonics=1, points=2, ramp_time=None, periods=1), "points must be"),
     ],
@@ -148,6 +183,8 @@ def test_leads_and_rates_must_be_positive():
         RestToRestTrajectory(series, 0.0)
     with pytest.raises(sy.InputError, match="periods must be"):
         RestToRestTrajectory(series, 1.0, 0)
+    with pytest.raises(sy.InputError, match="slow_time must be"):
+        RestToRestTrajectory(series, 1.0, 1, float("nan"))
     with pytest.raises(sy.InputError, match="rate must be positive"):
         RestToRestTrajectory(series, 1.0).sample(0.0)
     with pytest.raises(sy.InputError, match="row"):

@@ -11,7 +11,7 @@ import steelyard as sy
 from steelyard.dynamics import ByJoint, Cogging, Coulomb, PiecewiseFriction, Stribeck, Viscous
 from steelyard.estimators.friction_selection import ChosenFriction, FrictionSelection, FrictionTrial
 from steelyard.identification import model_of_estimate, next_steps
-from steelyard.identification.chosen_friction import terms_with
+from steelyard.identification.chosen_friction import FrictionChoice, terms_with
 from steelyard.robot import RobotFile
 
 
@@ -130,6 +130,25 @@ def test_laws_are_put_before_those_that_a_stated_term_has_at_other_joints():
     laws = [PiecewiseFriction([0.5, 2.0], joints=[2]), Stribeck(0.1, joints=[1]), Coulomb(), Viscous()]
     assert found == (ByJoint(laws), sy.Offset())
     assert "Fvj2" in sy.Model(robot.with_terms(*found)).parameter_names
+
+
+def test_numbers_that_the_logs_leave_open_are_told_with_the_remedy():
+    known = ChosenFriction(
+        0, "stribeck", {"velocity": 0.1, "exponent": 2.0}, (0.5,), 0.0, 0.3, (1.0, 1.0), {"velocity": 0.004}, (0.02,)
+    )
+    ripple = replace(known, kind="cogging", shape={"harmonic": 6.0}, coefficients=(0.5, 0.001))
+    ripple = replace(ripple, shape_errors={"harmonic": 0.01}, coefficient_errors=(0.02, 0.02))
+    selection = FrictionSelection(("joint1",), (known, ripple), (), np.array([0.7]), np.array([1.0]))
+    choice = FrictionChoice(selection, (), 0.1, 0.2)
+    assert not any("open" in one for one in choice.sentences)
+    heads, rows = selection.chosen_table()
+    assert dict(zip(heads, rows[0], strict=True))["shape"] == "velocity 0.1 ± 0.0078, exponent 2"
+    assert dict(zip(heads, rows[0], strict=True))["coefficients"] == "0.5 ± 0.039"
+    bare = replace(known, coefficient_errors=(0.04,))
+    (told,) = [one for one in replace(choice, selection=selection.with_laws([bare])).sentences if "open" in one]
+    assert "stribeck at joint1 (8%)" in told
+    assert "steelyard excite --criterion friction" in told
+    assert selection.with_laws([bare]).to_dict()["chosen"][0]["coefficient_errors"] == [0.04]
 
 
 def test_laws_that_are_not_added_are_told_as_taken_back():

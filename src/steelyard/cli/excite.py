@@ -21,7 +21,10 @@ def excite(
         Path | None, typer.Option(help="Limits file (TOML); what it does not name is taken from the robot.")
     ] = None,
     family: Annotated[Literal["fourier", "spline", "quintic"], typer.Option(help="Kind of motion.")] = "fourier",
-    criterion: Annotated[Literal["condition", "d", "a"], typer.Option(help="What makes a motion good.")] = "condition",
+    criterion: Annotated[
+        Literal["condition", "d", "a", "friction"],
+        typer.Option(help="What makes a motion good; friction to choose friction by the log."),
+    ] = "condition",
     subset: Annotated[
         list[str] | None,
         typer.Option(help="Joint, link or parameter that is to be shown, or payload; may be repeated."),
@@ -29,10 +32,13 @@ def excite(
     nuisance: Annotated[
         Literal["unknown", "known"], typer.Option(help="Whether the parameters beyond the subset are known already.")
     ] = "unknown",
-    harmonics: Annotated[int, typer.Option(help="Of the Fourier series.", min=1)] = 6,
+    harmonics: Annotated[int | None, typer.Option(help="Of the Fourier series.", min=1)] = None,
     points: Annotated[int | None, typer.Option(help="Of splines and moves.", min=3)] = None,
     period: Annotated[float, typer.Option(help="s.")] = 12.5,
-    periods: Annotated[int, typer.Option(help="How many periods are played.", min=1)] = 1,
+    periods: Annotated[int | None, typer.Option(help="How many periods are played.", min=1)] = None,
+    slow_time: Annotated[
+        float | None, typer.Option(help="Time of a slow passage after each period, s; 0 for none.")
+    ] = None,
     ramp_time: Annotated[float | None, typer.Option(help="Time of start and stop, s; 0 for none.")] = None,
     margin: Annotated[float, typer.Option(help="Fraction of each limit that is left free.", min=0.0)] = 0.0,
     rate: Annotated[float, typer.Option(help="At which the motion will be recorded, Hz.")] = 1000.0,
@@ -72,6 +78,7 @@ def excite(
     Examples:
       steelyard excite robot.toml --output motion
       steelyard excite robot.toml --limits limits.toml --subset payload --output motion
+      steelyard excite robot.toml --limits limits.toml --criterion friction --output motion
       steelyard excite robot.toml --limits limits.toml --on-the-fly --output motion
     """
     from steelyard.excitation import ExcitationObjective, SearchOptions
@@ -114,6 +121,7 @@ def excite(
             points=points,
             period=period,
             periods=periods,
+            slow_time=slow_time,
             ramp_time=ramp_time,
             margin=margin,
             rate=rate,
@@ -132,7 +140,7 @@ def excite(
 
 
 _DESIGN_ALONE = (
-    "family", "subset", "nuisance", "harmonics", "points", "period", "periods", "ramp_time", "margin",
+    "family", "subset", "nuisance", "harmonics", "points", "period", "periods", "slow_time", "ramp_time", "margin",
     "prior_information", "time_limit",
 )  # fmt: skip
 _ON_THE_FLY_ALONE = ("accuracy", "longest")
@@ -154,10 +162,10 @@ def _require_meaning(context: typer.Context, on_the_fly: bool) -> None:
                 "that is designed beforehand; leave one of both out" if on_the_fly else "on the fly; add --on-the-fly"
             )
             raise InputError(f"--{name.replace('_', '-')} belongs to a motion {kind}.")
-    if on_the_fly and "criterion" in named and context.params["criterion"] == "condition":
+    if on_the_fly and "criterion" in named and context.params["criterion"] in ("condition", "friction"):
         raise InputError(
-            "--criterion condition belongs to a motion that is designed beforehand; with --on-the-fly give d or a, or "
-            "leave it out, which makes the expected error of the torques small."
+            f"--criterion {context.params['criterion']} belongs to a motion that is designed beforehand; with "
+            "--on-the-fly give d or a, or leave it out, which makes the expected error of the torques small."
         )
 
 

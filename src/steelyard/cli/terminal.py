@@ -536,7 +536,7 @@ def show_excitation(design: ExcitationDesign) -> None:
         table.add_row(_text(margin.name), _text(margin.label), f"{margin.clearance:.4g}", f"{margin.time:.3f}")
     _show(console, table)
     if design.criterion != "condition" or design.subset:
-        about = f" of {', '.join(design.subset)}" if design.subset else ""
+        about = f" of {design.shown}" if design.subset else ""
         _say(console, f"Criterion {design.criterion}{about}: {design.figure:.5g}.")
     together = design.combined_condition_number
     known = "" if together is None else f", {together:.4g} together with the prior information"

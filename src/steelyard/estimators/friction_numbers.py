@@ -98,11 +98,17 @@ class NumberedJoint(NamedTuple):
 
 
 class FrictionNumbers(NamedTuple):
-    """Base parameters (n_b,), and for each joint the shapes and coefficients of its laws."""
+    """Base parameters (n_b,), and for each joint the shapes and coefficients of its laws.
+
+    Standard errors are those of the last step of Gauss and Newton, with rows that are white: of the coefficients as
+    they are, and of the free numbers of the shapes relative to these.
+    """
 
     base: Array
     shapes: list[list[Shape]]
     coefficients: list[list[Array]]
+    coefficient_errors: list[list[Array]]
+    free_errors: list[list[Array]]
 
 
 def numbers_together(joints: Sequence[NumberedJoint], width: int) -> FrictionNumbers:
@@ -134,17 +140,19 @@ def numbers_together(joints: Sequence[NumberedJoint], width: int) -> FrictionNum
     >>> found = numbers_together([NumberedJoint(white, dq[:, None], torque, [0], (law,))], 1)
     >>> found.base.round(1), np.round(found.shapes[0][0], 2), found.coefficients[0][0].round(1)
     (array([2.]), array([0.5]), array([-1.]))
+    >>> found.coefficient_errors[0][0].round(3), found.free_errors[0][0].round(3)
+    (array([0.01]), array([0.002]))
     """
     ready = [_ReadyJoint(joint) for joint in joints]
     shapes = [[law.shape for law in joint.laws] for joint in joints]
-    best: FrictionNumbers | None = None
+    best: tuple[Array, list[list[Shape]], list[list[Array]]] | None = None
     least, length = np.inf, 1.0
     moves: list[list[Array]] = []
     for _ in range(MOST_STEPS + 1):
         if best is not None:
             shapes = [
                 [_moved(law, shape, length * move) for law, shape, move in zip(joint.laws, old, of_joint, strict=True)]
-                for joint, old, of_joint in zip(joints, best.shapes, moves, strict=True)
+                for joint, old, of_joint in zip(joints, best[1], moves, strict=True)
             ]
         factors = [one.factor(own, None) for one, own in zip(ready, shapes, strict=True)]
         counts = [[columns.shape[1] for columns in one.columns] for one in ready]
@@ -154,18 +162,29 @@ def numbers_together(joints: Sequence[NumberedJoint], width: int) -> FrictionNum
             if length < 0.2:
                 break
             continue
-        best, least, length = FrictionNumbers(found[:width], shapes, _split(found[width:], counts)), squares, 1.0
+        best, least, length = (found[:width], shapes, _split(found[width:], counts)), squares, 1.0
         free = [[len(law.free) for law in joint.laws] for joint in joints]
+        both = [[*one, *two] for one, two in zip(counts, free, strict=True)]
         if not sum(map(sum, free)):
             break
-        slopes = [one.factor(own, numbers) for one, own, numbers in zip(ready, shapes, best.coefficients, strict=True)]
-        both = [[*one, *two] for one, two in zip(counts, free, strict=True)]
+        slopes = [one.factor(own, numbers) for one, own, numbers in zip(ready, shapes, best[2], strict=True)]
         found, _ = _solved(joints, slopes, both, width)
         moves = [one[len(own) :] for one, own in zip(_split(found[width:], both), counts, strict=True)]
         if max(float(np.abs(move).max(initial=0.0)) for one in moves for move in one) < SETTLED:
             break
     assert best is not None
-    return best
+    base, shapes, coefficients = best
+    _ = [one.factor(own, None) for one, own in zip(ready, shapes, strict=True)]  # columns of the best shapes again
+    slopes = [one.factor(own, numbers) for one, own, numbers in zip(ready, shapes, coefficients, strict=True)]
+    errors = _split(_standard_errors(joints, slopes, both, width)[width:], both)
+    ends = [len(own) for own in counts]
+    return FrictionNumbers(
+        base,
+        shapes,
+        coefficients,
+        [own[:end] for own, end in zip(errors, ends, strict=True)],
+        [own[end:] for own, end in zip(errors, ends, strict=True)],
+    )
 
 
 def _moved(law: MovableLaw, shape: Shape, move: Array) -> Shape:
@@ -235,6 +254,30 @@ def _solved(
     joints: Sequence[NumberedJoint], factors: Sequence[Array], counts: Sequence[Sequence[int]], width: int
 ) -> tuple[Array, float]:
     """Least squares of base parameters and of what each joint has beside them, and the squared residual."""
+    whole, target = _stacked(joints, factors, counts, width)
+    lengths = np.linalg.norm(whole, axis=0)
+    lengths = np.where(lengths > 0.0, lengths, 1.0)
+    found = np.linalg.lstsq(whole / lengths, target, rcond=1e-9)[0] / lengths
+    left = target - whole @ found
+    return found, float(left @ left)
+
+
+def _standard_errors(
+    joints: Sequence[NumberedJoint], factors: Sequence[Array], counts: Sequence[Sequence[int]], width: int
+) -> Array:
+    """Of the same, where the noise of the rows has a standard deviation of 1; infinite where nothing is told."""
+    whole, _ = _stacked(joints, factors, counts, width)
+    lengths = np.linalg.norm(whole, axis=0)
+    _, values, vectors = np.linalg.svd(whole / np.where(lengths > 0.0, lengths, 1.0), full_matrices=False)
+    told = values > 1e-9 * values[0]
+    errors = np.linalg.norm(vectors[told] / values[told, None], axis=0)
+    return np.asarray(np.where(lengths > 0.0, errors / np.where(lengths > 0.0, lengths, 1.0), np.inf))
+
+
+def _stacked(
+    joints: Sequence[NumberedJoint], factors: Sequence[Array], counts: Sequence[Sequence[int]], width: int
+) -> tuple[Array, Array]:
+    """The triangular factors of all joints, with columns for base parameters and for what each joint has beside."""
     whole = np.zeros((sum(map(len, factors)), width + sum(map(sum, counts))))
     target = np.concatenate([factor[:, -1] for factor in factors])
     row, column = 0, width
@@ -243,8 +286,4 @@ def _solved(
         whole[rows, list(joint.own)] = factor[:, : len(joint.own)]
         whole[rows, beside] = factor[:, len(joint.own) : -1]
         row, column = rows.stop, beside.stop
-    lengths = np.linalg.norm(whole, axis=0)
-    lengths = np.where(lengths > 0.0, lengths, 1.0)
-    found = np.linalg.lstsq(whole / lengths, target, rcond=1e-9)[0] / lengths
-    left = target - whole @ found
-    return found, float(left @ left)
+    return whole, target

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
-from itertools import pairwise
+from itertools import pairwise, zip_longest
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from steelyard.errors import InputError
 from steelyard.files import tell
 from steelyard.recording import Samples
 from steelyard.regression.coloured_noise import correlation_sum, stretches_of
+from steelyard.regression.parameter_covariance import NORMAL
 from steelyard.regression.reduction import joint_rows, require_joints
 
 from .friction_candidates import CANDIDATES, FrictionCandidate, JointMotion, lugre_is_passive
@@ -187,6 +188,9 @@ class ChosenFriction:
         Part by which it lowers the error of the joint on stretches that are left out.
     beside : tuple of float
         Viscous and Coulomb friction of the joint beside its laws.
+    shape_errors, coefficient_errors
+        Standard errors of `shape` and `coefficients`, by all joints together with noise that lasts; infinite where
+        they are not known, since all joints together tell numbers that no friction has.
     """
 
     joint: int
@@ -196,6 +200,26 @@ class ChosenFriction:
     p_value: float
     gain: float
     beside: tuple[float, float] = (0.0, 0.0)
+    shape_errors: dict[str, float] = field(default_factory=dict)
+    coefficient_errors: tuple[float, ...] = ()
+
+    def errors_to_dict(self) -> dict[str, Any]:
+        """Return the standard errors as plain data, None where they are not known."""
+        return {
+            "shape_errors": {name: _known(error) for name, error in self.shape_errors.items()},
+            "coefficient_errors": [_known(error) for error in self.coefficient_errors],
+        }
+
+    @property
+    def uncertainty(self) -> float:
+        """The largest standard error of its numbers, relative; of a ripple relative to its amplitude."""
+        sizes = np.abs(self.coefficients)
+        if self.kind == "cogging":
+            sizes = np.full(len(sizes), np.linalg.norm(sizes))
+        pairs = [(error, self.shape[name]) for name, error in self.shape_errors.items()]
+        pairs += list(zip(self.coefficient_errors, map(float, sizes), strict=True))
+        # A coefficient of zero is one that was left out, as the damping of bristles.
+        return max((error / abs(value) for error, value in pairs if value), default=0.0)
 
 
 @dataclass(frozen=True)
@@ -287,13 +311,23 @@ class FrictionSelection:
     def chosen_table(
         self, laws: Sequence[ChosenFriction] | None = None
     ) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-        """Heads and rows of the table of laws that were added, or of other laws at the same joints."""
+        """Heads and rows of the table of laws that were added, or of other laws at the same joints.
+
+        Numbers stand with half of their interval of 95 %, where that is known.
+        """
         rows: list[tuple[str, ...]] = [
             (
                 self.joint_names[one.joint],
                 one.kind,
-                ", ".join(f"{name} {value:.3g}" for name, value in one.shape.items()) or "-",
-                ", ".join(f"{value:.3g}" for value in one.coefficients),
+                ", ".join(
+                    f"{name} {_with_interval(value, one.shape_errors.get(name, 0.0))}"
+                    for name, value in one.shape.items()
+                )
+                or "-",
+                ", ".join(
+                    _with_interval(value, error)
+                    for value, error in zip_longest(one.coefficients, one.coefficient_errors, fillvalue=0.0)
+                ),
                 f"{-one.gain:+.1%}",
                 f"{one.p_value:.1g}" if one.p_value > 1e-99 else "0",
             )
@@ -310,6 +344,7 @@ class FrictionSelection:
                     "kind": one.kind,
                     "shape": one.shape,
                     "coefficients": list(one.coefficients),
+                    **one.errors_to_dict(),
                     "p_value": one.p_value,
                     "gain": one.gain,
                 }
@@ -627,9 +662,13 @@ def _number_together(model: Model, joints: Sequence[_Joint]) -> None:
         for joint in joints:
             joint.motion = joint.motion._replace(load=loads[:, joint.number])
         found = numbers_together([joint.numbered() for joint in told], base.count)
-    for joint, shapes, coefficients in zip(told, found.shapes, found.coefficients, strict=True):
+    for place, joint in enumerate(told):
         if joint.laws:
-            joint.take(shapes, coefficients, found.base[list(model.base_columns.joints[joint.number])])
+            own = found.base[list(model.base_columns.joints[joint.number])]
+            joint.take(found.shapes[place], found.coefficients[place], own)
+            if joint.told is not None:
+                joint.coefficient_errors = found.coefficient_errors[place]
+                joint.free_errors = found.free_errors[place]
 
 
 def _correct(trials: Sequence[_Trial]) -> None:
@@ -657,6 +696,8 @@ class _Joint:
         self.grid_used = np.isin(self.grid, used, assume_unique=True)
         self.grid_breaks = [-(-one // every) for one in data.breaks]
         self.told: tuple[float, float, list[Array]] | None = None  # by all joints together
+        self.coefficient_errors: list[Array] | None = None
+        self.free_errors: list[Array] | None = None
         self.viscous, self.coulomb = (_place(data.model, number, kind) for kind in ("viscous", "coulomb"))
         place = self.coulomb
         rest = self.regressor if place is None else np.delete(self.regressor, place, axis=1)
@@ -758,8 +799,8 @@ class _Joint:
         for law in self.laws:
             shapes = law.candidate.shapes(self.motion)
             tried = np.array(shapes).reshape(len(shapes), len(law.shape))
-            fixed = {name for name, _ in law.candidate.steps}
-            free = tuple(k for k, name in enumerate(law.candidate.shape_names) if name not in fixed)
+            names = law.candidate.shape_names
+            free = tuple(names.index(name) for name in _free_names(law.candidate))
             lower, upper = tried.min(axis=0) / REACH, tried.max(axis=0) * REACH
             columns = partial(self._grid_columns, law)
             laws.append(MovableLaw(columns, law.shape, free, tuple(lower), tuple(upper)))
@@ -1032,8 +1073,7 @@ class _Joint:
         sweeps: int,
     ) -> Shape:
         """Move a shape to where it explains most: parabolas in the logarithm of each of its numbers in turn."""
-        fixed = {name for name, _ in candidate.steps}
-        free = [k for k, name in enumerate(candidate.shape_names) if name not in fixed]
+        free = [candidate.shape_names.index(name) for name in _free_names(candidate)]
         tried = np.log(np.array([[one[k] for k in free] for one in shapes]).reshape(len(shapes), len(free)))
         here = np.log(np.array(shape)) if shape else np.zeros(0)
 
@@ -1064,6 +1104,9 @@ class _Joint:
     def chosen(self, number: int) -> list[ChosenFriction]:
         """The laws that were added, with their coefficients."""
         viscous, coulomb, of_laws = self._coefficients(self.laws) if self.told is None else self.told
+        free = [_free_names(law.candidate) for law in self.laws]
+        of_shapes = self.free_errors or [np.full(len(names), np.inf) for names in free]
+        of_coefficients = self.coefficient_errors or [np.full(len(own), np.inf) for own in of_laws]
         return [
             ChosenFriction(
                 number,
@@ -1073,9 +1116,30 @@ class _Joint:
                 law.corrected,
                 law.gain,
                 (viscous, coulomb),
+                {
+                    name: float(error) * law.shape[law.candidate.shape_names.index(name)]
+                    for name, error in zip(*shape, strict=True)
+                },
+                tuple(map(float, errors)),
             )
-            for law, own in zip(self.laws, of_laws, strict=True)
+            for law, own, shape, errors in zip(
+                self.laws, of_laws, zip(free, of_shapes, strict=True), of_coefficients, strict=True
+            )
         ]
+
+
+def _free_names(candidate: FrictionCandidate) -> list[str]:
+    """The numbers of a shape that take any value."""
+    fixed = {name for name, _ in candidate.steps}
+    return [name for name in candidate.shape_names if name not in fixed]
+
+
+def _known(error: float) -> float | None:
+    return float(error) if np.isfinite(error) else None
+
+
+def _with_interval(value: float, error: float) -> str:
+    return f"{value:.3g} ± {NORMAL * error:.2g}" if 0.0 < error < np.inf else f"{value:.3g}"
 
 
 def _is_within(candidate: FrictionCandidate, shape: Shape, shapes: Sequence[Shape]) -> bool:

@@ -25,7 +25,7 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
-CRITERIA = ("condition", "d", "a")
+CRITERIA = ("condition", "d", "a", "friction")
 _SQUARED = 1e-10
 """Where the least eigenvalue of an information matrix is a smaller part of the largest one, a factor is used instead.
 
@@ -173,14 +173,15 @@ class Criterion:
 
     Attributes
     ----------
-    kind : {"condition", "d", "a"}
+    kind : {"condition", "d", "a", "friction"}
         The condition number of the (weighted) regressor of the subset, the determinant of its information matrix (to be
-        maximised) or the trace of the inverse of this matrix.
+        maximised) or the trace of the inverse of this matrix. ``"friction"`` is the determinant of the information
+        about laws of friction, which are the subset.
     subset : Subset
         The parameters that count.
     """
 
-    kind: Literal["condition", "d", "a"]
+    kind: Literal["condition", "d", "a", "friction"]
     subset: Subset
 
     def __post_init__(self) -> None:
@@ -222,11 +223,11 @@ class Criterion:
             values = 1.0 / values
         if self.kind == "condition":
             return float(np.sqrt(values.max() / values.min()))
-        return float(np.log(values).sum()) if self.kind == "d" else float((1.0 / values).sum())
+        return float((1.0 / values).sum()) if self.kind == "a" else float(np.log(values).sum())
 
     def loss(self, figure: float) -> float:
         """Return the criterion with the sign with which less is better."""
-        return -figure if self.kind == "d" else figure
+        return -figure if self.kind in ("d", "friction") else figure
 
     def _seen(self, spectrum: Spectrum) -> tuple[Array, Array]:
         """Return eigenvalues (r,), ascending, and eigenvectors of the information of the subset, or of its covariance.
@@ -245,7 +246,7 @@ class Criterion:
     def _spectral(self, values: Array, sharpness: float, power: float) -> tuple[float, Array]:
         """Return objective and derivatives by the eigenvalues of the information, or of its inverse (power -1)."""
         count = len(values)
-        if self.kind == "d":
+        if self.kind in ("d", "friction"):
             return -power * float(np.log(values).mean()), -power / (count * values)
         if self.kind == "a":
             terms = values**-power

@@ -21,6 +21,7 @@ from steelyard.regression import Information
 from .criterion import TORQUE_NOISE, Criterion, Identifiability, Spectrum, identifiability, make_subset
 from .design_problem import DesignProblem, coefficient_scale
 from .family import Family, make_family
+from .friction_laws import with_friction_laws
 from .limit_margins import Margin, Verifier, keeps_all, margins_of
 from .motion_constraints import MotionConstraint, joint_limits, torque_limits
 from .motion_limits import MotionLimits, limits_from_file
@@ -46,6 +47,9 @@ _USED_UP = 0.01  # a limit whose margin is a smaller part of its scale counts as
 # condition numbers of motions for a WAM were 60 to 62; with 0.5, where Coulomb friction looks like viscous friction,
 # 102.
 _SMOOTHNESS = 0.02
+# Harmonics, periods and duration of slow passages (s) where nothing is said. Friction is told by many reversals, at all
+# speeds: polynomials by fast phases, LuGre's friction by slow reversals.
+_PLAIN, _FOR_FRICTION = (6, 1, 0.0), (10, 6, 5.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,10 +58,12 @@ class ExcitationObjective:
 
     Attributes
     ----------
-    criterion : {"condition", "d", "a"}
+    criterion : {"condition", "d", "a", "friction"}
         Condition number of the base regressor (Gautier and Khalil 1992), determinant of the information matrix
         (D-optimality), or trace of the inverse information matrix, which is the sum of the variances (A-optimality;
-        Pukelsheim 2006).
+        Pukelsheim 2006). ``"friction"`` is for choosing friction by the log: the determinant of the information about
+        the numbers of several laws together (viscous by direction, with a square and a cube, Stribeck's, a spring),
+        whichever of them the model has, while all others are estimated from the same data.
     subset : str or sequence of str, optional
         The parameters that the motion is to identify: names of joints, links or parameters, or ``"payload"`` for the
         last link. All parameters by default.
@@ -70,7 +76,7 @@ class ExcitationObjective:
         Information is taken from `noise` as well.
     """
 
-    criterion: Literal["condition", "d", "a"] = "condition"
+    criterion: Literal["condition", "d", "a", "friction"] = "condition"
     subset: str | Sequence[str] | None = None
     nuisance: Literal["unknown", "known"] = "unknown"
     noise: ArrayLike | None = None
@@ -84,10 +90,11 @@ def design_excitation(
     *,
     family: Literal["fourier", "spline", "quintic"] = "fourier",
     period: float = 12.5,
-    harmonics: int = 6,
+    harmonics: int | None = None,
     points: int | None = None,
     ramp_time: float | None = None,
-    periods: int = 1,
+    periods: int | None = None,
+    slow_time: float | None = None,
     objective: ExcitationObjective | None = None,
     constraints: Sequence[MotionConstraint] = (),
     self_collision: bool = True,
@@ -117,15 +124,19 @@ def design_excitation(
         with a rest at each point. The latter two end where they began.
     period : float
         Period of a Fourier series, or duration of the other motions, s.
-    harmonics : int
-        Number of harmonics of the Fourier series.
+    harmonics : int, optional
+        Number of harmonics of the Fourier series; 6 by default, 10 with the criterion ``"friction"``.
     points : int, optional
         Number of control points of a spline, or of points of the moves; ``2 harmonics + 1`` by default.
     ramp_time : float, optional
         Duration of the ramp-up from rest and of the ramp-down to rest of a Fourier series, s; 0 for none. By default
         one oscillation of the highest harmonic.
-    periods : int
-        Number of periods of a Fourier series that the motion contains.
+    periods : int, optional
+        Number of periods of a Fourier series that the motion contains; 1 by default, 6 with the criterion
+        ``"friction"``.
+    slow_time : float, optional
+        Duration of a slow passage after each period of a Fourier series, s, with a twentieth of its speed, so that
+        joints turn around slowly; 0 for none. By default 5 s with the criterion ``"friction"``, otherwise none.
     objective : ExcitationObjective, optional
         The parameters to identify and the criterion; by default all parameters and the condition number.
     constraints : sequence of MotionConstraint
@@ -171,8 +182,17 @@ def design_excitation(
         raise InputError(f"rate must be positive, got {rate!r}.")
     asked = ExcitationObjective() if objective is None else objective
     options = SearchOptions() if search is None else search
+    about_friction = asked.criterion == "friction"
+    _require_friction_asked_alone(asked)
+    played = _FOR_FRICTION if about_friction and family == "fourier" else _PLAIN
     chosen = make_family(
-        family, period=period, harmonics=harmonics, points=points, ramp_time=ramp_time, periods=periods
+        family,
+        period=period,
+        harmonics=(_FOR_FRICTION if about_friction else _PLAIN)[0] if harmonics is None else harmonics,
+        points=points,
+        ramp_time=ramp_time,
+        periods=played[1] if periods is None else periods,
+        slow_time=played[2] if slow_time is None else slow_time,
     )
     remarks: list[str] = []
     where = "limits"
@@ -188,11 +208,12 @@ def design_excitation(
     for constraint in constraints:
         remarks += getattr(constraint, "remarks", ())
     bounds = _limits(model, limits, where, remarks, parameters).reduced(margin)
-    measure = Criterion(asked.criterion, make_subset(model, asked.subset, asked.nuisance))
+    shown_model, subset = with_friction_laws(model, bounds) if about_friction else (model, asked.subset)
+    measure = Criterion(asked.criterion, make_subset(shown_model, subset, asked.nuisance))
     weights = _weights(model, asked.noise)
-    problem = _problem(model, chosen, bounds, measure, weights, rate, (*constraints,), parameters)
-    prior = _prior(model, asked.prior_information, weights, rate)
-    problem = problem.with_prior(prior)
+    regressor = RegressorInformation(shown_model, _sign_width(bounds, chosen), weights)
+    prior = _prior(shown_model, asked.prior_information, weights, rate)
+    problem = _problem(model, chosen, bounds, measure, regressor, prior, rate, (*constraints,), parameters)
     configurations, obstacle = resting_configurations(problem, bounds, options.seed, options.starts)
     if not configurations:
         raise SolverError(
@@ -210,8 +231,10 @@ def design_excitation(
         motion = problem.motion(x, recorded_basis)
         part = problem.count / len(recorded)
         return Spectrum.of(
-            prior.T @ prior + part * RegressorInformation.exact(model, *motion, weights),
-            lambda: np.vstack([prior, np.sqrt(part) * RegressorInformation.exact_factor(model, *motion, weights)]),
+            prior.T @ prior + part * RegressorInformation.exact(shown_model, *motion, weights),
+            lambda: np.vstack(
+                [prior, np.sqrt(part) * RegressorInformation.exact_factor(shown_model, *motion, weights)]
+            ),
         )
 
     def figure(x: Array) -> float:
@@ -245,7 +268,7 @@ def design_excitation(
         combined_condition_number=_combined(model, own, asked.prior_information, rate),
         criterion=asked.criterion,
         figure=result.best.figure,
-        subset=() if asked.subset is None else measure.subset.names,
+        subset=() if subset is None else measure.subset.names,
         terms=tuple(term.kind for term in model.robot.terms),
         parameter_count=model.parameter_count,
         base_count=model.base_parameters().count,
@@ -259,6 +282,7 @@ def design_excitation(
         status=result.status,
         rate=rate,
         ramp_time=chosen.window[0],
+        slow_time=getattr(chosen, "slow_time", 0.0),
         seed=options.seed,
         starts=options.starts,
         finished_starts=result.finished,
@@ -334,9 +358,35 @@ def _weights(model: Model, noise: ArrayLike | None) -> Array:
     return np.asarray(1.0 / values)
 
 
+def _require_friction_asked_alone(asked: ExcitationObjective) -> None:
+    if asked.criterion != "friction":
+        return
+    if asked.subset is not None:
+        raise InputError("The criterion friction is about friction of all joints; leave out subset, or take another.")
+    if isinstance(asked.prior_information, Information):
+        raise InputError(
+            "The criterion friction needs prior information that is a motion: a saved Information tells nothing of "
+            "the laws of friction beyond those of its model."
+        )
+
+
 def _period_times(family: Family, rate: float) -> Array:
     begin, end = family.window
     return np.asarray(begin + np.arange(round((end - begin) * rate)) / rate)
+
+
+def _period_instants(family: Family) -> Array:
+    """Return the instants of the first period at which the criterion and the limits are evaluated."""
+    begin, end = family.window
+    count = int(np.ceil((end - begin) / family.step))
+    return np.asarray(begin + (end - begin) * np.arange(count) / count)
+
+
+def _sign_width(limits: MotionLimits, family: Family) -> float:
+    """Return the width of the smooth sign of Coulomb friction, from a typical velocity within the limits."""
+    basis = family.basis(_period_instants(family))
+    fast = np.sqrt(np.mean(coefficient_scale(limits, basis) ** 2)) * float(np.abs(basis[1]).max())
+    return float(_SMOOTHNESS * min(fast, float(np.min(limits.velocity))))
 
 
 def _problem(
@@ -344,30 +394,29 @@ def _problem(
     family: Family,
     limits: MotionLimits,
     criterion: Criterion,
-    weights: Array,
+    regressor: RegressorInformation,
+    prior: Array,
     rate: float,
     constraints: tuple[MotionConstraint, ...],
     parameters: ArrayLike | None,
 ) -> DesignProblem:
     begin, end = family.window
-    count = int(np.ceil((end - begin) / family.step))
-    period = begin + (end - begin) * np.arange(count) / count
+    period = _period_instants(family)
+    count = len(period)
     leads = np.concatenate([np.arange(0.0, begin, family.step), [end]])
     if begin > 0.0:
         leads = np.concatenate([leads, np.arange(family.duration, family.duration - begin, -family.step)])
+    changes = [np.arange(start, stop, family.step) for start, stop in getattr(family, "leads", ())]
+    leads = np.concatenate([leads, *changes])
     lower, upper = limits.ranges
-    scale = coefficient_scale(limits, family.basis(period))
-    # A typical velocity of a motion within its limits.
-    fast = np.sqrt(np.mean(scale**2)) * float(np.abs(family.basis(period)[1]).max())
-    width = _SMOOTHNESS * min(fast, float(np.min(limits.velocity)))
     return DesignProblem(
         family=family,
-        regressor=RegressorInformation(model, width, weights),
+        regressor=regressor,
         criterion=criterion,
         constraints=(*joint_limits(limits), *torque_limits(model, limits, parameters), *constraints),
         center=0.5 * (lower + upper),
-        scale=scale,
-        prior=np.zeros((model.base_parameters().count,) * 2),
+        scale=coefficient_scale(limits, family.basis(period)),
+        prior=prior,
         count=(end - begin) * rate * getattr(family, "periods", 1),
         times=np.concatenate([period, leads]),
         period_count=count,
@@ -474,10 +523,10 @@ class ExcitationDesign:
         sign of Coulomb friction. It equals :attr:`steelyard.Information.condition_number` of the samples.
     combined_condition_number : float or None
         Condition number of this motion and the prior information together.
-    criterion : {"condition", "d", "a"}
+    criterion : {"condition", "d", "a", "friction"}
     figure : float
         Value of the criterion for the chosen weights, subset and prior information: condition number, logarithm of the
-        determinant of the information, or trace of its inverse.
+        determinant of the information (of the laws of friction with ``"friction"``), or trace of its inverse.
     subset : tuple of str
         The parameters that the motion was to identify, where not all were.
     terms : tuple of str
@@ -503,6 +552,8 @@ class ExcitationDesign:
         Rate at which the motion will be recorded, Hz.
     ramp_time : float
         Duration of the ramp-up, and of the ramp-down, s.
+    slow_time : float
+        Duration of each slow passage, s.
     seed, starts, finished_starts : int
         Seed of the search, number of starts, and number of starts that were finished.
     remarks : tuple of str
@@ -536,6 +587,7 @@ class ExcitationDesign:
     seed: int
     starts: int
     finished_starts: int
+    slow_time: float = 0.0
     remarks: tuple[str, ...] = ()
     geometry: tuple[MotionConstraint, ...] = field(default=(), repr=False)
 
@@ -543,6 +595,13 @@ class ExcitationDesign:
     def identifies(self) -> bool:
         """Whether the motion can identify what was asked, with torque noise of one per cent."""
         return self.uncertainty <= 1.0
+
+    @property
+    def shown(self) -> str:
+        """What the motion was to show, in words."""
+        if self.criterion == "friction":
+            return "laws of friction at all joints"
+        return ", ".join(self.subset) or "all parameters"
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -603,6 +662,7 @@ class ExcitationDesign:
             "duration": self.trajectory.duration,
             "period": self.excitation.duration,
             "ramp_time": self.ramp_time,
+            "slow_time": self.slow_time,
             "start": self.start,
             "rate": self.rate,
             "condition_number": self.condition_number,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from steelyard.errors import InputError
 from steelyard.files import read_whole
 
-from .fourier import FourierTrajectory, RestToRestTrajectory
+from .fourier import SLOW_PACE, FourierTrajectory, RestToRestTrajectory
 from .spline import QuinticTrajectory, SplineTrajectory, hermite, splines
 from .trajectory import Trajectory
 
@@ -95,12 +95,15 @@ class FourierFamily:
         Duration of the ramp-up and of the ramp-down, s; 0 for none.
     periods : int
         Number of periods.
+    slow_time : float
+        Duration of a slow passage after each period, s; 0 for none.
     """
 
     period: float
     harmonics: int
     ramp_time: float
     periods: int = 1
+    slow_time: float = 0.0
     name: str = "fourier"
 
     @property
@@ -121,7 +124,35 @@ class FourierFamily:
     @property
     def duration(self) -> float:
         """From rest to rest, s."""
-        return 2.0 * self.ramp_time + self.periods * self.period
+        return self._timing.duration if self.ramp_time > 0.0 else self.period
+
+    @property
+    def leads(self) -> tuple[tuple[float, float], ...]:
+        """Times at which each change of speed about a slow passage begins and ends, s."""
+        if not self.slow_time:
+            return ()
+        passages, ramp = self._timing.slow_passages, self.ramp_time
+        return tuple(ends for a, b in passages for ends in ((a, a + ramp), (b - ramp, b)))
+
+    def telling(self, t: Array) -> NDArray[np.bool_]:
+        """Return which instants (S,) in even steps tell something of the limits that others do not.
+
+        Periods after the first one do not, nor do most of the instants of slow passages, which lie a twentieth as far
+        apart on the path.
+        """
+        told = np.ones(len(t), dtype=bool)
+        if self.slow_time:
+            for begin, end in self._timing.slow_passages:
+                slow = (t > begin + self.ramp_time) & (t < end - self.ramp_time)
+                told[slow] = np.arange(np.count_nonzero(slow)) % round(1.0 / SLOW_PACE) == 0
+                told[(t > end) & (t < end + self.period) & (t < self.duration - self.ramp_time)] = False
+        return told
+
+    @cached_property
+    def _timing(self) -> RestToRestTrajectory:
+        """A motion with the same ramps and passages."""
+        still = FourierTrajectory(np.zeros((1, 1)), np.zeros((1, 1)), np.zeros(1), 1.0 / self.period)
+        return RestToRestTrajectory(still, self.ramp_time, self.periods, self.slow_time)
 
     @property
     def step(self) -> float:
@@ -132,8 +163,7 @@ class FourierFamily:
         """Return the basis at times (S,) of the whole motion."""
         phase, rate, change = t, np.ones_like(t), np.zeros_like(t)
         if self.ramp_time > 0.0:
-            still = FourierTrajectory(np.zeros((1, 1)), np.zeros((1, 1)), np.zeros(1), 1.0 / self.period)
-            phase, rate, change = RestToRestTrajectory(still, self.ramp_time, self.periods).phase(t)
+            phase, rate, change = self._timing.phase(t)
         w = 2.0 * np.pi / self.period * np.arange(1, self.harmonics + 1)
         sine, cosine = np.sin(phase[:, None] * w), np.cos(phase[:, None] * w)
         one, zero = np.ones((len(t), 1)), np.zeros((len(t), 1))
@@ -151,7 +181,9 @@ class FourierFamily:
     def trajectory(self, coefficients: Array) -> Trajectory:
         """Return the series between its ramp-up and ramp-down."""
         series = self.excitation(coefficients)
-        return RestToRestTrajectory(series, self.ramp_time, self.periods) if self.ramp_time > 0.0 else series
+        if self.ramp_time == 0.0:
+            return series
+        return RestToRestTrajectory(series, self.ramp_time, self.periods, self.slow_time)
 
 
 @dataclass(frozen=True)
@@ -259,7 +291,14 @@ class QuinticFamily(PointFamily):
 
 
 def make_family(
-    name: str, *, period: float, harmonics: int, points: int | None, ramp_time: float | None, periods: int
+    name: str,
+    *,
+    period: float,
+    harmonics: int,
+    points: int | None,
+    ramp_time: float | None,
+    periods: int,
+    slow_time: float = 0.0,
 ) -> Family:
     """Build a family from the options of a design.
 
@@ -276,6 +315,8 @@ def make_family(
         Duration of the ramps of a Fourier series, s; by default one oscillation of the highest harmonic.
     periods : int
         Number of periods of a Fourier series.
+    slow_time : float
+        Duration of a slow passage after each period of a Fourier series, s; 0 for none.
 
     Raises
     ------
@@ -291,20 +332,22 @@ def make_family(
             read_whole(number, what, least)
     if ramp_time is not None and not (np.isfinite(ramp_time) and ramp_time >= 0.0):
         raise InputError(f"ramp_time must be a time in s, 0 for none, got {ramp_time!r}.")
+    if not (np.isfinite(slow_time) and slow_time >= 0.0):
+        raise InputError(f"slow_time must be a time in s, 0 for none, got {slow_time!r}.")
     if name == "fourier":
         if points is not None:
             raise InputError("points belong to the families spline and quintic; a Fourier series has harmonics.")
-        if ramp_time == 0.0 and periods > 1:
+        if ramp_time == 0.0 and (periods > 1 or slow_time):
             raise InputError(
-                "several periods need a ramp-up and a ramp-down (ramp_time); without them the motion is one period, "
-                "which the controller may repeat."
+                "several periods need a ramp-up and a ramp-down (ramp_time), and so do slow passages; without them the "
+                "motion is one period, which the controller may repeat."
             )
-        return FourierFamily(
-            period, int(harmonics), period / harmonics if ramp_time is None else ramp_time, int(periods)
-        )
-    if periods != 1 or ramp_time:
+        ramp = period / harmonics if ramp_time is None else ramp_time
+        return FourierFamily(period, int(harmonics), ramp, int(periods), float(slow_time))
+    if periods != 1 or ramp_time or slow_time:
         raise InputError(
-            f"periods and ramp_time belong to the family fourier; the family {name} starts and ends at rest by itself."
+            f"periods, ramp_time and slow_time belong to the family fourier; the family {name} starts and ends at "
+            "rest by itself."
         )
     size = 2 * int(harmonics) + 1 if points is None else int(points)
     return SplineFamily(period, size) if name == "spline" else QuinticFamily(period, size)

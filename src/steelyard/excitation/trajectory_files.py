@@ -76,8 +76,10 @@ def _loaded(source: Path, suffix: str) -> Trajectory:
 
 def _make_fourier(document: dict[str, Any]) -> Trajectory:
     series = FourierTrajectory(**{name: document[name] for name in ("a", "b", "center", "frequency")})
-    return (
-        RestToRestTrajectory(series, document["ramp_time"], document["periods"]) if "ramp_time" in document else series
+    if "ramp_time" not in document:
+        return series
+    return RestToRestTrajectory(
+        series, document["ramp_time"], document["periods"], float(document.get("slow_time", 0.0))
     )
 
 

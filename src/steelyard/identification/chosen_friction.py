@@ -60,6 +60,8 @@ STRETCHES = 8
 """The number of stretches that are left out in turn of the fit of all joints together."""
 MOST_RISE = 1.02
 """Factor by which the error of a joint on such stretches may rise because of the laws of others."""
+UNCERTAIN = 0.05
+"""Relative standard error of a number of a law from which on it is told that the logs leave it open."""
 WIDER = 0.2
 """Part of what a channel went through by which its range is taken wider, so that other logs are not refused."""
 
@@ -101,9 +103,27 @@ class FrictionChoice:
                 "None of the laws of friction that were tried makes the model surely better; that of the terms stays."
             )
             told = (*told, kept)
+        told = (*told, *self._open)
         if not self.untried:
             return told
         return (*told, f"Not tried, since the stated terms have their parameters: {'; '.join(self.untried)}.")
+
+    @property
+    def _open(self) -> tuple[str, ...]:
+        """What numbers the logs leave open, and what would tell them."""
+        names = self.selection.joint_names
+        laws = {
+            f"{_name(one.kind)} at {names[one.joint]} ({one.uncertainty:.0%})": None
+            for one in (*self.selection.chosen, *self.presliding)
+            if UNCERTAIN < one.uncertainty < float("inf")
+        }
+        if not laws:
+            return ()
+        return (
+            "The logs leave numbers of the friction open, by the largest standard error of each law's, relative: "
+            f"{', '.join(laws)}. The table of the laws has the intervals. A log of a motion that shows friction tells "
+            "more: steelyard excite --criterion friction.",
+        )
 
     @property
     def toml(self) -> str:
@@ -128,6 +148,7 @@ class FrictionChoice:
                     "kind": one.kind,
                     "shape": one.shape,
                     "coefficients": list(one.coefficients),
+                    **one.errors_to_dict(),
                     "gain": one.gain,
                 }
                 for one in self.presliding

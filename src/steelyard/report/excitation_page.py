@@ -350,15 +350,20 @@ def _combinations(expected: PredictedIntervals) -> Markup:
     return Markup(f"{text}<details><summary>All {len(rows)} combinations</summary>{everything}</details>")
 
 
+def _playing(design: ExcitationDesign) -> str:
+    slow = f", slow passages of {design.slow_time:g} s" if design.slow_time else ""
+    return f"{design.excitation.duration:g} s, {design.ramp_time:g} s to start and as much to stop{slow}"
+
+
 def _sources(design: ExcitationDesign) -> Markup:
     margins = [(m.name, m.label, f"{m.clearance:.4g}", f"{m.time:.3f}") for m in design.nearest()]
     options = [
         ("family", design.family),
         ("criterion", f"{design.criterion}, {design.figure:.5g}"),
-        ("what is to be shown", ", ".join(design.subset) or "all parameters"),
+        ("what is to be shown", design.shown),
         ("terms", ", ".join(design.terms) or "none"),
         ("parameters", f"{design.parameter_count}, {design.base_count} base parameters"),
-        ("period", f"{design.excitation.duration:g} s, {design.ramp_time:g} s to start and as much to stop"),
+        ("period", _playing(design)),
         ("rate of the recording", f"{design.rate:g} Hz"),
         (
             "search",
