@@ -83,7 +83,7 @@ def test_friction_that_falls_with_a_logged_temperature_is_found():
 
 
 @pytest.mark.slow
-def test_presliding_is_told_and_not_added():
+def test_presliding_is_added(tmp_path):
     samples, fine = samples_of(lambda dq: 0.0 * dq), 20
     dq = np.interp(np.arange((samples.count - 1) * fine + 1) / fine, np.arange(samples.count), samples.dq[:, 0])
     states = np.zeros(samples.count)
@@ -93,14 +93,26 @@ def test_presliding_is_told_and_not_added():
         if k % fine == 0:
             states[k // fine] = u
     torque = samples.torque + 1.2 * (states - np.sign(samples.dq[:, 0]))[:, None]
-    result = sy.identify(PENDULUM, replace(samples, torque=torque), friction="auto")
-    (law,) = result.friction.presliding
+    samples = replace(samples, torque=torque)
+    plain, result = sy.identify(PENDULUM, samples), sy.identify(PENDULUM, samples, friction="auto")
+    (law,) = result.friction.selection.chosen
     assert law.kind == "dahl"
     assert law.shape["displacement"] == pytest.approx(0.08, rel=0.05)
-    assert law.coefficients[0] == pytest.approx(1.2, rel=0.05)
-    assert "Friction remembers where joints were before they slid" in result.report()
-    assert "Presliding that is not in the model" in result.report()
-    assert result.to_dict()["friction"]["presliding"][0]["kind"] == "dahl"
+    values = dict(zip(result.parameter_names, result.estimate.parameters, strict=True))
+    assert [values[name] for name in ("Fcj1", "Fvj1")] == pytest.approx([1.2, 0.6], rel=0.05)
+    assert result.prediction.relative_error < 0.6 * plain.prediction.relative_error
+    assert result.friction.presliding == ()
+    assert "the model has it: Dahl's at joint1" in " ".join(result.friction.sentences)
+    assert "Laws that were added" in result.report()
+    assert 'kind = "dahl"' in result.friction.toml
+    result.estimate.save(tmp_path / "estimate.json")
+    model = model_of_estimate(tmp_path / "estimate.json", RobotFile.of(PENDULUM))
+    assert model.remembers
+    (tmp_path / "robot.toml").write_text(
+        '[description]\nrows = [[0, 0.5, 0, "q"]]\ngravity = [0.0, -9.81, 0.0]\n\n' + result.friction.toml
+    )
+    again = sy.identify(tmp_path / "robot.toml", samples)
+    np.testing.assert_allclose(again.base, result.base, rtol=1e-6)
 
 
 @pytest.mark.slow

@@ -85,7 +85,7 @@ class FrictionCandidate:
     changes : tuple of str
         Kinds of the terms of which it is another form; one law at a joint changes each at most.
     has_state : bool
-        Whether its columns remember the motion, so that no term of a model can be evaluated sample by sample.
+        Whether its columns remember the motion: they are those of a term with the state as a channel.
     is_friction : bool
         Whether it must dissipate, with the viscous and the Coulomb friction of the joint.
     steps : tuple of (str, tuple of float)
@@ -283,7 +283,7 @@ CANDIDATES: tuple[FrictionCandidate, ...] = (
         ("displacement", "ratio", "velocity"),
         replaces="coulomb",
         has_state=True,
-        changes=("coulomb",),
+        changes=("coulomb", "viscous"),  # by which its condition of passivity is told
     ),
 )
 """In the order in which, of equally good ones, the first is taken: fewest parameters first."""

@@ -14,7 +14,9 @@ from steelyard.dynamics import (
     ChannelFriction,
     Cogging,
     Coulomb,
+    Dahl,
     LoadFriction,
+    LuGre,
     Model,
     PiecewiseFriction,
     PolynomialFriction,
@@ -82,8 +84,8 @@ class FrictionChoice:
     untried : tuple of str
         What the laws are that were not tried, since other terms have their parameters.
     presliding : tuple of ChosenFriction
-        Laws with a state that the logs call for, Dahl's or LuGre's. They are told, not added: a term gives the torque
-        of one instant.
+        Laws with a state that the logs call for, Dahl's or LuGre's, where they are told and not added, as beside
+        elastic joints.
     """
 
     selection: FrictionSelection
@@ -157,7 +159,13 @@ class FrictionChoice:
 
 
 def choose_friction(
-    reader: LogReader, logs: Sequence[GivenLog], model: Model, wider: Model, say: Progress
+    reader: LogReader,
+    logs: Sequence[GivenLog],
+    model: Model,
+    wider: Model,
+    say: Progress,
+    *,
+    adds_presliding: bool = True,
 ) -> FrictionChoice:
     """Choose the friction of a model from its logs.
 
@@ -170,6 +178,8 @@ def choose_friction(
     wider : Model
         By which the laws are judged: with the inertia of rotors where that is not decided yet.
     say : callable
+    adds_presliding : bool
+        Whether laws with a state may be terms; otherwise they are told alone.
     """
     places = np.unique(np.linspace(0, len(logs) - 1, min(len(logs), MOST_LOGS)).round().astype(int))
     chosen = [logs[int(place)] for place in places]
@@ -184,11 +194,11 @@ def choose_friction(
     laws = laws_for(data)
     candidates = [one for one in laws if not _symbols(one.kind) & held]
     untried = tuple(one.words for one in laws if one not in candidates)
-    with_state = [] if "Fcj" in held else [one for one in CANDIDATES if one.has_state]
-    selection = select_friction(wider, data, candidates=[*candidates, *with_state])
-    remarks, presliding = [], tuple(one for one in selection.chosen if one.kind not in {law.kind for law in candidates})
+    selection = select_friction(wider, data, candidates=candidates)
+    with_state = [] if adds_presliding else [one.kind for one in candidates if one.has_state]
+    remarks, presliding = [], tuple(one for one in selection.chosen if one.kind in with_state)
     if presliding:
-        selection = select_friction(wider, data, candidates=candidates)
+        selection = select_friction(wider, data, candidates=[one for one in candidates if not one.has_state])
         remarks.append(_told(presliding, selection))
     if not selection.chosen:
         plain = _relative(_held_out(wider, samples))
@@ -302,8 +312,9 @@ def _told(presliding: Sequence[ChosenFriction], selection: FrictionSelection) ->
         for one in presliding
     )
     return (
-        f"Friction remembers where joints were before they slid: {laws}. No term has such a state, so that the model "
-        "goes without; the report has its numbers, for a simulation or a controller that knows such a state."
+        f"Friction remembers where joints were before they slid: {laws}. Beside elastic joints no term has such a "
+        "state, so that the model goes without; the report has its numbers, for a simulation or a controller that "
+        "knows it."
     )
 
 
@@ -365,12 +376,14 @@ _TERMS: dict[str, Term] = {
     "cogging": Cogging([1.0]),
     "friction_by_load": LoadFriction(),
     "friction_by_channel": ChannelFriction("signal", range=[0.0, 1.0]),
+    "dahl": Dahl(1.0),
+    "lugre": LuGre(1.0, 1.0, 1.0),
 }
 """The terms of the laws that may be added, with any shape; their parameters do not depend on it."""
 
 
 def is_term(kind: str) -> bool:
-    """Whether a law of this kind is a term of models: one with a state is not, whose torque depends on the past."""
+    """Whether a law of this kind is a term of models."""
     return kind.split()[0] in _TERMS
 
 
@@ -413,6 +426,13 @@ def terms_with(terms: Sequence[Term], chosen: Sequence[ChosenFriction], data: Fr
     own, joints = of("coulomb_smooth")
     if own:
         laws.append(SmoothCoulomb(by_joint(own, "velocity"), joints=joints))
+    own, joints = of("dahl")
+    if own:
+        laws.append(Dahl(by_joint(own, "displacement"), joints=joints))
+    own, joints = of("lugre")
+    if own:
+        displacement, ratio, velocity = (by_joint(own, name) for name in ("displacement", "ratio", "velocity"))
+        laws.append(LuGre(displacement, ratio, velocity, joints=joints))
     own, joints = of("friction_polynomial")
     if own:
         speed = _rounded(float(max(fastest[one.joint] for one in own)))

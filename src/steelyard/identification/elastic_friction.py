@@ -53,7 +53,7 @@ def with_chosen_friction(
         one = read_two_encoders(log, file, settings, where, model, processing, needs_second=needs_second)
         samples.append(GivenSamples(_at_motors(one, settings, first, number), str(log)))
     reader = LogReader(file, model, options.get("chunk_rows", 200_000))
-    choice = choose_friction(reader, samples, model, model, say)
+    choice = choose_friction(reader, samples, model, model, say, adds_presliding=False)
     found = first
     if choice.selection.chosen:
         terms = tuple(term.to_dict() for term in choice.terms)
