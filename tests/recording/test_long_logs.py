@@ -15,8 +15,8 @@ import pytest
 
 from steelyard.errors import InputError
 from steelyard.files import watched
+from steelyard.files.advance import ahead
 from steelyard.recording import Processing, Recording, Samples, chunks, process_chunks
-from steelyard.recording.chunks import ahead
 from steelyard.recording.formats import LogFiles, csv_file, decoded
 from steelyard.recording.formats.csv_file import CsvFile
 
@@ -244,7 +244,7 @@ def test_what_reads_ahead_stops_with_its_consumer() -> None:
         finally:
             done.append(threading.current_thread().name)
 
-    reading = ahead(items())
+    reading = ahead(items(), 2)
     assert [next(reading), next(reading)] == [0, 1]
     reading.close()  # type: ignore[attr-defined]
     assert done == ["steelyard reading ahead"]
@@ -255,7 +255,7 @@ def test_what_reads_ahead_stops_with_its_consumer() -> None:
         raise InputError("row 2 is wrong")
 
     with pytest.raises(InputError, match="row 2"):
-        list(ahead(broken()))
+        list(ahead(broken(), 2))
 
 
 @pytest.mark.usefixtures("small_pieces")

@@ -2,6 +2,7 @@
 
 import base64
 import json
+import tracemalloc
 import zlib
 from dataclasses import replace
 
@@ -109,6 +110,28 @@ def test_a_stream_keeps_the_extremes_of_torque_and_residual() -> None:
     for part in np.array_split(np.arange(count), 8):
         assert np.isin(part[torque[part].argmax(axis=0)], kept).all()
     assert all(np.array_equal(window.torque, torque[window.t.astype(int)]) for window in drawn.kept.windows)
+
+
+def test_of_a_long_piece_that_is_not_whole_few_rows_wait() -> None:
+    """All rows since the last of 25 pieces would take 6 MB, and twice that while they are put together."""
+    from steelyard.identification.log_reader import DrawnRows
+
+    model = sy.Model(sy.Robot.from_dh([("-pi/2", 0.0, 0.3, "q"), (0, 0.4, 0, "q")]))
+    drawn = DrawnRows(model, 200)
+    samples = sy.Samples(*np.random.default_rng(2).standard_normal((4, 1000, 2)))
+    for _ in range(10):
+        drawn.add(samples)
+    tracemalloc.start()
+    try:
+        for _ in range(1590):
+            drawn.add(samples)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    drawn.finish()
+    assert peak < 2e6
+    assert drawn.kept.piece >= 65_536
+    assert drawn.kept.seen == 1_600_000
 
 
 def test_the_sources_are_those_of_pinocchio(identification: Identification) -> None:

@@ -1,12 +1,17 @@
-"""Progress of long work, reported to whoever watches it: a terminal, a notebook, or nobody."""
+"""Long work: its progress, reported to whoever watches it, and what another thread computes of it in advance."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import contextmanager
-from contextvars import ContextVar
+from contextvars import ContextVar, copy_context
+from queue import Full, Queue
+from threading import Event, Thread
+from typing import TypeVar
 
-__all__ = ["Watcher", "tell", "watched"]
+__all__ = ["Watcher", "ahead", "tell", "watched"]
+
+Item = TypeVar("Item")
 
 Watcher = Callable[[str, float, float | None, str], None]
 """Called with what is done, how much of it, of how much (None where that is not known), and in which unit."""
@@ -47,3 +52,60 @@ def tell(what: str, done: float, total: float | None, unit: str) -> None:
     watcher = _WATCHER.get()
     if watcher is not None:
         watcher(what, done, total, unit)
+
+
+def ahead(items: Iterable[Item], count: int) -> Generator[Item, None, None]:
+    """Yield what another thread computes, at most `count` items before they are asked for; with 0 what this one does.
+
+    So a log is decoded while rows that were decoded before are filtered, and both while others are reduced: NumPy,
+    Polars and compiled kernels let go of the interpreter. An error of the other thread is raised here, where the item
+    is asked for. When the consumer stops, so does the other thread, at its next item.
+
+    Examples
+    --------
+    >>> list(ahead((n * n for n in range(4)), 2))
+    [0, 1, 4, 9]
+    """
+    if not count:
+        yield from items
+        return
+    queue: Queue[tuple[bool, Item | BaseException | None]] = Queue(count)
+    stopped = Event()
+
+    def handed_over(goes_on: bool, found: Item | BaseException | None) -> bool:
+        while not stopped.is_set():
+            try:
+                queue.put((goes_on, found), timeout=0.1)
+            except Full:
+                continue
+            return True
+        return False
+
+    def work() -> None:
+        iterator = iter(items)
+        try:
+            for item in iterator:
+                if not handed_over(True, item):
+                    break
+            else:
+                handed_over(False, None)
+        except BaseException as error:  # it is the consumer's
+            handed_over(False, error)
+        finally:
+            if hasattr(iterator, "close"):
+                iterator.close()
+
+    thread = Thread(target=copy_context().run, args=(work,), name="steelyard reading ahead", daemon=True)
+    thread.start()
+    try:
+        while True:
+            goes_on, found = queue.get()
+            if goes_on:
+                yield found  # type: ignore[misc]
+            elif isinstance(found, BaseException):
+                raise found
+            else:
+                return
+    finally:
+        stopped.set()
+        thread.join()

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from steelyard.dynamics import Model
 from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
-from steelyard.files.advance import watched
+from steelyard.files.advance import ahead, watched
 from steelyard.recording import (
     CutoffChoice,
     LogColumns,
@@ -65,6 +65,10 @@ Progress = Callable[[str], None]
 
 _SECTIONS_TOGETHER = 2
 """Sections of a log that are reduced at a time, at most: each takes some 150 MB."""
+
+_FITTED_ROWS = 4000
+"""Rows to which the preliminary model of what is drawn is fitted."""
+_MOST_WAITING = 8  # tables of extremes
 
 _READING_LINES = 20  # lines of progress while logs are read
 _DECIDING_LOGS, _DECIDING_ROWS, _FEWEST_ROWS = 12, 200_000, 10_000
@@ -321,7 +325,7 @@ class LogReader:
                     lead = 0 if section ^ 1 < log.sections else chunks.LEAD
                     yield self.reduced_section(log, section, model, lead, stop)
 
-        workers = [chunks.ahead(some(first), 1) for first in range(count)]
+        workers = [ahead(some(first), 1) for first in range(count)]
         try:
             for worker in workers:
                 next(worker)
@@ -412,7 +416,7 @@ class LogReader:
         """Read logs once more, for rows that are made in another way; nothing is noted of them."""
         own = self._unwritten()
         for log in logs:
-            yield from chunks.ahead(own._watched(log, self.model))
+            yield from ahead(own._watched(log, self.model), chunks.LEAD)
 
     def _watched(self, log: GivenLog, model: Model) -> Iterator[Samples]:
         """Read a log; note what is seen of it."""
@@ -560,7 +564,7 @@ def _information_of(
             yield samples
 
     return Information.from_chunks(
-        model, chunks.ahead(watched(), lead), batch_means=False, sums=sums, blocks=blocks, exact=exact
+        model, ahead(watched(), lead), batch_means=False, sums=sums, blocks=blocks, exact=exact
     )
 
 
@@ -707,6 +711,7 @@ class DrawnRows:
         self._set_pieces()
         self._regressor_model: Model | None = None
         self._waiting: list[Array] = []
+        self._waiting_rows = 0  # for which those stand, once there are pieces
         self._pieces: Array | None = None  # (P, 4 N, D): the rows of each piece by what they are an extreme of
         self._windows: dict[int, list[Array]] = {}
         self._stride = 1
@@ -727,16 +732,18 @@ class DrawnRows:
         self._regressor_model = samples.regressor_model
         self._keep_windows(samples)
         self.seen += samples.count
-        if self._pieces is not None:
-            self._cut(samples, first)
-            return
-        self._waiting.append(_table_of(samples, first))
-        if self.seen > self.limit:
-            table = np.concatenate(self._waiting)
-            self._refit(table)
-            self._pieces = np.empty((0, 4 * self.model.dof, table.shape[1]))
-            self._waiting = [table[:0]]
-            self._cut(self._samples(table), 0)
+        if self._pieces is None:
+            if self.seen <= self.limit:
+                self._waiting.append(_table_of(samples, first))
+                return
+            waiting = np.concatenate([*self._waiting, _table_of(samples, first, slice(0, 0))])
+            spread = np.unique(np.linspace(0, samples.count - 1, _FITTED_ROWS).astype(int))
+            self._refit(np.concatenate([waiting, _table_of(samples, first, spread)]))
+            self._pieces = np.empty((0, 4 * self.model.dof, waiting.shape[1]))
+            self._waiting = []
+            if len(waiting):
+                self._cut(self._samples(waiting), 0)
+        self._cut(samples, first)
 
     def _keep_windows(self, samples: Samples) -> None:
         length, end = self._window_rows, self.seen + samples.count
@@ -751,28 +758,43 @@ class DrawnRows:
     def _cut(self, samples: Samples, number: int) -> None:
         """Cut what waits and the samples that follow it, the first of them with this number, into pieces.
 
-        There are at most `_most` pieces; what is too short for one goes on waiting. Few rows are ever put together in
-        a table: of most samples only those that remain.
+        There are at most `_most` pieces; of what is too short for one the extremes so far go on waiting. Few rows are
+        ever put together in a table: those that remain.
         """
         assert self._pieces is not None
-        waiting, count = sum(map(len, self._waiting)), samples.count
-        while len(self._pieces) + (waiting + count) // self.piece > self._most:
+        count = samples.count
+        while len(self._pieces) + (self._waiting_rows + count) // self.piece > self._most:
             self.piece *= 2
             self._pieces = self._merged(self._pieces)
         size = self.piece
-        # What waited from before fills the first piece.
-        missing = -waiting % size if waiting + count >= size else count
-        first = np.concatenate([*self._waiting, _table_of(samples, number, slice(0, missing))])
-        whole, end = len(first) // size * size, missing + (count - missing) // size * size
+        # What waited from before begins the first piece.
+        missing = min(-self._waiting_rows % size, count) if self._waiting_rows else 0
+        self._wait(samples, number, slice(0, missing))
         found = [self._pieces]
-        if whole:
-            found.append(self._extremes(first[:whole].reshape(-1, size, first.shape[1])))
+        if self._waiting_rows == size:
+            found.append(self._extremes(np.concatenate(self._waiting)[None]))
+            self._waiting, self._waiting_rows = [], 0
+        end = missing + (count - missing) // size * size
         if end > missing:
-            places = self._places(samples.rows(missing, end), size)
-            rows = missing + places + size * np.arange(len(places))[:, None]
-            found.append(_table_of(samples, number, rows.ravel()).reshape(*rows.shape, -1))
+            found.append(self._drawn(samples, number, slice(missing, end), size))
         self._pieces = np.concatenate(found)
-        self._waiting = [np.concatenate([first[whole:], _table_of(samples, number, slice(end, None))])]
+        self._wait(samples, number, slice(end, count))
+
+    def _wait(self, samples: Samples, number: int, rows: slice) -> None:
+        """Keep the extremes of some samples until the piece that they begin or go on with is whole."""
+        size = rows.stop - rows.start
+        if not size:
+            return
+        self._waiting.append(self._drawn(samples, number, rows, size)[0])
+        self._waiting_rows += size
+        if len(self._waiting) > _MOST_WAITING:
+            self._waiting = [self._extremes(np.concatenate(self._waiting)[None])[0]]
+
+    def _drawn(self, samples: Samples, number: int, rows: slice, size: int) -> Array:
+        """Return of each group of so many of these samples the rows that are an extreme of it, (G, 4 N, D)."""
+        places = self._places(samples.rows(rows.start, rows.stop), size)
+        drawn = rows.start + places + size * np.arange(len(places))[:, None]
+        return _table_of(samples, number, drawn.ravel()).reshape(*drawn.shape, -1)
 
     def _merged(self, pieces: Array) -> Array:
         even = len(pieces) // 2 * 2
@@ -803,7 +825,7 @@ class DrawnRows:
         return samples.torque - np.asarray(self.model.inverse_dynamics(samples.q, samples.dq, samples.ddq, parameters))
 
     def _refit(self, table: Array) -> None:
-        samples = self._samples(table[np.unique(np.linspace(0, len(table) - 1, 4000).astype(int))])
+        samples = self._samples(table[np.unique(np.linspace(0, len(table) - 1, _FITTED_ROWS).astype(int))])
         factors = reduce_by_joint(self.model, replace(samples, mask=None))
         self._base = solve(replace(Information.empty(self.model), factors=factors).reduced(None))
 
@@ -816,8 +838,8 @@ class DrawnRows:
             table = np.concatenate(self._waiting) if self._waiting else np.empty((0, 2 + 5 * self.model.dof))
         else:
             parts = [self._pieces.reshape(-1, self._pieces.shape[2])]
-            if len(self._waiting[0]):
-                parts.append(self._extremes(self._waiting[0][None])[0])
+            if self._waiting_rows:
+                parts.append(self._extremes(np.concatenate(self._waiting)[None])[0])
             table = np.concatenate(parts)
             table = table[np.unique(table[:, 0], return_index=True)[1]]
         samples = self._samples(table)
@@ -894,14 +916,14 @@ def _table_of(samples: Samples, first: int, rows: slice | NDArray[np.intp] = sli
 
     `first` is the number of the first of these samples. All the samples of a log have a regressor, or none has.
     """
-    numbers = np.arange(first, first + samples.count, dtype=float)
-    t = numbers if samples.t is None else samples.t
-    mask = np.ones(samples.q.shape) if samples.mask is None else samples.mask
-    columns = [numbers, t, samples.q, samples.dq, samples.ddq, samples.torque, mask]
+    numbers = np.arange(first, first + samples.count, dtype=float)[rows]
+    t = numbers if samples.t is None else samples.t[rows]
+    motion = [one[rows] for one in (samples.q, samples.dq, samples.ddq, samples.torque)]
+    columns = [numbers, t, *motion, np.ones(motion[0].shape) if samples.mask is None else samples.mask[rows]]
     if samples.regressor is not None:
-        columns += [(samples.channels or {})[name] for name in _channels(samples.regressor_model)]
-        columns.append(samples.regressor)
-    return np.column_stack([one[rows] for one in columns])
+        columns += [(samples.channels or {})[name][rows] for name in _channels(samples.regressor_model)]
+        columns.append(samples.regressor[rows])
+    return np.column_stack(columns)
 
 
 def _samples_of(table: Array, joints: int, regressor_model: Model | None) -> Samples:

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from contextvars import copy_context
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from queue import Full, Queue
-from threading import Event, Thread
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
+from steelyard.files.advance import ahead
 
 from .automatic import DECISION_ROWS, decide, settle
 from .clock import (
@@ -46,20 +44,18 @@ __all__ = [
     "LogStream",
     "OpenedLog",
     "SeenRows",
-    "ahead",
     "middle_of",
     "process_chunks",
     "read_chunks",
     "read_middle",
 ]
 
-Item = TypeVar("Item")
-
 CHUNK_ROWS = 200_000
 """Rows of a chunk where none are stated."""
 
-PIECE_ROWS = 50_000
-"""Rows that are processed together, at least; four times what the filters need around them, where that is more."""
+PIECE_ROWS = 65_536
+"""Rows that are processed together, at least; four times what the filters need around them, where that is more. A whole
+number of those that are reduced together, which then need not be joined."""
 
 LEAD = 2
 """Pieces that are read, and filtered, before they are asked for."""
@@ -309,7 +305,7 @@ def process_chunks(
     The log is processed in pieces whose ends do not depend on `rows`, so that the samples are the same numbers whatever
     the size of the chunks. Each piece is read with so many rows around it that the transients of the filters have died
     out where its own rows begin; the ends are trimmed and extended at the true ends (and at long gaps) only, and the
-    decimation counts from the same row. Memory is bounded by `rows`, by the pieces of 50 000 rows and by the filters'
+    decimation counts from the same row. Memory is bounded by `rows`, by the pieces of 65 536 rows and by the filters'
     transients, whatever the length of the log.
 
     Parameters
@@ -347,7 +343,10 @@ def process_chunks(
         )
     opened = OpenedLog(LogStream(source, columns, joints), processing, model, look)
     seen = SeenRows(survey)
-    pieces = itertools.chain.from_iterable(opened.samples(section, seen) for section in range(opened.sections))
+    # Pieces are filtered while others are read, and those before them are used.
+    pieces = ahead(
+        itertools.chain.from_iterable(opened.samples(section, seen) for section in range(opened.sections)), 1
+    )
     last: Samples | None = None
     for chunk in regrouped(pieces, max(1, rows // processing.step)):
         if last is not None:
@@ -589,63 +588,6 @@ class Piece:
     def last(self) -> int:
         """The row behind the last one that is read."""
         return min(self.part.count, self.kept[1] + self.outer)
-
-
-def ahead(items: Iterable[Item], count: int = LEAD) -> Generator[Item, None, None]:
-    """Yield what another thread computes, at most `count` items before they are asked for; with 0 what this one does.
-
-    So a log is decoded while rows that were decoded before are filtered, and both while others are reduced: NumPy,
-    Polars and compiled kernels let go of the interpreter. An error of the other thread is raised here, where the item
-    is asked for. When the consumer stops, so does the other thread, at its next item.
-
-    Examples
-    --------
-    >>> list(ahead(n * n for n in range(4)))
-    [0, 1, 4, 9]
-    """
-    if not count:
-        yield from items
-        return
-    queue: Queue[tuple[bool, Item | BaseException | None]] = Queue(count)
-    stopped = Event()
-
-    def handed_over(goes_on: bool, found: Item | BaseException | None) -> bool:
-        while not stopped.is_set():
-            try:
-                queue.put((goes_on, found), timeout=0.1)
-            except Full:
-                continue
-            return True
-        return False
-
-    def work() -> None:
-        iterator = iter(items)
-        try:
-            for item in iterator:
-                if not handed_over(True, item):
-                    break
-            else:
-                handed_over(False, None)
-        except BaseException as error:  # it is the consumer's
-            handed_over(False, error)
-        finally:
-            if hasattr(iterator, "close"):
-                iterator.close()
-
-    thread = Thread(target=copy_context().run, args=(work,), name="steelyard reading ahead", daemon=True)
-    thread.start()
-    try:
-        while True:
-            goes_on, found = queue.get()
-            if goes_on:
-                yield found  # type: ignore[misc]
-            elif isinstance(found, BaseException):
-                raise found
-            else:
-                return
-    finally:
-        stopped.set()
-        thread.join()
 
 
 def _positive_rows(rows: int) -> int:

@@ -47,8 +47,9 @@ Array = NDArray[np.float64]
 BLOCK = 2048
 """Samples that are factored at a time: their regressor stays in the processor's cache."""
 
-CHUNK = 16384
-"""Samples that are handed over at a time: so many that what each call costs by itself hardly counts."""
+CHUNK = 32768
+"""Samples that are handed over at a time: so many that what each call costs by itself hardly counts. Half of the pieces
+in which long logs are processed, so that these are cut, and never joined."""
 
 FEWEST_EXACT = 8192
 """Samples from which on neighbouring rows are combined in what follows other samples of the same log."""

@@ -13,6 +13,8 @@ from typing import IO, Any, TypeVar, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from steelyard.files.advance import ahead
+
 from .log_file import Columns, column_length, regrouped_columns
 
 __all__ = ["DecodedColumns", "decoded_once", "large_files"]
@@ -97,7 +99,8 @@ class DecodedColumns:
         self._held: list[NDArray[np.float64]] | None = []
         self._file: IO[bytes] | None = None
         self._lock = Lock()
-        for block in regrouped_columns(decode(), STORED_ROWS):
+        # Some are written while others are decoded.
+        for block in regrouped_columns(ahead(decode(), 1), STORED_ROWS):
             self.count += column_length(block)
             self._store(np.stack([block[name] for name in self.names]))
 
