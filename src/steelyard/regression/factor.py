@@ -47,6 +47,10 @@ STEP = 16
 FEW_NUMBERS = 100000
 """Numbers in rows below which QR, which then stays in the cache, is as fast: measured with 12 to 77 columns."""
 
+FEW_ROWS = 3072
+"""Rows from which on QR takes three to five times as long for each, measured with 8 to 60 columns between 3000 and 6000
+rows: a column is no longer in the processor's nearest cache, of which 32 kB hold 4096 numbers."""
+
 FEWEST_SHARE = 4
 """The first preconditioner takes one row of so many or more."""
 
@@ -106,7 +110,7 @@ def extended(triangle: Array, *pieces: Array) -> Array:
         return triangle
     if not triangle.any():
         return _of_rows(np.concatenate(pieces))
-    if sum(map(len, pieces)) * width < FEW_NUMBERS:
+    if _is_quick(sum(map(len, pieces)), width):
         return _householder(triangle, *pieces)
     present = _not_empty(triangle, pieces)
     if len(present) < width:
@@ -120,7 +124,7 @@ def extended(triangle: Array, *pieces: Array) -> Array:
 def _of_rows(rows: Array) -> Array:
     """Return the factor of rows: that of some of them, evenly spread, `extended` by all others."""
     count, width = rows.shape
-    stride = count // (4 * width) if count * width >= FEW_NUMBERS else 0
+    stride = 0 if _is_quick(count, width) else count // (4 * width)
     if stride < FEWEST_SHARE:
         return _in_blocks(rows)
     even = count - count % stride
@@ -133,9 +137,14 @@ def _of_rows(rows: Array) -> Array:
     return _in_blocks(rows) if factor is None else factor
 
 
+def _is_quick(count: int, width: int) -> bool:
+    """Tell whether QR reduces so many rows of so many columns as fast as products do."""
+    return count < FEW_ROWS and count * width < FEW_NUMBERS
+
+
 def _in_blocks(rows: Array) -> Array:
     """Return the factor of rows by Householder's QR, of so many at a time that they stay in the cache."""
-    size = max(FEW_NUMBERS // max(rows.shape[1], 1), rows.shape[1], 1)
+    size = max(min(FEW_NUMBERS // max(rows.shape[1], 1), FEW_ROWS), rows.shape[1], 1)
     factor = _householder(rows[:size])
     for start in range(size, len(rows), size):
         factor = _householder(factor, rows[start : start + size])
