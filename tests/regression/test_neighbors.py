@@ -92,6 +92,25 @@ def test_few_rows_are_kept(model: sy.Model) -> None:
         np.testing.assert_allclose(one.sums[:, -1], used.reshape(-1, 64).sum(axis=1), atol=1e-9)
 
 
+@pytest.mark.parametrize("cutoff", [None, 20.0])
+@pytest.mark.parametrize("noise", [0.02, 0.5])
+def test_what_is_lost_of_a_fast_motion_is_no_noise(noise: float, cutoff: float | None) -> None:
+    """At 3.6 Hz four polynomials leave a thousandth of some columns, beside which little noise is less."""
+    robot = sy.Robot.from_dh([("pi/2", 0.0, 0.2, "q"), (0, 0.5, 0, "q")], gravity=(0, 0, -9.81))
+    model = sy.Model(robot.with_terms(sy.Viscous()))
+    t, rates = np.arange(ROWS)[:, None] / RATE, 2.0 * np.pi * np.array([[2.9, 3.6], [0.31, 0.23]])
+    waves = [[0.3, 0.8] @ (rates**k * np.sin(rates * t[:, None] + k * np.pi / 2)) for k in range(3)]
+    torque = model.inverse_dynamics(*waves, truth(model)) + noise * np.random.default_rng(3).standard_normal((ROWS, 2))
+    samples = sy.Samples(*waves, torque, cutoff=cutoff)
+    for joint, factor in enumerate(sy.Information.from_samples(model, samples).factors):
+        rows = all_rows(model, samples, joint)[:, [*factor.columns, -1]]
+        best, squares = np.linalg.lstsq(rows[:, :-1], rows[:, -1])[:2]
+        beta = np.zeros(model.base_parameters().count)
+        beta[factor.columns] = best
+        left = squares[0] if len(squares) else np.sum((rows[:, -1] - rows[:, :-1] @ best) ** 2)
+        assert factor.residual2(beta) == pytest.approx(left, rel=0.02)
+
+
 def test_columns_that_may_jump_are_known() -> None:
     robot = sy.Robot.from_dh([("pi/2", 0.0, 0.2, "q"), (0, 0.5, 0, "q")], gravity=(0, 0, -9.81))
     model = sy.Model(robot.with_terms(sy.Viscous(), ByJoint([Stribeck(velocity=0.1, joints=[1]), sy.Coulomb()])))

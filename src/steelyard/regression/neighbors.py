@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from steelyard.graph.block_copies import copy_blocks
 from steelyard.graph.block_projection import project_blocks, transform_blocks
 
 from .batch_means import LONG
@@ -28,6 +29,14 @@ ORDERS = 4
 LARGEST_SHARE = 1e-3
 """Share of the mean square of a column that may be lost. Of a motion it is 1e-5 and less. A jump of the sign of a
 velocity, even right before the last of the neighbours, has 5 %: of such neighbours every row is kept."""
+
+LARGEST_NOISE = 0.02
+"""Share of the noise's mean square that what is lost of the torques may have, if they lose what the worst of the
+columns does: standard errors then grow by 1 % at most. Fast motions with little noise grew them by 16 to 25 %.
+Neighbours that would lose more have as many polynomials as there are `PLACES`, and twice as many rows."""
+
+FINEST_SHARE = 1e-12
+"""Share of the mean square of a column that may be lost however little noise there is."""
 
 ROUNDING = 1e-20
 """Mean square of a column, relative to the largest of its joint, below which it is but rounding errors."""
@@ -129,6 +138,7 @@ class NeighborCombinations:
         self.squares = squares
         self._owner = np.repeat(np.arange(len(widths)), widths)
         self._sums, self._counts = np.zeros_like(squares), np.zeros(len(widths))
+        self._noise, self._torque = np.zeros(len(widths)), np.zeros(len(widths))  # squares, of the same rows
         self._room: _Projections | None = None
 
     def combined(self, source: RegressorSource, torque: Array, mask: NDArray[np.bool_] | None) -> list[CombinedRows]:
@@ -145,17 +155,20 @@ class NeighborCombinations:
         counts = np.full((groups, joints), LENGTH) if used is None else _count(used).T
         found = self._projections(source, torque, counts)
         means, whole = found.projected[:, 0], counts == LENGTH
-        squares = means**2 if whole.all() else means**2 * whole[:, self._owner]
-        self._sums += squares.sum(axis=0)
+        squares, counted = means * means, whole.astype(np.float64)
+        for joint, (begin, end) in enumerate(zip(self.starts, self.ends, strict=True)):
+            self._sums[begin:end] += counted[:, joint] @ squares[:, begin:end]
         self._counts += np.count_nonzero(whole, axis=0) * LENGTH
         masked = torque if mask is None else torque * mask
-        norms, totals = np.einsum("sk,sk->k", masked, masked), counts.sum(axis=0)
+        norms, totals = np.diagonal(masked.T @ masked), counts.sum(axis=0)  # sums over a narrow axis take longer
         others = ~found.simple & (counts > 0)
         pieces = self._in_runs(found, used, counts, others & found.told[:, None])
         result = []
         for joint, (begin, end) in enumerate(zip(self.starts, self.ends, strict=True)):
             one = _Combination(groups, end - begin + 1)
-            one.take_whole(np.flatnonzero(found.simple[:, joint]), found, slice(begin, end), joint)
+            simple, fine = found.simple[:, joint], found.fine[:, joint]
+            one.take_whole(np.flatnonzero(simple & ~fine), found, slice(begin, end), joint)
+            one.take_finely(np.flatnonzero(simple & fine), found, slice(begin, end), joint)
             for piece in pieces:
                 one.take_piece(piece, found, slice(begin, end), joint)
             places = np.flatnonzero(others[:, joint] & ~found.told)
@@ -240,7 +253,16 @@ class NeighborCombinations:
             if uneven.any():
                 groups, columns = np.nonzero(uneven)
                 rough[groups, self._owner[found.uneven[columns]]] = True
-        found.simple[part] = (counts[part] == LENGTH) & ~rough
+        simple = (counts[part] == LENGTH) & ~rough
+        lacking = found.dense_left[part, len(found.uneven) :]
+        self._noise += np.sum(lacking, axis=0, where=simple)
+        kept = np.sum(found.dense_projected[part, :, len(found.uneven) :] ** 2, axis=1)
+        self._torque += np.sum(kept + lacking, axis=0, where=simple)
+        share = LARGEST_NOISE * self._noise / np.maximum(self._torque, SMALLEST)
+        fine = simple & (found.worst[part] > LENGTH / LARGEST_SHARE * np.maximum(share, FINEST_SHARE))
+        told = found.told[part, None]
+        found.fine[part] = fine & told
+        found.simple[part] = simple & ~(fine & ~told)
 
     def _in_runs(
         self,
@@ -256,19 +278,22 @@ class NeighborCombinations:
         joints, groups = np.nonzero(chosen.T)
         count = len(found.uneven)
         owner = self._owner[found.uneven]
-        own = [[*np.flatnonzero(owner == joint).tolist(), count + joint] for joint in range(len(self.starts))]
-        width = max(map(len, own))
-        # A joint with fewer uneven columns has columns of zeros before its torque.
-        places = np.array([[one[-1]] * (width - len(one)) + one for one in own])
-        present = np.array([[False] * (width - len(one)) + [True] * len(one) for one in own])
-        limits = np.full(places.shape, np.inf)
-        limits[:, :-1] = np.append(found.limits[found.uneven], [np.inf] * len(self.starts))[places[:, :-1]]
+        ends = np.searchsorted(owner, np.arange(len(self.starts)), side="right")
+        begins = np.append(0, ends[:-1])
+        width = int(np.max(ends - begins)) + 1
+        # A joint with fewer uneven columns has columns of zeros before them; the last one is its torque.
+        limits = np.full((len(self.starts), width), np.inf)
+        for one, (begin, end) in enumerate(zip(begins, ends, strict=True)):
+            limits[one, width - 1 - (end - begin) : -1] = found.limits[found.uneven[begin:end]]
         pieces = []
         for start in range(0, len(joints), MOST_IN_RUNS):
             joint, group = joints[start : start + MOST_IN_RUNS], groups[start : start + MOST_IN_RUNS]
             use = np.ones((len(joint), LENGTH), bool) if used is None else used[joint, group]
-            rows = found.dense[group[:, None, None], np.arange(LENGTH)[:, None], places[joint][:, None]]
-            rows *= use[:, :, None] & present[joint][:, None]
+            rows = np.zeros((len(joint), LENGTH, width))
+            for one in np.unique(joint).tolist():
+                part, columns = slice(*np.searchsorted(joint, [one, one + 1])), slice(int(begins[one]), int(ends[one]))
+                copy_blocks(group[part], found.dense, columns, found.dense, count + one, rows[part])
+            rows *= use[:, :, None]
             even = found.worst[group, joint] <= counts[group, joint]
             left = np.ones(len(joint), bool)
             for at, runs, projected in _by_runs(use, rows, limits[joint], even):
@@ -330,6 +355,8 @@ class _Projections:
         (groups, `LENGTH`, U + N), the uneven columns and the torques, (groups, `ORDERS`, U + N) and (groups, U + N).
     simple : ndarray of bool
         (groups, N), where projections take the place of the rows.
+    fine : ndarray of bool
+        (groups, N), where `ORDERS` of them lose too much beside the noise, and all that are known are taken.
     told : ndarray of bool
         (groups,), where `PLACES` tell all but the uneven columns.
     squares : ndarray
@@ -349,6 +376,7 @@ class _Projections:
     dense_projected: Array
     dense_left: Array
     simple: NDArray[np.bool_]
+    fine: NDArray[np.bool_]
     told: NDArray[np.bool_]
     squares: Array
     uneven: NDArray[np.intp]
@@ -367,6 +395,7 @@ class _Projections:
             np.empty((groups, ORDERS, dense)),
             np.empty((groups, dense)),
             np.empty((groups, joints), bool),
+            np.empty((groups, joints), bool),
             np.empty(groups, bool),
             np.empty((min(groups, AT_ONCE * LENGTH // len(PLACES)), 2, width)),
             uneven,
@@ -376,7 +405,7 @@ class _Projections:
 
     def first(self, groups: int, limits: Array) -> _Projections:
         """Return the room for the first groups, of which nothing is known."""
-        names = ("projected", "left", "worst", "dense", "dense_projected", "dense_left", "simple", "told")
+        names = ("projected", "left", "worst", "dense", "dense_projected", "dense_left", "simple", "fine", "told")
         cut: dict[str, Any] = {name: getattr(self, name)[:groups] for name in names}
         return replace(self, **cut, limits=limits, rows={})
 
@@ -412,9 +441,20 @@ class _Combination:
     def take_whole(self, places: NDArray[np.intp], found: _Projections, columns: slice, joint: int) -> None:
         """Take the projections of these groups, which are used as a whole."""
         rows = np.empty((len(places), ORDERS, self.width))
-        all_of_them = len(places) == len(found.projected)
-        rows[:, :, :-1] = found.projected[slice(None) if all_of_them else places, :ORDERS, columns]
-        rows[:, :, -1] = found.dense_projected[places, :, len(found.uneven) + joint]
+        copy_blocks(places, found.projected, columns, found.dense_projected, len(found.uneven) + joint, rows)
+        self._take(places, rows, np.sqrt(LENGTH) * rows[:, 0])
+
+    def take_finely(self, places: NDArray[np.intp], found: _Projections, columns: slice, joint: int) -> None:
+        """Take all polynomials that are known of these groups, which are used as a whole."""
+        if not len(places):
+            return
+        rows = np.empty((len(places), len(PLACES), self.width))
+        rows[:, :, :-1] = found.projected[places, :, columns]
+        mine = np.flatnonzero((found.uneven >= columns.start) & (found.uneven < columns.stop))
+        dense = found.dense[places[:, None], :, np.append(mine, len(found.uneven) + joint)]
+        rows[:, :, [*found.uneven_of(columns), self.width - 1]] = np.matmul(dense, _all_polynomials().T).transpose(
+            0, 2, 1
+        )
         self._take(places, rows, np.sqrt(LENGTH) * rows[:, 0])
 
     def take_piece(self, piece: _Piece, found: _Projections, columns: slice, joint: int) -> None:
@@ -437,7 +477,11 @@ class _Combination:
         """Take neighbours of which all rows are known, (groups, `LENGTH`, c + 1), and those in use."""
         rows *= use[:, :, None]
         limits = np.broadcast_to(np.append(limits, np.inf), (len(rows), self.width))
-        left = np.ones(len(rows), bool)
+        projected = np.matmul(_all_polynomials(), rows)
+        lost = np.einsum("gkc,gkc->gc", rows, rows) - np.einsum("gmc,gmc->gc", projected, projected)
+        finely = np.all(lost <= LENGTH * LARGEST_TAIL / LARGEST_SHARE * limits, axis=1) & use.all(axis=1)
+        self._take(places[finely], projected[finely], rows[finely].sum(axis=1))
+        left = ~finely
         for at, _, projected in _by_runs(use, rows, limits, left.copy()):
             self._take(places[at], projected, rows[at].sum(axis=1))
             left[at] = False
