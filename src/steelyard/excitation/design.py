@@ -226,15 +226,13 @@ def design_excitation(
     recorded = _period_times(chosen, rate)
     recorded_basis = chosen.basis(recorded)
 
-    def spectrum(x: Array) -> Spectrum:
+    def spectrum(x: Array, of: Model = shown_model, prior: Array = prior) -> Spectrum:
         """Return the spectrum of the whole information, with the exact sign of Coulomb friction."""
         motion = problem.motion(x, recorded_basis)
         part = problem.count / len(recorded)
         return Spectrum.of(
-            prior.T @ prior + part * RegressorInformation.exact(shown_model, *motion, weights),
-            lambda: np.vstack(
-                [prior, np.sqrt(part) * RegressorInformation.exact_factor(shown_model, *motion, weights)]
-            ),
+            prior.T @ prior + part * RegressorInformation.exact(of, *motion, weights),
+            lambda: np.vstack([prior, np.sqrt(part) * RegressorInformation.exact_factor(of, *motion, weights)]),
         )
 
     def figure(x: Array) -> float:
@@ -254,11 +252,14 @@ def design_excitation(
             "The motion starts and ends in motion, without a ramp-up: bring the robot to the initial velocity first."
         )
     remarks += _notes(result.status, result.finished, options.starts)
-    shown = identifiability(spectrum(result.best.x), measure.subset, problem.count * model.dof)
+    asked_for, known = measure.subset, prior
+    if about_friction:  # laws that the robot may not have, in powers of its units: the stated model is judged
+        asked_for, known = make_subset(model, None), _prior(model, asked.prior_information, weights, rate)
+    shown = identifiability(spectrum(result.best.x, model, known), asked_for, problem.count * model.dof)
     unchecked = around.missing(motion[0])
     remarks = [*unchecked, *remarks]
     if shown.unidentifiable:
-        remarks.insert(0, _hopeless(shown, len(measure.subset.names), margins, period))
+        remarks.insert(0, _hopeless(shown, len(asked_for.names), margins, period))
     return ExcitationDesign(
         robot_name=model.robot.name,
         joint_names=tuple(model.robot.joint_names),
@@ -536,7 +537,8 @@ class ExcitationDesign:
     uncertainty : float
         Expected standard deviation, with torque noise of one per cent and the prior information, of the least certain
         combination of the parameters in the subset, relative to the 2-norm of all base parameters. Above 1 the motion
-        does not identify what was asked, see `identifies`.
+        does not identify what was asked, see `identifies`. With the criterion ``"friction"`` it is that of all
+        parameters of the stated model.
     unidentifiable : tuple of str
         Where the uncertainty is above 1, the parameters that cause it, the least certain first.
     unchecked : tuple of str

@@ -124,8 +124,8 @@ def ramp_phase(u: Array) -> tuple[Array, Array, Array]:
 
 SLOW_PACE = 0.05
 """Speed of a slow passage, relative to that of the series: joints with a limit of 3 rad/s then turn around at speeds
-below 0.15 rad/s, where Stribeck's friction and presliding are. With 0.1 LuGre's numbers were as well known on simulated
-arms, Stribeck's ratio half as well again worse."""
+below 0.15 rad/s, where Stribeck's friction and presliding are. With 0.1 the least standard error of the ratio of
+LuGre's friction was 40 % larger on simulated arms, and that of its velocity 14 % smaller."""
 
 
 @dataclass(frozen=True, eq=False)
