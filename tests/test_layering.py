@@ -9,9 +9,10 @@ import itertools
 import json
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
+from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import pytest
 
@@ -65,13 +66,36 @@ def imports_in(nodes: Iterable[ast.AST], module: str, is_package: bool) -> Itera
             yield from ((node.lineno, f"{origin}.{alias.name}") for alias in node.names)
 
 
+def needed_at_import(tree: ast.Module) -> Iterator[ast.stmt]:
+    """Yield the statements that run when a file is imported: not those in functions, nor those for type checkers."""
+    waiting = list(tree.body)
+    while waiting:
+        node = waiting.pop()
+        yield node
+        if isinstance(node, ast.If) and "TYPE_CHECKING" not in ast.unparse(node.test):
+            waiting += [*node.body, *node.orelse]
+
+
+class Imports(NamedTuple):
+    """Line and full name of what a module imports: anywhere, and at once when it is imported itself."""
+
+    all: list[tuple[int, str]]
+    at_once: list[tuple[int, str]]
+
+
+@cache  # several tests look at every file
+def imports_of(source: str, module: str, is_package: bool) -> Imports:
+    tree = ast.parse(source)
+    return Imports(*(list(imports_in(nodes, module, is_package)) for nodes in (ast.walk(tree), needed_at_import(tree))))
+
+
 def violations(source: str, module: str, is_package: bool = False) -> list[str]:
     """Say which imports of a module break the order of the rooms."""
     inside = module.split(".")[1:]
     if inside in ([], ["__main__"]):
         return []  # the package itself may name every room
     found = []
-    for line, name in imports_in(ast.walk(ast.parse(source)), module, is_package):
+    for line, name in imports_of(source, module, is_package).all:
         first, *rest = name.split(".")
         if first == "pickle":
             found.append(f"line {line}: pickle")
@@ -128,16 +152,6 @@ def test_files_keep_to_the_plan(place: str) -> None:
         assert path.stem not in EMPTY_NAMES, f"{path}: a module is named by what it is about"
 
 
-def needed_at_import(tree: ast.Module) -> Iterator[ast.stmt]:
-    """Yield the statements that run when a file is imported: not those in functions, nor those for type checkers."""
-    waiting = list(tree.body)
-    while waiting:
-        node = waiting.pop()
-        yield node
-        if isinstance(node, ast.If) and "TYPE_CHECKING" not in ast.unparse(node.test):
-            waiting += [*node.body, *node.orelse]
-
-
 def homes_of(package: Path) -> dict[str, str]:
     """For the names that packages hand out, the modules that they come from."""
     found = {}
@@ -149,8 +163,8 @@ def homes_of(package: Path) -> dict[str, str]:
     return found
 
 
-def imports_of_files(parts: Callable[[ast.Module], Iterable[ast.AST]]) -> dict[str, set[str]]:
-    """Tell for each file which others these parts of it import, directly or as what a package hands out."""
+def imports_of_files(at_once: bool) -> dict[str, set[str]]:
+    """Tell for each file which others it imports, directly or as what a package hands out."""
     homes, paths = homes_of(PACKAGE), {module_of(path): path for path in FILES if path.name != "__init__.py"}
 
     def home_of(name: str) -> str:
@@ -161,15 +175,17 @@ def imports_of_files(parts: Callable[[ast.Module], Iterable[ast.AST]]) -> dict[s
 
     found = {}
     for module, path in paths.items():
-        nodes = parts(ast.parse(path.read_text(encoding="utf-8")))
-        names = {home_of(name) for _, name in imports_in(nodes, module, is_package=False)}
+        imports = imports_of(path.read_text(encoding="utf-8"), module, False)
+        names = {home_of(name) for _, name in (imports.at_once if at_once else imports.all)}
         found[module] = names & paths.keys() - {module}
     return found
 
 
 def test_no_files_import_each_other_in_a_circle() -> None:
     """Annotations and imports within functions included."""
-    list(graphlib.TopologicalSorter(imports_of_files(ast.walk)).static_order())  # names the circle where there is one
+    list(
+        graphlib.TopologicalSorter(imports_of_files(at_once=False)).static_order()
+    )  # names the circle where there is one
 
 
 def test_a_circle_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -181,14 +197,14 @@ def test_a_circle_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     (room / "b.py").write_text("from steelyard.room import A")
     monkeypatch.setitem(globals(), "PACKAGE", tmp_path / "steelyard")
     monkeypatch.setitem(globals(), "FILES", sorted(room.glob("*.py")))
-    assert imports_of_files(needed_at_import) == {"steelyard.room.a": set(), "steelyard.room.b": {"steelyard.room.a"}}
+    assert imports_of_files(at_once=True) == {"steelyard.room.a": set(), "steelyard.room.b": {"steelyard.room.a"}}
     with pytest.raises(graphlib.CycleError):
-        list(graphlib.TopologicalSorter(imports_of_files(ast.walk)).static_order())
+        list(graphlib.TopologicalSorter(imports_of_files(at_once=False)).static_order())
 
 
 def test_the_longest_chain_of_imports_is_short() -> None:
     """From what identifies a robot down to what needs nothing: who reads one file must not have to read twenty."""
-    needs = imports_of_files(needed_at_import)
+    needs = imports_of_files(at_once=True)
     lengths: dict[str, int] = {}
     for module in graphlib.TopologicalSorter(needs).static_order():
         lengths[module] = 1 + max((lengths[needed] for needed in needs[module]), default=0)
@@ -208,7 +224,9 @@ SCRATCH = {"external_solver.py", "standard_input.py", "cli/main.py"}
 
 def written_without_care(source: str) -> list[str]:
     """Say where a module writes or renames files by itself."""
-    found = []
+    found: list[str] = []
+    if not re.search(r"write_text|write_bytes|\b(os|shutil|tempfile)\b", source):
+        return found  # most files, without a look at their syntax
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr in WRITERS:
             owner = node.func.value.id if isinstance(node.func.value, ast.Name) else ""

@@ -60,7 +60,7 @@ def report_html(identification: Identification) -> str:
 
     Examples
     --------
-    A pendulum without a mass, driven by the torque of a spring:
+    A pendulum without a mass, driven by the torque of a spring, with its report and two pictures:
 
     >>> import tempfile
     >>> from pathlib import Path
@@ -75,9 +75,11 @@ def report_html(identification: Identification) -> str:
     ...     robot, log = Path(folder, "pendulum.urdf"), Path(folder, "log.csv")
     ...     _ = robot.write_text(urdf)
     ...     _ = sy.Recording(t=t, q=np.sin(t)[:, None], torque=np.sin(t)[:, None], source="log").save(log)
-    ...     text = report_html(sy.identify(robot, [log]))
-    >>> "The answer can exist" in text
+    ...     result = sy.identify(robot, [log])
+    >>> "The answer can exist" in report_html(result)
     True
+    >>> "An impossible robot" in sy.report.torque_svg(result), "<title>1 rod: " in sy.report.robot_svg(result)
+    (True, True)
     """
     parts = [Section(key, title, text) for key, title, write in _SECTIONS if (text := write(identification))]
     name = identification.model.robot.name

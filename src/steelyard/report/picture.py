@@ -43,27 +43,6 @@ def torque_svg(identification: Identification) -> str:
     -------
     str
         An SVG document, 1000 x 420, on a light card.
-
-    Examples
-    --------
-    A pendulum without a mass, driven by the torque of a spring:
-
-    >>> import tempfile
-    >>> from pathlib import Path
-    >>> import numpy as np
-    >>> import steelyard as sy
-    >>> urdf = (
-    ...     '<robot name="pendulum"><link name="base"/><link name="rod"/><joint name="pivot" type="continuous">'
-    ...     '<parent link="base"/><child link="rod"/><axis xyz="0 1 0"/></joint></robot>'
-    ... )
-    >>> t = np.arange(500) / 50
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     robot, log = Path(folder, "pendulum.urdf"), Path(folder, "log.csv")
-    ...     _ = robot.write_text(urdf)
-    ...     _ = sy.Recording(t=t, q=np.sin(t)[:, None], torque=np.sin(t)[:, None], source="log").save(log)
-    ...     text = torque_svg(sy.identify(robot, [log]))
-    >>> "An impossible robot" in text
-    True
     """
     prediction = identification.predictions[default_log(identification)]
     strength = np.sqrt(np.nanmean(np.square(prediction.trace.measured), axis=0))

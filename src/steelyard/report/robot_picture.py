@@ -123,27 +123,6 @@ def robot_svg(identification: Identification, q: ArrayLike | None = None) -> Mar
     Returns
     -------
     str
-
-    Examples
-    --------
-    A pendulum without a mass, driven by the torque of a spring:
-
-    >>> import tempfile
-    >>> from pathlib import Path
-    >>> import numpy as np
-    >>> import steelyard as sy
-    >>> urdf = (
-    ...     '<robot name="pendulum"><link name="base"/><link name="rod"/><joint name="pivot" type="continuous">'
-    ...     '<parent link="base"/><child link="rod"/><axis xyz="0 1 0"/></joint></robot>'
-    ... )
-    >>> t = np.arange(500) / 50
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     robot, log = Path(folder, "pendulum.urdf"), Path(folder, "log.csv")
-    ...     _ = robot.write_text(urdf)
-    ...     _ = sy.Recording(t=t, q=np.sin(t)[:, None], torque=np.sin(t)[:, None], source="log").save(log)
-    ...     text = robot_svg(sy.identify(robot, [log]))
-    >>> "<title>1 rod: " in text
-    True
     """
     ground = f'<rect width="{WIDTH:g}" height="{HEIGHT:g}" rx="8" fill="#fdfdfb"/>'
     card = f"<style>{package_text('drawing.css')}</style>{ground}"
