@@ -10,6 +10,7 @@ import pytest
 from compilers import C_FLAGS as C_FLAGS
 from compilers import need as need
 from compilers import run as run
+from exported_functions import WAM_ROWS
 from exported_functions import odd_function as odd_function
 from exported_functions import wam_with_friction as wam_with_friction
 from numpy.typing import NDArray
@@ -21,15 +22,6 @@ from steelyard.graph import Argument, Function, Graph, Output, cos, exp, log, si
 Array = NDArray[np.float64]
 Compiled = Callable[..., list[Array]]
 
-WAM_ROWS = [
-    ("-pi/2", 0, 0, "q"),
-    ("pi/2", 0, 0, "q"),
-    ("-pi/2", 0.045, 0.55, "q"),
-    ("pi/2", -0.045, 0, "q"),
-    ("-pi/2", 0, 0.3, "q"),
-    ("pi/2", 0, 0, "q"),
-    (0, 0, 0.06, "q"),
-]
 CPP_FLAGS = ["-std=c++17", "-Wall", "-Wextra", "-Werror", "-pedantic", "-Wconversion", "-Wshadow"]
 RUST_FLAGS = ["--edition", "2021", "-D", "warnings"]
 TOOLS = {"c": "gcc", "cpp": "g++", "rust": "rustc"}

@@ -10,6 +10,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from exported_functions import WAM_ROWS
 from python_file import module_of_file
 
 import steelyard as sy
@@ -17,7 +18,7 @@ from steelyard.codegen import Constant, Project, generate
 from steelyard.graph import Argument, Function, Graph, Kernel, Node, Output, cos, sin
 from steelyard.graph.expression import reachable
 
-from .conftest import WAM_ROWS, inputs_of, project_of, run
+from .conftest import inputs_of, project_of, run
 
 PYTHON = ("python", "jax", "casadi")
 SCRIPTS = (*PYTHON, "octave", "julia")

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from exported_functions import WAM_ROWS
 
 import steelyard as sy
 
@@ -16,19 +17,6 @@ pytest.importorskip("sympy", reason="symbolic expressions need sympy")
 def planar() -> sy.Model:
     rows = [(0, "a1", 0, "q"), (0, "a2", 0, "q")]
     return sy.Model(sy.Robot.from_dh(rows, name="planar", gravity=(0, -10, 0)))
-
-
-def wam() -> sy.Model:
-    rows = [
-        ("-pi/2", 0, 0, "q"),
-        ("pi/2", 0, 0, "q"),
-        ("-pi/2", 0.045, 0.55, "q"),
-        ("pi/2", -0.045, 0, "q"),
-        ("-pi/2", 0, 0.3, "q"),
-        ("pi/2", 0, 0, "q"),
-        (0, 0, 0.06, "q"),
-    ]
-    return sy.Model(sy.Robot.from_dh(rows, name="wam"))
 
 
 def test_latex_names_are_those_of_the_thesis(planar: sy.Model) -> None:
@@ -87,7 +75,7 @@ def _product(text: str) -> str:
 
 
 def test_notebooks_show_the_beginning_of_long_functions() -> None:
-    model = wam()
+    model = sy.Model(sy.Robot.from_dh(WAM_ROWS, name="wam"))
     for closed, name in ((False, "inverse_dynamics"), (True, "gravity")):
         found = model.symbolic(name, closed=closed)
         text = found._repr_latex_()

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from exported_functions import WAM_ROWS
 
 import steelyard as sy
 from steelyard.codegen import sympy_function
@@ -309,21 +310,8 @@ def test_division_by_zero_is_explained() -> None:
             substitute({"x2": 0})
 
 
-def wam() -> sy.Model:
-    rows = [
-        ("-pi/2", 0, 0, "q"),
-        ("pi/2", 0, 0, "q"),
-        ("-pi/2", 0.045, 0.55, "q"),
-        ("pi/2", -0.045, 0, "q"),
-        ("-pi/2", 0, 0.3, "q"),
-        ("pi/2", 0, 0, "q"),
-        (0, 0, 0.06, "q"),
-    ]
-    return sy.Model(sy.Robot.from_dh(rows, name="wam"))
-
-
 def test_closed_forms_that_would_explode_are_refused() -> None:
-    model = wam()
+    model = sy.Model(sy.Robot.from_dh(WAM_ROWS, name="wam"))
     with pytest.raises(InputError, match="use closed=False"):
         model.symbolic("inverse_dynamics")
     assert len(model.symbolic("inverse_dynamics", closed=False).assignments) > 100
