@@ -15,6 +15,14 @@ from pathlib import Path
 if "PYTEST_XDIST_WORKER" in os.environ:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+# Where Python may not keep compiled files beside their sources, each process of the tests would compile every file anew,
+# and rewrite the assertions of every test, which took a tenth of the whole run. They are kept in pytest's own folder.
+if sys.dont_write_bytecode:
+    sys.dont_write_bytecode = False
+    sys.pycache_prefix = str(Path(__file__).resolve().parent / ".pytest_cache" / "bytecode")
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+    os.environ["PYTHONPYCACHEPREFIX"] = sys.pycache_prefix
+
 import pytest
 from hypothesis import settings
 from stand_ins import factored as factored
@@ -76,9 +84,10 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(pytest.mark.skip(reason=f"{extra} is not installed"))
 
 
-# Compiled code of the tests stays out of the user's cache.
-_cache = tempfile.TemporaryDirectory(prefix="steelyard-cache-")
-os.environ["STEELYARD_CACHE_DIR"] = _cache.name
+# Compiled code of the tests stays out of the user's cache. Processes side by side share one, which the first one made.
+if "PYTEST_XDIST_WORKER" not in os.environ:
+    _cache = tempfile.TemporaryDirectory(prefix="steelyard-cache-")
+    os.environ["STEELYARD_CACHE_DIR"] = _cache.name
 
 
 @pytest.fixture(scope="session")
