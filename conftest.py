@@ -15,7 +15,7 @@ from pathlib import Path
 if "PYTEST_XDIST_WORKER" in os.environ:
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-# Where Python may not keep compiled files beside their sources, each process of the tests would compile every file anew,
+# Where Python may not keep compiled files beside their sources, each process of the tests compiled every file anew,
 # and rewrite the assertions of every test, which took a tenth of the whole run. They are kept in pytest's own folder.
 if sys.dont_write_bytecode:
     sys.dont_write_bytecode = False
