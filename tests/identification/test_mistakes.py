@@ -507,3 +507,30 @@ def test_signs_of_friction_just_where_joints_turn_back_are_no_delay():
     assert 1 <= soon.sum() <= 4
     torque[soon] -= 4.0 * np.sign(dq[soon])
     assert find_mistakes(model, sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque, t=t)) == ()
+
+
+WHEEL = """<link name="{side}"><inertial><origin xyz="{x} 0 {z}"/><mass value="1.1"/>
+<inertia ixx="0.003" ixy="0" ixz="0" iyy="0.005" iyz="0" izz="0.003"/></inertial></link>
+<joint name="{side}_axle" type="continuous"><parent link="base"/><child link="{side}"/><origin xyz="0 {y} 0"/>
+<axis xyz="0 1 0"/></joint>"""
+
+
+@pytest.mark.parametrize(
+    ("rotor", "factor", "kinds"), [(0.02, 1.0, []), (0.1, 1.0, ["missing term"]), (0.0, 1e3, ["torque unit"])]
+)
+def test_rotors_that_weigh_more_than_wheels_are_no_wrong_unit(tmp_path, rotor, factor, kinds):
+    """Behind gears a rotor has several times the inertia of the wheel that it drives; the torques are in N·m."""
+    wheels = {"left": (0.002, 0.2, 0.001), "right": (-0.001, -0.2, 0.002)}
+    parts = [WHEEL.format(side=side, x=x, y=y, z=z) for side, (x, y, z) in wheels.items()]
+    (tmp_path / "robot.urdf").write_text(f'<robot name="cart"><link name="base"/>{"".join(parts)}</robot>')
+    robot = sy.Robot.from_urdf(tmp_path / "robot.urdf").with_terms(sy.Viscous(), sy.Coulomb(), sy.Offset())
+    t, speed = np.arange(0.0, 20.0, 0.01)[:, None], np.array([2.1, 2.7])
+    q, dq, ddq = 15.0 * np.sin(speed * t), 15.0 * speed * np.cos(speed * t), -15.0 * speed**2 * np.sin(speed * t)
+    x, _, z = np.transpose(list(wheels.values()))
+    # The height of the centre of mass is z cos q - x sin q.
+    gravity = -9.81 * 1.1 * (x * np.cos(q) + z * np.sin(q))
+    inertia = 0.005 + 1.1 * (x**2 + z**2) + rotor
+    torque = inertia * ddq + gravity + 0.01 * dq + 0.05 * np.sign(dq)
+    torque += 0.02 * np.sqrt((torque**2).mean(axis=0)) * np.random.default_rng(4).normal(size=q.shape)
+    found = find_mistakes(sy.Model(robot), sy.Samples(q=q, dq=dq, ddq=ddq, torque=factor * torque))
+    assert [hypothesis.kind for hypothesis in found] == kinds

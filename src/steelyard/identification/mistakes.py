@@ -386,7 +386,10 @@ class _Search:
         poor = poor or self.strangeness > 0.5 * GAIN or base.torque_surprise.max() > 0.5 * GAIN
         for attempt in (self._whole_scales, self._payloads, *([self._delays] if poor else [])):
             self._once(attempt)
-        return poor or any(self.base.cost - candidate.cost > GAIN for candidate in self.found)
+        found = any(self.base.cost - candidate.cost > GAIN for candidate in self.found)
+        if found:  # rotors behind gears make torques as large as a wrong unit or a payload would
+            self._once(self._missing_terms)
+        return poor or found
 
     def _once(self, attempt: Callable[[], None]) -> None:
         if attempt.__name__ not in self.tried:
@@ -829,6 +832,8 @@ class _Search:
         return Hypothesis(candidate.kind, candidate.statement, candidate.correction, gain, *errors, joint, evidence)
 
     def _mass_evidence(self, candidate: _Candidate, before: LikeliestRobot, after: LikeliestRobot) -> str | None:
+        if any(other.kind == "missing term" and other.cost < candidate.cost for other in self.found):
+            return None  # what a term of the drives explains better says nothing of masses
         if candidate.correction.payload is not None:
             link, mass, _ = candidate.correction.payload
             described = self.base.prior.mean[self.model.link_columns[self.model.robot.link_names.index(link)][9]]
