@@ -174,3 +174,15 @@ def test_estimates_without_a_prior_are_tried_on_what_is_left_out() -> None:
         start += len(rows)
     np.testing.assert_allclose(found, np.sqrt(squares / samples.count), rtol=1e-6)
     assert _held_out(arm.stretches[:2], lambda data: sy.least_squares(data)) is None
+
+
+@pytest.mark.parametrize(("own", "other"), [(0.05, 0.3), (0.3, 0.05)])
+def test_noise_is_that_of_the_log_that_is_predicted(own: float, other: float) -> None:
+    arm = simulated_arm(15, seconds=40.0, noise=0.0)
+    random = np.random.default_rng(7)
+    shape = arm.samples.torque.shape
+    fitted = with_torque(arm, arm.samples.torque + own * random.normal(size=shape))
+    log = with_torque(arm, arm.samples.torque + other * random.normal(size=shape))
+    found = prediction_verdict(fitted.information, arm.truth @ arm.feasible_set.K.T, validation=[log.information])
+    np.testing.assert_allclose(found.noise_floor, other, rtol=0.1)
+    assert found.model_error < 0.4 * found.relative_error  # all that is left is white

@@ -83,8 +83,8 @@ class PredictionVerdict:
     joint_error : ndarray
         (N,) root mean square, N·m or N.
     noise_floor : ndarray
-        (N,) root mean square of the white noise in the torques, N·m or N: no model predicts that. NaN where it could
-        not be told apart.
+        (N,) root mean square of the white noise in the torques that were predicted, N·m or N: no model predicts that.
+        NaN where it could not be told apart; that of the data of the fit where single logs are too short to tell.
     whiteness : ndarray
         (N,): the part of the mean square of the residuals of the fit that is white, 0 to 1. Little says that what is
         left follows a pattern, which a better model would explain.
@@ -274,9 +274,12 @@ def prediction_verdict(
     if len(floor) != len(names):
         floor = white = np.full(len(names), np.nan)
     tested = True
+    own_noise = np.minimum(np.nan_to_num(floor), training)
     if validation:
         count = len(validation)
         error, torque = _root_mean_squares(validation, beta)
+        # Logs differ in their noise: that of faster motions, of another day or another sensor is another one.
+        floor = _white_noise_of_all(validation, beta, floor)
         source = f"{count} validation logs" if count > 1 else "the validation log"
     elif held_out_error is not None:
         error = np.asarray(held_out_error, dtype=float)
@@ -284,7 +287,6 @@ def prediction_verdict(
     else:
         error, tested = training, False
         source = UNTESTED
-    own_noise = np.minimum(np.nan_to_num(floor), training)
     whole = float(np.linalg.norm(error) / np.linalg.norm(torque))
     own = float(np.linalg.norm(training) / np.linalg.norm(own_torque))
     if fit_error is not None and np.isfinite(fit_error):
@@ -319,6 +321,16 @@ def prediction_verdict(
             sentences.insert(1, f"Above {limit:.0%} of the torque of a joint, noise aside, on {data}: {listed}{more}.")
             break
     return PredictionVerdict(word, source, model, whole, tuple(names), relative, error, floor, white, tuple(sentences))
+
+
+def _white_noise_of_all(data: Sequence[Information], base: Array, otherwise: Array) -> Array:
+    """Root mean square of the white noise of each joint in all data together, (N,); `otherwise` where one is unknown."""
+    floors = np.array([white_noise(information, base)[0] for information in data])
+    if floors.shape[1:] != otherwise.shape:
+        return otherwise
+    counts = np.array([[factor.count for factor in information.factors] for information in data], dtype=float)
+    together = np.sqrt((counts * floors**2).sum(axis=0) / np.maximum(counts.sum(axis=0), 1.0))
+    return np.where(np.isnan(together), otherwise, together)
 
 
 def _root_mean_squares(data: Sequence[Information], base: Array) -> tuple[Array, Array]:
