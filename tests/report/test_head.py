@@ -103,9 +103,22 @@ def test_a_mass_that_is_assumed_is_to_be_stated_once(identification: Identificat
 
 def test_weak_parameters_are_counted_and_long_sums_not_written_out(identification: Identification) -> None:
     weak = ("Lxx1 + 0.25*m2 + 0.3*lx2 + 0.4*ly2 + 0.5*lz2", "ly1")
-    steps = next_steps(replace(identification, weak=weak))
+    hidden = replace(identification.unconstrained, standard_error=np.full(10, 100.0))
+    steps = next_steps(replace(identification, weak=weak, unconstrained=hidden))
     (step,) = (step for step in steps if "excite" in step.code)
     assert "2 of 10 base parameters are smaller than their standard errors, such as ly1." in step.reason
+
+
+def test_what_the_log_shows_to_be_zero_asks_for_no_other_motion(identification: Identification) -> None:
+    """A first moment of zero is smaller than its standard error, however well the motion shows it."""
+    told = identification.unconstrained
+    name = "ly1"
+    error = np.where(np.array(told.base_names) == name, 1e-3, told.standard_error)
+    steps = next_steps(replace(identification, weak=(name,), unconstrained=replace(told, standard_error=error)))
+    assert not [step for step in steps if "excite" in step.code]
+    error = np.where(np.array(told.base_names) == name, 1e3, told.standard_error)
+    steps = next_steps(replace(identification, weak=(name,), unconstrained=replace(told, standard_error=error)))
+    assert [step for step in steps if "excite" in step.code]
 
 
 def test_at_most_three_steps_that_can_be_done(identification: Identification) -> None:

@@ -336,9 +336,12 @@ def _report(
     if fitting.prior is not None:
         distance = fitting.prior.distance(parameters)
         least = max(regression.residual2, regression.noise_floor)
+        ratio = np.sqrt(max(value / least, 1.0))
+        times = f"{ratio:.4g}"
+        compared = "as much as" if times == "1" else f"{times} times what"
         remarks.append(
-            f"The answer stays near a prior ({fitting.prior.label}, with a weight of {fitting.prior_weight:.4g}): what "
-            f"the data leaves unexplained is {np.sqrt(max(value / least, 1.0)):.4g} times that of plain least squares."
+            f"The answer stays near a prior ({fitting.prior.label}, with a weight of {fitting.prior_weight:.4g}): it "
+            f"leaves {compared} plain least squares leaves unexplained of the data."
         )
     elif tie_break is not None and answer.choice is None and not fitting.is_identifiable:
         remarks.append(

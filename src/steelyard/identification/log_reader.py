@@ -146,6 +146,8 @@ class ReducedLog:
     Attributes
     ----------
     name : str
+    fitted : bool
+        Whether the estimate rests on it.
     information : Information
     blocks : tuple
         Its stretches, as `TimeBlocks.held` tells them; none where the estimate does not rest on it.
@@ -159,6 +161,7 @@ class ReducedLog:
     """
 
     name: str
+    fitted: bool
     information: Information
     blocks: tuple[tuple[NDArray[np.intp], tuple[Array, ...]], ...]
     samples: Samples
@@ -174,18 +177,20 @@ class ReducedLog:
 
 
 class ReducedGroup(NamedTuple):
-    """Logs that were reduced, without their batch means, and the batch means of all of them together."""
+    """Logs that were reduced, those of the fit without their batch means, and these of all of them together."""
 
     logs: tuple[ReducedLog, ...]
     batch_means: BatchMeans
 
     @classmethod
     def of(cls, logs: Sequence[ReducedLog]) -> ReducedGroup:
-        """Take the batch means out of reduced logs, and add them in order."""
+        """Take the batch means out of the logs of the fit, and add them in order."""
         tree = BatchMeansTree()
         for log in logs:
-            tree.add(log.information.batch_means)
-        bare = (replace(log, information=replace(log.information, batch_means=())) for log in logs)
+            tree.add(log.information.batch_means if log.fitted else ())
+        bare = (
+            replace(log, information=replace(log.information, batch_means=())) if log.fitted else log for log in logs
+        )
         return cls(tuple(bare), tree.total())
 
 
@@ -384,6 +389,7 @@ class LogReader:
         kept = _kept_of(own._watched(task.log, model), task, model, thinned)
         return ReducedLog(
             name=str(task.log),
+            fitted=task.fitted,
             information=kept.information,
             blocks=kept.blocks,
             samples=thinned.samples,
@@ -537,11 +543,11 @@ def _kept_of(
     """Reduce the samples of one of so many sections of a log, and thin them on the way."""
     empty = empty_factors(model)
     drawn = DrawnRows(model, max(task.rows // sections, 1))
-    sums = BatchSums(empty) if task.fitted else None
+    sums = BatchSums(empty)
     blocks = TimeBlocks(empty, -(-MOST // (task.logs * sections))) if task.fitted else None
     information = _information_of(stream, model, [drawn, thinned], sums, blocks, exact, lead)
-    if sums is not None:
-        information = replace(information, batch_means=sums.factors())
+    # Of a log that is only predicted the shortest batches do, which tell its white noise.
+    information = replace(information, batch_means=sums.factors()[: None if task.fitted else 1])
     drawn.finish()
     return _Kept(information, () if blocks is None else blocks.held, drawn.kept)
 
@@ -659,6 +665,7 @@ class JoinedSections:
         remarks = (f"{name}: {remark}" for remark in (*opened.remarks, *ending, *limits))
         return ReducedLog(
             name=name,
+            fitted=self.log.task.fitted,
             information=replace(self._information[0], batch_means=self._means.total()),
             blocks=self._blocks.held,
             samples=Samples.joined(self._samples),

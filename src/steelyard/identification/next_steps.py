@@ -13,6 +13,7 @@ from steelyard.excitation.motion_limits import MotionLimits
 from steelyard.feasibility.constraints import MeasuredMass, TotalMass
 from steelyard.regression import Information, least_squares
 
+from .parameter_table import parameter_sizes
 from .prediction_verdict import UNTESTED
 from .result import Identification
 
@@ -87,7 +88,7 @@ def found(identification: Identification) -> tuple[str, ...]:
             sentences.append(f"{mass}; no number has an interval, because the torques were filtered.")
         else:
             sentences.append(
-                f"{mass} ({total.basis}, {total.lower:.3g} to {total.upper:.3g} kg): of {len(told)} numbers the data "
+                f"{mass} ({total.basis}, {total.lower:.4g} to {total.upper:.4g} kg): of {len(told)} numbers the data "
                 f"alone tells {told.count('measured')}, with physics it bounds {told.count('bounded')}, and "
                 f"{told.count('assumed')} are assumed."
             )
@@ -208,13 +209,30 @@ def _other_estimator(identification: Identification) -> Iterator[NextStep]:
 def _weak(identification: Identification) -> Iterator[str]:
     """Return what the motion hides, a clause each."""
     hidden = identification.information.unidentifiable
-    weak = [name for name in identification.weak if name not in hidden]
+    shown = _shown_to_be_small(identification)
+    weak = [name for name in identification.weak if name not in hidden and name not in shown]
     count = len(identification.unconstrained.base)
     if hidden:
         yield f"the logs do not show {len(hidden)} of {count} base parameters at all, {_named(hidden)}"
     if weak:
         are = "are smaller than their standard errors" if len(weak) > 1 else "is smaller than its standard error"
         yield f"{len(weak)} of {count} base parameters {are}, {_named(weak)}"
+
+
+def _shown_to_be_small(identification: Identification) -> set[str]:
+    """Return base parameters whose intervals are narrower than what links and joints of such sizes have.
+
+    An offset of zero, or a product of inertia of a symmetric link, is smaller than its standard error on every motion:
+    the log has shown that it is small, and a better one would show it again.
+    """
+    estimate, told = identification.estimate, identification.unconstrained
+    if estimate.parameters is None:
+        return set()
+    scales = None if identification.plausible is None else identification.plausible.term_deviations
+    sizes = parameter_sizes(identification.feasible_set.link_columns, np.asarray(estimate.parameters), scales)
+    own = sizes[[estimate.parameter_names.index(name) for name in told.base_names]]
+    narrow = 2.0 * told.standard_error <= own
+    return {expression for expression, small in zip(told.base_expressions, narrow, strict=True) if small}
 
 
 def _unseen(identification: Identification, weak: list[str]) -> Iterator[NextStep]:

@@ -447,6 +447,35 @@ def _described(feasible_set: FeasibleSet, cad: Array, asked: list[Quantity], abo
     return np.array(found)
 
 
+def parameter_sizes(link_columns: NDArray[np.intp], parameters: Array, term_scales: ArrayLike | None = None) -> Array:
+    """Return the size (n,) that parameters have in links of such masses and extents, whatever their own values.
+
+    Parameters
+    ----------
+    link_columns : (L, 10) of int
+        As a model or a feasible set has them.
+    parameters : (n,)
+        Of which the masses and extents are taken, and the sizes of terms.
+    term_scales : (n,), optional
+        What would make the whole torque of a joint; a term counts as at least `NEGLIGIBLE` of it.
+
+    Returns
+    -------
+    ndarray
+        (n,) in the units of the parameters.
+    """
+    sizes = np.abs(parameters)
+    if term_scales is not None:
+        scales = np.asarray(term_scales, dtype=float)
+        sizes = np.maximum(sizes, NEGLIGIBLE * np.where(np.isfinite(scales), scales, 0.0))
+    bodies = parameters[link_columns]
+    mass, second = bodies[:, 9], 0.5 * bodies[:, [0, 3, 5]].sum(axis=1)
+    sizes[link_columns[:, :6]] = second[:, None]
+    sizes[link_columns[:, 6:9]] = np.sqrt(mass * second)[:, None]
+    sizes[link_columns[:, 9]] = mass
+    return sizes
+
+
 def _scales(
     feasible_set: FeasibleSet,
     parameters: Array,
@@ -456,24 +485,19 @@ def _scales(
     term_scales: ArrayLike | None,
 ) -> Array:
     """Return what half-widths are compared with: the size of such a parameter in a link of this mass and extent."""
-    bodies = parameters[feasible_set.link_columns]
-    mass = bodies[:, 9]
-    second = 0.5 * bodies[:, [0, 3, 5]].sum(axis=1)
-    length = np.sqrt(second / mass)
-    terms = np.full(len(parameters), np.inf) if term_scales is None else np.asarray(term_scales, dtype=float)
+    sizes = parameter_sizes(feasible_set.link_columns, parameters, term_scales)
+    second, first, mass = sizes[feasible_set.link_columns[:, [0, 6, 9]]].T
+    of_link = {"mass": mass, "center": first / mass, "first": first, "second": second}
     found = np.empty(len(asked))
     for index, (quantity, what) in enumerate(zip(asked, about, strict=True)):
-        link = what.link
         if what.kind == "term":
-            whole = float(terms[int(np.flatnonzero(quantity.row)[0])])
-            found[index] = max(abs(values[index]), NEGLIGIBLE * whole if np.isfinite(whole) else 0.0)
+            found[index] = sizes[int(np.flatnonzero(quantity.row)[0])]
         elif what.kind == "total":
             found[index] = abs(values[index])
         elif what.kind == "principal":
             found[index] = max(values[k] for k, other in enumerate(about) if other == what)
         else:
-            sizes = {"mass": mass, "center": length, "first": mass * length, "second": second}
-            found[index] = sizes[what.kind][link]
+            found[index] = of_link[what.kind][what.link]
     return found
 
 

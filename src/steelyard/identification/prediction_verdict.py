@@ -324,7 +324,7 @@ def prediction_verdict(
 
 
 def _white_noise_of_all(data: Sequence[Information], base: Array, otherwise: Array) -> Array:
-    """Root mean square of the white noise of each joint in all data together, (N,); `otherwise` where one is unknown."""
+    """Return the white noise of each joint in all data, root mean square (N,); `otherwise` where one is unknown."""
     floors = np.array([white_noise(information, base)[0] for information in data])
     if floors.shape[1:] != otherwise.shape:
         return otherwise
