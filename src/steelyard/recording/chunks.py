@@ -53,7 +53,7 @@ __all__ = [
 CHUNK_ROWS = 200_000
 """Rows of a chunk where none are stated."""
 
-PIECE_ROWS = 65_536
+PIECE_ROWS = 49_152
 """Rows that are processed together, at least; four times what the filters need around them, where that is more. A whole
 number of those that are reduced together, which then need not be joined."""
 
@@ -305,7 +305,7 @@ def process_chunks(
     The log is processed in pieces whose ends do not depend on `rows`, so that the samples are the same numbers whatever
     the size of the chunks. Each piece is read with so many rows around it that the transients of the filters have died
     out where its own rows begin; the ends are trimmed and extended at the true ends (and at long gaps) only, and the
-    decimation counts from the same row. Memory is bounded by `rows`, by the pieces of 65 536 rows and by the filters'
+    decimation counts from the same row. Memory is bounded by `rows`, by the pieces of 49 152 rows and by the filters'
     transients, whatever the length of the log.
 
     Parameters

@@ -47,7 +47,7 @@ Array = NDArray[np.float64]
 BLOCK = 2048
 """Samples that are factored at a time: their regressor stays in the processor's cache."""
 
-CHUNK = 32768
+CHUNK = 24576
 """Samples that are handed over at a time: so many that what each call costs by itself hardly counts. Half of the pieces
 in which long logs are processed, so that these are cut, and never joined."""
 
