@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.dynamics.threads import one_thread
+from steelyard.dynamics.threads import in_threads, one_thread
 from steelyard.errors import InputError
 
 from ..filters.zero_phase import motion_frequency
@@ -75,10 +75,12 @@ class TorqueFit:
 
     def add(self, samples: Samples, rows: NDArray[np.intp], used: NDArray[np.bool_]) -> None:
         """Add rows, of each joint those that are `used` (S, N)."""
-        for k, columns in enumerate(self.parts(samples, rows)):
+        parts = self.parts(samples, rows)
+
+        def add(k: int) -> None:
             own = np.flatnonzero(used[:, k])
             # Whole rows are copied: to take them into a part of wider rows takes five times as long.
-            kept, torque = columns[own], samples.torque[rows[own], k]
+            kept, torque = parts[k][own], samples.torque[rows[own], k]
             joints, products = self.columns.joints[k], self.products[k]
             products[np.ix_(joints, joints)] += kept.T @ kept
             along = torque @ kept
@@ -86,6 +88,8 @@ class TorqueFit:
             products[-1, joints] += along
             products[-1, -1] += torque @ torque
             self.counts[k] += len(own)
+
+        in_threads(add, range(len(parts)))
 
     def fitted(self) -> tuple[Array, Array]:
         """Return the base parameters, each joint weighted by its own residual, and the relative residuals (N,).
