@@ -50,8 +50,8 @@ HALVINGS = 40
 
 TRIED_TOGETHER = 40
 """Points at which a function is tried together where steps are halved, at most: of few problems, several halvings of
-each. What a trial of one point costs is mostly calls, and where links are far from what the data say, steps end at a
-thousandth of their length, which took half of the time of a cross-validation."""
+each. What a trial of one point costs is mostly calls: the heaviest weight of a prior took 109 trials for twenty steps,
+a fifth of the time of a cross-validation, and takes 35."""
 
 RIDGE = 1e-13
 """Relative to the diagonal of a Hessian, and added to it, so that directions which neither data nor physics tell leave

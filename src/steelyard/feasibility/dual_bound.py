@@ -218,10 +218,6 @@ CONVEX_STEPS = 6
 """Largest number of mending steps for a bound of the objective of a fit. One suffices for 100 random fits (gaps up to
 8.0e-7 instead of 7.6e-7); robots that are harder to fit need more."""
 
-LEAST_GAIN = 0.1
-"""Part of what a bound of a fit's objective lacks to be enough that a step has to gain, or the next ones will not lead
-there either: another attempt of the solver is cheaper."""
-
 DEARNESSES = (1e-4, 1e-2, 1.0)
 """Units of steps in w, relative to a change of X by 1, that are tried: a step in w costs its square, a change of X
 hardly anything. With 1 alone, one of 100 random fits ends above the gap, and bounds are off by up to 1e-3 where joints
@@ -332,7 +328,7 @@ class ConvexProblem:
                 gain, best = self.value - self.size * cost - best, max(best, self.value - self.size * cost)
                 if best >= enough:
                     return best
-                if gain < max(1e-9 * self.size, LEAST_GAIN * (enough - best)):
+                if gain < 1e-9 * self.size:
                     break
         return best
 
