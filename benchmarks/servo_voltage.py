@@ -29,6 +29,7 @@ TRIED = {
     "temperature": ("temperature",),
     "torque that falls behind the voltage": ("square",),
     "that and temperature": ("square", "temperature"),
+    "behind duty V without back EMF, and temperature": ("applied square", "temperature"),
     "all": ("square", "temperature", "supply", "pulses", "motor load", "square load", "heat"),
 }
 
@@ -61,6 +62,7 @@ def columns_of(folder, gain, run):
         "heat": lfilter([STEP], [1.0, -np.exp(-STEP)], voltage**2) * voltage,
         "temperature": (temperature - 28.0) * voltage,
         "square": voltage * np.abs(voltage),
+        "applied square": SUPPLY**2 * duty * np.abs(duty),
     }
     used = np.abs(dq) > SLOWEST
     used[:40] = used[-40:] = False  # where filters ring

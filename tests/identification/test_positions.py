@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import steelyard as sy
 from steelyard.errors import InputError
@@ -313,17 +314,20 @@ def test_what_spoils_values_at_times_is_told_with_its_time(tmp_path):
     assert "shoulder" not in burst
 
 
-@pytest.mark.parametrize(("law", "load"), [(FrictionLaw.mujoco(), 0.3), (FrictionLaw.coulomb(), 0.0)])
-def test_sensitivities_to_all_that_is_found_are_those_of_differences(arm, law, load):
+@pytest.mark.parametrize(
+    ("law", "load", "loss"),
+    [(FrictionLaw.mujoco(), 0.3, 0.0), (FrictionLaw.coulomb(), 0.0, 0.0), (FrictionLaw.mujoco(), 0.3, 0.01)],
+)
+def test_sensitivities_to_all_that_is_found_are_those_of_differences(arm, law, load, loss):
     """Of positions, by every parameter of the drives, encoders and links, while joints slip."""
     (branch,) = branches_of(sy.Robot.from_mjcf(arm))
     links = np.array(sy.Robot.from_mjcf(arm).parameters)[:20]
-    drives = np.array([0.03, 0.2, 0.3, 0.2, 0.4, load, 0.5, 0.1, 20.0, 1.0, 0.0, 0.0])
+    drives = np.array([0.03, 0.2, 0.3, 0.2, 0.4, load, 0.5, 0.1, 20.0, 1.0, 0.0, loss, 0.0])
     drives = np.repeat(drives[None, :, None], 2, axis=2)
-    count = 11 * 2 + 2 + 20
+    count = 12 * 2 + 2 + 20
     unit = np.eye(count)
     directions = Directions(
-        np.concatenate([unit[:22].reshape(11, 2, count), np.zeros((1, 2, count))]), unit[22:24], unit[24:]
+        np.concatenate([unit[:24].reshape(12, 2, count), np.zeros((1, 2, count))]), unit[24:26], unit[26:]
     )
     rows = 24
     command = np.broadcast_to(np.linspace(0.8, 1.5, rows * 4)[:, None, None, None], (rows * 4, 1, 1, 2)).copy()
@@ -331,9 +335,9 @@ def test_sensitivities_to_all_that_is_found_are_those_of_differences(arm, law, l
     def moved(change, with_directions=None):
         return drive(
             [branch],
-            [links + change[24:]],
-            drives + np.concatenate([change[:22].reshape(11, 2), np.zeros((1, 2))])[None],
-            change[None, 22:24],
+            [links + change[26:]],
+            drives + np.concatenate([change[:24].reshape(12, 2), np.zeros((1, 2))])[None],
+            change[None, 24:26],
             np.array([[[-0.2, -0.3], [1.2, 1.4]]]),
             np.array([[[0.1, -0.2, 3.0, 3.0]]]),
             np.full((rows, 1), 0.005),
@@ -350,6 +354,37 @@ def test_sensitivities_to_all_that_is_found_are_those_of_differences(arm, law, l
         difference = (ahead - behind) / 2e-6
         # What Newton's method leaves of a step, 1 % by the second encoder: it acts by gravity and friction alone.
         np.testing.assert_allclose(found[..., k], difference, rtol=0, atol=0.02 * np.abs(difference).max() + 1e-9)
+
+
+@pytest.mark.slow
+def test_a_drive_whose_torque_falls_behind_its_voltage_is_told_from_one_with_another_gain():
+    """A weighed pendulum behind a servo, integrated by SciPy; without the loss the gain is that of a weaker motor."""
+    weight, inertia, gain, back_emf, loss = 0.48, 0.0068, 0.12, 0.05, 0.35
+    t = np.arange(800) * 0.005
+    voltage = 5.0 * np.sin(2.2 * t) + 2.0 * np.sin(9.0 * t + 0.4)
+
+    def rate(_, state, volts):
+        law = gain * volts - back_emf * state[1]
+        return [state[1], (law * (1.0 - loss * abs(law)) - weight * np.sin(state[0])) / inertia]
+
+    state, q = np.zeros(2), [0.0]
+    for volts in voltage[:-1]:  # held until the next row
+        state = solve_ivp(rate, (0.0, 0.005), state, args=(volts,), rtol=1e-8, atol=1e-10).y[:, -1]
+        q.append(state[0])
+    noise = 2e-4 * np.random.default_rng(1).normal(size=t.size)
+    body = sy.Inertia.from_com(mass=weight / 0.981, com=(0.0, 0.0, 0.0), about_com=1e-9 * np.eye(3))
+    robot = sy.Robot.from_dh([(0, 0.1, 0, "q")], gravity=(9.81, 0, 0), inertias={"link1": body})  # 0.1 m from the axis
+    log = {"t": t, "q1": np.array(q) + noise, "u": voltage}
+    stated = {"law": "signal", "command": ["u"], "kd": "find", "delay": 0.0, "bias": "none"}
+    found = identify_from_positions(robot, log, settings={**stated, "find": ["rotor_inertia", "torque_loss"]})
+    plain = identify_from_positions(robot, log, settings={**stated, "find": ["rotor_inertia"]})
+    assert found.torque_loss[0] == pytest.approx(loss, rel=0.02)
+    assert found.gain[0] == pytest.approx(gain, rel=0.01)
+    assert found.kd[0] == pytest.approx(back_emf, rel=0.02)
+    assert found.error[0] < 3e-4
+    assert plain.error[0] > 10 * found.error[0]
+    assert plain.gain[0] < 0.9 * gain
+    assert found.to_dict()["joints"]["joint1"]["torque_loss"] == found.torque_loss[0]
 
 
 @pytest.mark.slow

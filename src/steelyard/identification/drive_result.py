@@ -40,6 +40,7 @@ WORDS = {
     "kp": "position gain",
     "kd": "velocity gain",
     "gain": "gain",
+    "torque_loss": "loss of torque",
     "delay": "delay",
 }
 
@@ -80,9 +81,10 @@ class PositionIdentification:
     robot : Robot
     settings : DriveSettings
     values : tuple of DriveValue
-    rotor_inertia, viscous, coulomb, load_friction, stiffness, offset, encoder, kp, kd, gain : ndarray
+    rotor_inertia, viscous, coulomb, load_friction, stiffness, offset, encoder, kp, kd, gain, torque_loss : ndarray
         (N,) of all joints, found or given. Coulomb friction that varies over the travel with its mean; friction by
-        load is a part of the links' torque that is added to it; springs are at rest in the middle of the travel.
+        load is a part of the links' torque that is added to it; springs are at rest in the middle of the travel; the
+        loss is that part of a drive's torque, of 1 N·m or N, by which it falls behind the law of the drive.
     coulomb_by_position : ndarray
         (3, N) at the lower end, in the middle and at the upper end of the travel, with lines between.
     travel : ndarray
@@ -208,6 +210,7 @@ class PositionIdentification:
                 "kp": self.kp[k],
                 "kd": self.kd[k],
                 "gain": self.gain[k],
+                **({"torque_loss": self.torque_loss[k]} if self.torque_loss[k] else {}),
                 "delay": self.delay,
                 "error": self.error[k],
                 "validation_error": None if self.validation_error is None else self.validation_error[k],

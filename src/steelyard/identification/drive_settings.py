@@ -13,12 +13,23 @@ from steelyard.recording.recognition import numbered_columns
 from steelyard.robot import Robot
 from steelyard.simulation.driven_joints import FrictionLaw
 
-__all__ = ["BY_LOAD", "BY_POSITION", "FIND", "FRICTION_LAWS", "FURTHER_TERMS", "SPRING", "TERMS", "DriveSettings"]
+__all__ = [
+    "BY_LOAD",
+    "BY_POSITION",
+    "FIND",
+    "FRICTION_LAWS",
+    "FURTHER_TERMS",
+    "SPRING",
+    "TERMS",
+    "TORQUE_LOSS",
+    "DriveSettings",
+]
 
 LAWS = ("position", "signal")
 BIASES = ("torque", "encoder", "none")
 FRICTION_LAWS: dict[str, Callable[[], FrictionLaw]] = {"mujoco": FrictionLaw.mujoco, "coulomb": FrictionLaw.coulomb}
 TERMS = ("rotor_inertia", "viscous", "coulomb")
+TORQUE_LOSS = "torque_loss"
 BY_POSITION, BY_LOAD, SPRING = FURTHER_TERMS = ("coulomb_by_position", "coulomb_by_load", "spring")
 FIND = "find"
 
@@ -50,7 +61,7 @@ class DriveSettings(TomlSection):
     find
         Which of ``"rotor_inertia"``, ``"viscous"`` and ``"coulomb"`` are looked for; the others stay at the
         description. Further terms of all joints may be added: ``"coulomb_by_position"``, ``"coulomb_by_load"`` and
-        ``"spring"``.
+        ``"spring"``. With ``"torque_loss"`` the torque m of the drive's law falls behind it, ``m (1 - loss |m|)``.
     free
         Links whose inertial parameters are looked for about their description.
     also
@@ -93,10 +104,9 @@ class DriveSettings(TomlSection):
             named = dict.fromkeys(_texts(getattr(self, key), f"{where}, key {key!r},"))
             object.__setattr__(self, key, tuple(named))
         for term in self.find:
-            if term not in (*TERMS, *FURTHER_TERMS):
-                raise InputError(
-                    f"{where}, key 'find', holds {shown(term)}; {suggestion(term, (*TERMS, *FURTHER_TERMS))}"
-                )
+            known_terms = (*TERMS, *FURTHER_TERMS, TORQUE_LOSS)
+            if term not in known_terms:
+                raise InputError(f"{where}, key 'find', holds {shown(term)}; {suggestion(term, known_terms)}")
         if BY_POSITION in self.find and "coulomb" not in self.find:
             raise InputError(f"{where}, key 'find', holds {BY_POSITION!r} without 'coulomb', of which it is; add it.")
         if self.law == "position" and self.kp is None:

@@ -35,7 +35,17 @@ from .drive_remarks import (
     unbelievable,
 )
 from .drive_result import DriveValue, PositionIdentification, described_alike, descriptions_of_results
-from .drive_settings import BY_LOAD, BY_POSITION, FIND, FRICTION_LAWS, FURTHER_TERMS, SPRING, TERMS, DriveSettings
+from .drive_settings import (
+    BY_LOAD,
+    BY_POSITION,
+    FIND,
+    FRICTION_LAWS,
+    FURTHER_TERMS,
+    SPRING,
+    TERMS,
+    TORQUE_LOSS,
+    DriveSettings,
+)
 from .given import given_robot
 from .saved import parameters_of_description
 from .shooting import COARSEST_STEP, PassingLog, PositionLog, Shooting, ShootingResult, Unknown
@@ -74,6 +84,7 @@ UNITS = {
     "kp": "N·m/rad",
     "kd": "N·m·s/rad",
     "gain": "N·m a unit",
+    "torque_loss": "1/(N·m)",
     "delay": "s",
 }
 
@@ -329,6 +340,7 @@ def _problem(
     unknown += ["kp"] if settings.law == "position" and settings.kp == FIND else []
     unknown += ["kd"] if settings.kd == FIND else []
     unknown += ["gain"] if settings.law == "signal" and settings.gain == FIND else []
+    unknown += ["torque_loss"] if TORQUE_LOSS in settings.find else []
     kinds = [_with_further(unknown, terms) for terms in further]
     starts = _first_values(branches, links, fixed, travel, kinds, logs)
     unknowns = [
@@ -437,7 +449,7 @@ def _first_values(
         command = np.concatenate([log.command[:, own] for log in logs])
         torque = branch.model.inverse_dynamics(q, dq, ddq, parameters)
         for k, joint in enumerate(own):
-            kinds = unknown[joint]
+            kinds = [kind for kind in unknown[joint] if kind != "torque_loss"]  # none to begin with
             if not kinds:
                 continue
             sign = np.tanh(dq[:, k] / max(0.05 * float(np.std(dq[:, k])), 1e-9))

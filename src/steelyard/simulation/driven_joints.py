@@ -1,7 +1,9 @@
 """Joints under a position controller, in time: many stretches of a motion at once, with their exact sensitivities.
 
 What each joint feels is ``tau = Kp (command - q) - Kd dq + offset + gain signal``, less its drive's own rotor inertia,
-spring, viscous and Coulomb friction. The links' part is that of the compiled inverse dynamics and its derivatives.
+spring, viscous and Coulomb friction. Where the drive's torque falls behind its law, ``m = Kp (command - q) - Kd dq +
+gain signal``, it is ``m (1 - loss |m|)`` in the place of m, up to its greatest value, ``1 / (4 loss)``. The links'
+part is that of the compiled inverse dynamics and its derivatives.
 
 Coulomb friction may vary over a joint's travel: its values at both ends and in the middle are joined by lines. It may
 grow with the load, the torque of the links, ``Fc = Fc(q) + mu |tau_links|``.
@@ -36,6 +38,7 @@ DRIVE_PARAMETERS = (
     "kp",
     "kd",
     "gain",
+    "torque_loss",
     "delay",
 )
 """What a drive has at each joint. Its spring is at rest in the middle of the travel."""
@@ -239,7 +242,7 @@ def drive(
     inertials : sequence of ndarray
         (10 n,) parameters of the links of each branch.
     drives : ndarray
-        (B, 12, n) in the order of `DRIVE_PARAMETERS`; the delay is in the commands already.
+        (B, 13, n) in the order of `DRIVE_PARAMETERS`; the delay is in the commands already.
     encoder : ndarray
         (B, n) by how much encoders read more than the joints stand at.
     travel : ndarray
@@ -265,9 +268,10 @@ def drive(
     count = parts * each
     own = [slice(b * each, (b + 1) * each) for b in range(parts)]
     repeated = np.repeat(drives.transpose(1, 0, 2), each, axis=1)
-    armature, viscous, *_, stiffness, offset, kp, kd, gain, _ = repeated
+    armature, viscous, *_, stiffness, offset, kp, kd, gain, loss, _ = repeated
     levels, load = repeated[2:5], repeated[5]
     has_load = bool(load.any()) or (directions is not None and any(one.drives[5].any() for one in directions))
+    has_loss = bool(loss.any()) or (directions is not None and any(one.drives[-2].any() for one in directions))
     shift = np.repeat(encoder, each, axis=0)
     low, high = np.repeat(travel.transpose(1, 0, 2), each, axis=1)
     middle_of_travel, half = 0.5 * (low + high), np.maximum(0.5 * (high - low), 1e-9)
@@ -306,7 +310,8 @@ def drive(
             along = np.clip((stands - middle_of_travel) / half, -1.0, 1.0)
             beyond = along > 0.0
             friction = levels[1] + along * np.where(beyond, slopes[1], slopes[0]) * half
-            driven = kp * (u - middle) + gain * u + offset - stiffness * (stands - middle_of_travel)
+            pushed = kp * (u - middle) + gain * u
+            driven = pushed + offset - stiffness * (stands - middle_of_travel)
             at = v + 0.5 * h * a
             for branch, values, rows in zip(branches, inertials, own, strict=True):
                 branch.model.inverse_dynamics_derivatives(
@@ -314,14 +319,17 @@ def drive(
                 )
             smooth = by_a + 0.5 * h3 * by_v
             smooth[:, diagonal, diagonal] += armature + 0.5 * h * speed_loss
-            loaded = friction
-            for _ in range(LOADED_ITERATIONS if has_load else ITERATIONS):
+            loaded, kept, by_loss = friction, np.ones_like(a), np.zeros_like(a)
+            for _ in range(LOADED_ITERATIONS if has_load or has_loss else ITERATIONS):
                 for branch, values, rows in zip(branches, inertials, own, strict=True):
                     branch.model.inverse_dynamics(stands[rows], at[rows], a[rows], values, out=torque[rows])
                 if has_load:
                     loaded = friction + load * np.abs(torque)
                 wanted = (smooth @ a[:, :, np.newaxis])[..., 0]
                 wanted += driven - torque - armature * a - speed_loss * at
+                if has_loss:
+                    lost, kept, by_loss = _lost(pushed - kd * at, loss)
+                    wanted -= lost
                 a, slips, inertia = _with_friction(smooth, wanted, v, a, reach, soft, loaded)
                 before, at = at, v + 0.5 * h * a
                 if np.max(np.abs(at - before)) < 1e-9:
@@ -335,6 +343,9 @@ def drive(
                     by_place += more * by_q
                     by_speed += more * by_v
                     inertia = inertia + more * (by_a + 0.5 * h3 * by_v)
+                if has_loss:  # of what the law of the drive adds, it loses a part
+                    inertia[:, diagonal, diagonal] -= 0.5 * h * kd * (1.0 - kept)
+                    by_speed[:, diagonal, diagonal] -= kd * (1.0 - kept)
                 inside = np.abs(along) < 1.0
                 by_place[:, diagonal, diagonal] += stiffness + slips * inside * np.where(beyond, slopes[1], slopes[0])
                 columns = _columns(
@@ -349,10 +360,11 @@ def drive(
                         sign * torque,
                         stands - middle_of_travel,
                         np.full_like(a, -1.0),
-                        middle - u,
-                        at,
-                        -u,
-                        -force * command_by_delay[place].reshape(count, n),
+                        kept * (middle - u),
+                        kept * at,
+                        -kept * u,
+                        by_loss,
+                        -kept * force * command_by_delay[place].reshape(count, n),
                     ),
                     by_place,
                 )
@@ -362,7 +374,7 @@ def drive(
                         if has_load:
                             regressor = regressor * (1.0 + load[rows] * sign[rows])[:, :, np.newaxis]
                         columns[rows] += regressor @ one.inertials
-                by_place[:, diagonal, diagonal] += kp
+                by_place[:, diagonal, diagonal] += kept * kp
                 by_speed[:, diagonal, diagonal] += speed_loss + (slips == 0.0) / soft
                 right = by_place @ sens[:, :n] + (by_speed + 0.5 * h3 * by_place) @ sens[:, n:]
                 right[:, :, 2 * n :] += columns
@@ -396,6 +408,16 @@ def _columns(directions: Sequence[Directions], own: Sequence[slice], values: Seq
         if one.encoder.any():
             found[rows] -= by_place[rows] @ one.encoder
     return found
+
+
+def _lost(law: Array, loss: Array) -> tuple[Array, Array, Array]:
+    """What a drive loses of the torque of its law, which part of a change it keeps, and the derivative by the loss."""
+    size = np.abs(law)
+    greatest = 0.5 / np.maximum(loss, 1e-300)  # from where on the torque stays
+    beyond = size >= greatest
+    lost = np.where(beyond, size - 0.5 * greatest, loss * size**2)
+    by_loss = np.minimum(size, greatest) ** 2
+    return np.sign(law) * lost, np.where(beyond, 0.0, 1.0 - 2.0 * loss * size), np.sign(law) * by_loss
 
 
 def _with_friction(
