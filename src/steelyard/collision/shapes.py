@@ -255,7 +255,25 @@ class Sphere(Shape):
 
 
 @dataclass(frozen=True)
-class Capsule(Shape):
+class _AroundZ(Shape):
+    """A shape of a radius about the z axis and of a length along it, with its middle in the origin."""
+
+    radius: float
+    length: float
+
+    def __post_init__(self) -> None:
+        for name in ("radius", "length"):
+            object.__setattr__(self, name, _positive(f"a {self.kind}", name, getattr(self, name)))
+
+    @property
+    def bounds(self) -> SweptSegment:
+        """A capsule: the segment along z, with half balls on both ends."""
+        end = np.array([0.0, 0.0, self.length / 2])
+        return SweptSegment(-end, end, self.radius)
+
+
+@dataclass(frozen=True)
+class Capsule(_AroundZ):
     """A cylinder along z with half balls on both ends.
 
     Parameters
@@ -266,25 +284,13 @@ class Capsule(Shape):
         Distance between the centres of the half balls, m.
     """
 
-    radius: float
-    length: float
     kind = "capsule"
-
-    def __post_init__(self) -> None:
-        for name in ("radius", "length"):
-            object.__setattr__(self, name, _positive("a capsule", name, getattr(self, name)))
 
     def lowest(self, direction: Array) -> Array:
         """See `Shape`."""
         points = -self.radius * _unit(direction)
         points[:, 2] -= np.copysign(self.length / 2, direction[:, 2])
         return points
-
-    @property
-    def bounds(self) -> SweptSegment:
-        """The capsule itself."""
-        end = np.array([0.0, 0.0, self.length / 2])
-        return SweptSegment(-end, end, self.radius)
 
     @property
     def moments(self) -> Array:
@@ -297,7 +303,7 @@ class Capsule(Shape):
 
 
 @dataclass(frozen=True)
-class Cylinder(Shape):
+class Cylinder(_AroundZ):
     """A cylinder along z whose centre is the origin.
 
     Parameters
@@ -306,13 +312,7 @@ class Cylinder(Shape):
         m.
     """
 
-    radius: float
-    length: float
     kind = "cylinder"
-
-    def __post_init__(self) -> None:
-        for name in ("radius", "length"):
-            object.__setattr__(self, name, _positive("a cylinder", name, getattr(self, name)))
 
     def lowest(self, direction: Array) -> Array:
         """See `Shape`."""
@@ -320,12 +320,6 @@ class Cylinder(Shape):
         points[:, :2] = -self.radius * _unit(direction[:, :2])
         points[:, 2] = -np.copysign(self.length / 2, direction[:, 2])
         return points
-
-    @property
-    def bounds(self) -> SweptSegment:
-        """The cylinder with half balls on both ends."""
-        end = np.array([0.0, 0.0, self.length / 2])
-        return SweptSegment(-end, end, self.radius)
 
     @property
     def moments(self) -> Array:
