@@ -159,8 +159,6 @@ def test_states_are_asked_for_where_they_are_missing():
         model.inverse_dynamics(one, one, one, numbers)
     with pytest.raises(sy.InputError, match="break away at 1"):
         model.inverse_dynamics(one, one, one, numbers, channels={"presliding": one + 1.2})
-    with pytest.raises(sy.InputError, match="are not simulated"):
-        sy.simulate(model, numbers, [0.0], [0.0], 1.0)
     torque = model.inverse_dynamics(one, one, one, numbers, channels={"presliding": one - 0.4})
     np.testing.assert_allclose(torque, -0.8)
     assert model.drives(numbers).friction.tolist() == [2.0]

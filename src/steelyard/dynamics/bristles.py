@@ -118,6 +118,8 @@ class Bristles:
     ----------
     joints : ndarray of int
         (K,) coordinates whose friction has a state, from 0.
+    shapes : ndarray
+        (3, K) displacements, ratios and velocities.
     """
 
     channel = PRESLIDING
@@ -131,7 +133,7 @@ class Bristles:
                 found[k] = told[0]
         self.dof = robot.dof
         self.joints = np.array(list(found), dtype=np.intp)
-        self._shapes = np.array(list(found.values())).reshape(-1, 3).T
+        self.shapes = np.array(list(found.values())).reshape(-1, 3).T
 
     def along(
         self, q: Array, dq: Array, starts: Sequence[int] = (0,), first: Array | None = None
@@ -144,6 +146,6 @@ class Bristles:
         states, weights = np.zeros((2, len(q), self.dof))
         if len(q) and len(own):
             known = 0.0 if first is None else first[own]
-            found = bristle_states(q[:, own], dq[:, own], *self._shapes, starts=starts, first=known)
+            found = bristle_states(q[:, own], dq[:, own], *self.shapes, starts=starts, first=known)
             states[:, own], weights[:, own] = found.states, found.weights
         return states, weights

@@ -106,6 +106,8 @@ class FixedStep(Integrator):
             previous, self.state, self._other = self.state, following, self.state
             if every:
                 self._show(begin, end if k == count - 1 else t + (k + 1) * step, previous)
+            if self.plant.bristles is not None:
+                self.plant.bristles.step_made(self.state)
             if watch.ended.any():
                 self.state[watch.ended] = watch.final[watch.ended]
                 if watch.ended.all():

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from steelyard.graph import Kernel
 from steelyard.graph.kernel import address_of
 
+from .bristle_friction import BristleFriction
 from .compiled import MotionFunctions
 from .contact import Contact
 from .controller import checked_torque
@@ -43,6 +44,8 @@ class Plant:
         `held` act.
     contact : Contact, optional
         Contact with the environment.
+    bristles : BristleFriction, optional
+        Friction that remembers the motion.
 
     Attributes
     ----------
@@ -58,6 +61,7 @@ class Plant:
         runs: int,
         torque: TorqueFunction | None = None,
         contact: Contact | None = None,
+        bristles: BristleFriction | None = None,
     ) -> None:
         self.functions = functions
         self.count, self.runs = functions.count, runs
@@ -67,6 +71,7 @@ class Plant:
         self.held = np.zeros((runs, self.count))
         self.torque = torque
         self.contact = contact
+        self.bristles = bristles
         self._state = np.zeros((runs, 2 * self.count))
         self._torque = np.zeros((runs, self.count))
         self._out = np.zeros((runs, self.count))
@@ -77,7 +82,7 @@ class Plant:
     @property
     def is_held(self) -> bool:
         """Whether the torques do not change between two settings of `held`."""
-        return self.torque is None and self.contact is None
+        return self.torque is None and self.contact is None and self.bristles is None
 
     def bound(self, name: str, state: Array, torque: Array, out: Array) -> Callable[[], None]:
         """Return a compiled function that reads and writes the memory of these arrays, which must not be replaced."""
@@ -106,6 +111,9 @@ class Plant:
             torque = self.called(self.torque, times, self._all)[rows]
         if self.contact is not None:
             torque = torque + self.contact.torque(t, state[:, :n], state[:, n:])
+        if self.bristles is not None:
+            which = slice(None) if rows is None else rows
+            torque = torque - self.bristles.torques(self.bristles.at(state, which), state[:, n:], which)
         return torque
 
     def called(self, function: TorqueFunction, t: Array | float, state: Array) -> Array:

@@ -16,6 +16,7 @@ from steelyard.files import tell
 from steelyard.files.arguments import positive, read_whole
 
 from .actuators import Actuators
+from .bristle_friction import BristleFriction
 from .compiled import motion_functions
 from .contact import Contact, Environment
 from .controller import Controller, Measurement, checked_torque
@@ -68,7 +69,9 @@ def simulate(
     Parameters
     ----------
     model : Model
-        A term that needs a channel of a log, such as a temperature, acts as at its reference.
+        A term that needs a channel of a log, such as a temperature, acts as at its reference. The bristles of friction
+        with presliding are not bent at the start, and follow the motion, which is integrated with the method
+        ``"runge_kutta_4"`` then; what they hold counts as potential energy.
     parameters : array_like
         (n,), or (n_b,) with `base`; (R, n) for runs of different robots.
     q0, dq0 : array_like
@@ -137,9 +140,8 @@ def simulate(
     positive(relative_tolerance, "relative_tolerance", "1")
     positive(absolute_tolerance, "absolute_tolerance", "rad")
     read_whole(seed, "seed")
-    model.refuse_presliding("simulated")
     request = Request(
-        model.without_channels,
+        model,
         parameters,
         q0,
         dq0,
@@ -196,6 +198,7 @@ class Experiment:
             self.runs,
             None if held else request.function,
             request.contact,
+            request.bristles,
         )
         adaptive = request.method not in FIXED_STEP_METHODS
         self.watch = Watch(
@@ -210,6 +213,7 @@ class Experiment:
         self.integrator = self._integrator(relative, absolute)
         self.states = np.full((self.runs, len(request.times), 2 * self.count), np.nan)
         self.torques = np.full((self.runs, len(request.times), self.count), np.nan)
+        self.bent = None if request.bristles is None else np.full_like(self.torques, np.nan)
         sensors = request.sensors
         self.readings = None if sensors is None else sensors.start(self.runs, self.count, seed)
         self.seen = None if self.readings is None else _Log(self.readings, self.torques.shape)
@@ -298,6 +302,8 @@ class Experiment:
 
     def _record(self, row: int, t: float, state: Array) -> None:
         ended = self.watch.ended
+        if self.bent is not None and self.request.bristles is not None:
+            self.bent[~ended, row] = self.request.bristles.states[~ended]
         if not ended.any():
             self.states[:, row] = state
             self.torques[:, row] = self.plant.held
@@ -340,8 +346,15 @@ class Experiment:
                 jacobian, wrench = request.contact.state(times, state[:, :n], state[:, n:])
                 forces[run, known] = wrench
                 torque = torque + (wrench[:, np.newaxis] @ jacobian)[:, 0]
+            if self.bent is not None and request.bristles is not None:
+                bent, rows = self.bent[run, known], np.full(len(state), run)
+                torque = torque - request.bristles.torques(bent, state[:, n:], rows)
             if len(state):
                 accelerations[run, known], energies[run, known] = self.plant.along(run, state, torque)
+            if self.bent is not None and request.bristles is not None:
+                stored, lost = request.bristles.energies(bent, state[:, n:], rows)
+                energies[run, known, 1] += stored
+                energies[run, known, 2] += lost
         power = energies[..., 2]
         gaps = np.diff(request.times) * 0.5 * (power[:, 1:] + power[:, :-1])
         dissipated = np.concatenate([0.0 * power[:, :1], np.cumsum(gaps, axis=1)], axis=1)
@@ -507,6 +520,7 @@ actuators, environment, stopping_conditions, rate
     def __post_init__(self) -> None:
         self.duration = positive(self.duration, "duration", "s")
         self._arrays()
+        self._bristles()
         self._torque()
         self._classes()
         if isinstance(self.sign_width, bool) or not (np.isfinite(self.sign_width) and self.sign_width >= 0.0):
@@ -554,6 +568,28 @@ actuators, environment, stopping_conditions, rate
         self.each = arrays["parameters"].ndim == 2
         self.parameters = arrays["parameters"]
         self.state = np.concatenate([np.broadcast_to(arrays[name], (self.runs, n)) for name in ("q0", "dq0")], axis=1)
+
+    def _bristles(self) -> None:
+        """Take friction that remembers the motion out of the model, to be integrated with it."""
+        self.bristles: BristleFriction | None = None
+        whole, self.model = self.model, self.model.without_channels
+        if not whole.remembers:
+            return
+        if self.method not in ("automatic", "runge_kutta_4"):
+            raise InputError(
+                f"{whole.robot.name} has friction that remembers the motion, which is simulated with the method "
+                f"'runge_kutta_4' alone, got {self.method!r}; leave out the method."
+            )
+        self.method = "runge_kutta_4"
+        if self.base:
+            self.parameters, self.base = self.parameters @ whole.base_parameters().Pb.T, False
+        self.bristles = BristleFriction(whole, self.parameters, self.state)
+        self.parameters = np.where(self.bristles.places, 0.0, self.parameters)
+        if self.step is None:
+            given = np.broadcast_to(self.parameters, (self.runs, self.parameters.shape[-1]))
+            pairs = zip(self.state[:, : whole.dof], given, strict=True)
+            inertias = np.array([self.model.total_inertia_matrix(*one) for one in pairs])
+            self.step = min(DEFAULT_STEP["runge_kutta_4"], self.bristles.longest_step(inertias))
 
     def _refuse_unknown(self, arrays: dict[str, Array]) -> None:
         for name, array in arrays.items():
