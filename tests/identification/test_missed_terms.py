@@ -56,3 +56,31 @@ def test_what_a_simulation_would_miss_is_said(tmp_path, suffix, text):
     assert [joint.rotor_inertia for joint in again.robot.joints] == [found["Ia1"], found["Ia2"]]
     assert {"kind": "rotor_inertia"} in again.terms
     assert f'offset="{float(found["Foj2"])!r}"' in (tmp_path / "result" / f"robot.{suffix}").read_text()
+
+
+@pytest.mark.slow
+def test_presliding_leaves_coulomb_friction_in_a_description(tmp_path):
+    (tmp_path / "arm.urdf").write_text(URDF)
+    laws = '[{kind = "dahl", displacement = 0.2}, {kind = "viscous"}]'
+    (tmp_path / "robot.toml").write_text(
+        f'[description]\nfile = "arm.urdf"\n[[terms]]\nkind = "by_joint"\nlaws = {laws}\n'
+    )
+    model = sy.Model.load(tmp_path / "robot.toml")
+    truth = dict(zip(model.parameter_names, model.robot.parameters, strict=True))
+    parameters = np.array(list((truth | {"Fvj1": 0.5, "Fvj2": 0.3, "Fcj1": 4.0, "Fcj2": 2.0}).values()))
+    t = np.arange(0.0, 20.0, 0.005)
+    rate = np.array([2.0, 3.1])
+    phase = t[:, None] * rate
+    q, dq, ddq = np.sin(phase), rate * np.cos(phase), -(rate**2) * np.sin(phase)
+    u = model.presliding(q, dq)
+    torque = model.inverse_dynamics(q, dq, ddq, parameters, channels={"presliding": u})
+    torque += np.random.default_rng(2).normal(scale=0.02, size=torque.shape)
+    result = sy.identify(tmp_path / "robot.toml", sy.Samples(q, dq, ddq, torque, t=t))
+    (said,) = [remark for remark in result.remarks if "has no place for" in remark]
+    assert "The format of arm.urdf has no place for dahl" in said
+    missed = (u - np.sign(dq)) * np.array([4.0, 2.0])
+    told = float(said.partition("misses ")[2].partition("%")[0])
+    assert told == pytest.approx(100 * np.sqrt((missed**2).sum() / (torque**2).sum()), rel=0.05)
+    save_results(result, tmp_path / "result", force=True)
+    again = RobotFile.load(tmp_path / "result" / "robot.urdf").robot
+    assert [joint.friction for joint in again.joints] == pytest.approx([4.0, 2.0], rel=0.05)
