@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 import steelyard as sy
+from steelyard.dynamics import PolynomialFriction, Spring, Stribeck, ViscousByDirection
 from steelyard.excitation import ExcitationObjective, FourierTrajectory, MotionLimits, SearchOptions
+from steelyard.excitation.friction_laws import with_friction_laws
 
 
 def designed(model, limits=None, **options):
@@ -275,6 +277,35 @@ def test_the_criterion_of_friction_shows_laws_that_the_model_does_not_have(arm, 
     better, other = (friction_uncertainty(arm, motions_of(one, 100.0)) for one in (design, plain))
     assert better < other - 0.1
     assert motions_of(plain, 10.0)[0].shape == motions_of(design, 10.0)[0].shape
+
+
+@pytest.mark.parametrize(
+    ("terms", "counted"),
+    [
+        ((sy.Viscous(), Stribeck([0.1, 0.1, 0.1])), {"Fcj2", "Fsj2", "Fvpj2", "Fv3j2", "Ksj2"}),
+        ((ViscousByDirection(), PolynomialFriction([3]), Spring()), {"Fcj2", "Fsj2", "Fvpj2", "Fv3j2", "Ksj2"}),
+    ],
+    ids=["stribeck", "others"],
+)
+def test_laws_that_the_model_has_count_as_those_that_it_lacks(arm, arm_limits, terms, counted):
+    model = sy.Model(arm.robot.with_terms(*terms))
+    names = with_friction_laws(model, MotionLimits.of(arm.robot.joint_names, **arm_limits))[1]
+    assert counted <= set(names)
+
+
+def test_fast_repetitions_keep_limits_between_the_samples_of_the_first_period():
+    """A cycle of 20 Hz has fifty samples; those of later periods lie between those of the first one."""
+    model = sy.Model(sy.Robot.from_dh([(np.pi / 2, 0, 0, "q")], gravity=(0, 9.81, 0)).with_terms(sy.Coulomb()))
+    limits = {"lower": -1.5, "upper": 1.5, "velocity": 6.0, "torque": 8.0}
+    parameters = np.zeros(model.parameter_count)
+    parameters[[*map(str, model.parameter_names)].index("Lyy1")] = 0.1
+    parameters[[*map(str, model.parameter_names)].index("Fcj1")] = 0.2
+    design = designed(
+        model, limits, period=0.5, harmonics=10, criterion="friction", starts=1, parameters=parameters, ramp_time=0.05
+    )
+    q, dq, ddq = motions_of(design, 1000.0)
+    assert np.abs(dq).max() <= 6.0
+    assert np.abs(model.inverse_dynamics(q, dq, ddq, parameters)).max() <= 8.0
 
 
 def test_designs_show_themselves(plain):

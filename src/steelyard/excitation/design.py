@@ -240,11 +240,23 @@ def design_excitation(
 
     result = Search(problem, Verifier(chosen), figure, bounds, options, say).run(configurations)
     assert result.best.x is not None
-    coefficients = problem.coefficients(result.best.x)
-    excitation, trajectory = chosen.excitation(coefficients), chosen.trajectory(coefficients)
-    t, *motion = trajectory.sample(1000.0)
-    margins = nearest_first(margins_of(problem.constraints, t, (motion[0], motion[1], motion[2])))
-    if not keeps_all(margins):  # checked on the returned trajectory itself, independently of the search
+    best, found = result.best.x, result.best.figure
+
+    def played(x: Array) -> tuple[Trajectory, Trajectory, list[Array], tuple[Margin, ...]]:
+        """Return the series, the motion, its samples and margins, independently of the search."""
+        coefficients = problem.coefficients(x)
+        series, whole = chosen.excitation(coefficients), chosen.trajectory(coefficients)
+        t, *motion = whole.sample(1000.0)
+        margins = margins_of(problem.constraints, t, (motion[0], motion[1], motion[2]))
+        return series, whole, motion, nearest_first(margins)
+
+    excitation, trajectory, motion, margins = played(best)
+    if not keeps_all(margins):  # between samples of the first period, where those of the others are
+        repaired = Verifier(chosen, whole=True).repaired(problem, best)
+        if repaired is not None:
+            best, found = repaired, figure(repaired)
+            excitation, trajectory, motion, margins = played(best)
+    if not keeps_all(margins):
         raise SolverError(f"The motion that was found does not keep its limits after all ({margins[0]}).")
     own = _information(model, excitation, rate)
     if np.abs(motion[1][0]).max() > 1e-6:
@@ -255,7 +267,7 @@ def design_excitation(
     asked_for, known = measure.subset, prior
     if about_friction:  # laws that the robot may not have, in powers of its units: the stated model is judged
         asked_for, known = make_subset(model, None), _prior(model, asked.prior_information, weights, rate)
-    shown = identifiability(spectrum(result.best.x, model, known), asked_for, problem.count * model.dof)
+    shown = identifiability(spectrum(best, model, known), asked_for, problem.count * model.dof)
     unchecked = around.missing(motion[0])
     remarks = [*unchecked, *remarks]
     if shown.unidentifiable:
@@ -268,7 +280,7 @@ def design_excitation(
         condition_number=own.condition_number,
         combined_condition_number=_combined(model, own, asked.prior_information, rate),
         criterion=asked.criterion,
-        figure=result.best.figure,
+        figure=found,
         subset=() if subset is None else measure.subset.names,
         terms=tuple(term.kind for term in model.robot.terms),
         parameter_count=model.parameter_count,

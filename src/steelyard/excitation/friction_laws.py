@@ -20,7 +20,8 @@ def with_friction_laws(model: Model, limits: MotionLimits) -> tuple[Model, list[
     A motion that shows them all at once lets an identification choose among them: each is known as well as it can be
     beside all the others, and better where these are not there. Viscous friction by direction, with a square and a
     cube, Stribeck's and a spring are added, with a constant torque. Viscous and Coulomb friction of the model are parts
-    of them; other terms stay, and laws that have parameters of these are left out.
+    of them; other terms stay, and laws that have parameters of these are not added, for they are there: Stribeck's
+    friction of the model counts as it is.
 
     Parameters
     ----------
@@ -42,18 +43,15 @@ def with_friction_laws(model: Model, limits: MotionLimits) -> tuple[Model, list[
     fastest = np.where(np.isfinite(fastest), fastest, half)  # of a joint that moves to and fro in some seconds
     kept = [term for term in model.robot.terms if not isinstance(term, (Coulomb, Viscous))]
     held = {parameter.symbol for term in kept for parameter in term.parameters}
-    laws = [
-        law
-        for law in (
-            ViscousByDirection(),
-            PolynomialFriction([2, 3]),
-            Stribeck([float(speed) for speed in NEAR_REST * fastest]),
-            Spring(),
-        )
-        if held.isdisjoint(parameter.symbol for parameter in law.parameters)
-    ]
+    counted = (
+        ViscousByDirection(),
+        PolynomialFriction([2, 3]),
+        Stribeck([float(speed) for speed in NEAR_REST * fastest]),
+        Spring(),
+    )
+    laws = [law for law in counted if held.isdisjoint(parameter.symbol for parameter in law.parameters)]
     constant = [] if held & {parameter.symbol for parameter in Offset().parameters} else [Offset()]
     wider = Model(model.robot.with_terms(*kept, *constant, *laws))
-    symbols = [parameter.symbol for law in laws for parameter in law.parameters]
+    symbols = [parameter.symbol for law in counted for parameter in law.parameters]
     wanted = {f"{symbol}{k + 1}" for symbol in symbols for k in range(len(model.robot.joints))}
     return wider, [name for name in map(str, wider.parameter_names) if name in wanted]
