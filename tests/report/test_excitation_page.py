@@ -9,7 +9,7 @@ import pytest
 
 import steelyard as sy
 from steelyard.dynamics import ChannelFriction
-from steelyard.excitation import ExcitationDesign, SearchOptions
+from steelyard.excitation import ExcitationDesign, RestToRestTrajectory, SearchOptions
 from steelyard.identification.predicted_intervals import TIME_CONSTANT, PredictedIntervals, predicted_intervals
 from steelyard.report.excitation_page import PAGE, excitation_html, save_excitation
 
@@ -88,6 +88,23 @@ def test_the_end_goes_where_trigonometry_says(page: lxml.html.HtmlElement, desig
         assert (low, high) == pytest.approx((values.min(), values.max()), abs=5e-3)
     assert len(page.xpath("//*[local-name()='line'][@class='path']")) > 200
     assert len(page.xpath("//*[local-name()='g'][@class='later']")) == 4
+
+
+def test_the_path_of_a_long_motion_is_as_smooth_as_that_of_its_first_period(
+    design: ExcitationDesign, model: sy.Model, expected: PredictedIntervals
+) -> None:
+    def strokes(page: lxml.html.HtmlElement) -> np.ndarray:
+        lines = page.xpath("//*[local-name()='line'][@class='path']")
+        ends = np.array([[float(line.get(name)) for name in ("x1", "y1", "x2", "y2")] for line in lines])
+        return np.hypot(*(ends[:, :2] - ends[:, 2:]).T)
+
+    pages = []
+    for periods in (1, 20):
+        motion = RestToRestTrajectory(design.excitation, design.ramp_time, periods, 2.0)
+        pages.append(lxml.html.fromstring(excitation_html(replace(design, trajectory=motion), model, expected)))
+    short, long = map(strokes, pages)
+    assert long.max() < 1.2 * short.max()
+    assert cells(pages[1], "extent-table")[0][1:] == cells(pages[0], "extent-table")[0][1:]
 
 
 def test_nothing_is_taken_for_html(page: lxml.html.HtmlElement) -> None:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.collision.configurations import place_links
 from steelyard.dynamics import Model
-from steelyard.excitation import ExcitationDesign
+from steelyard.excitation import ExcitationDesign, RestToRestTrajectory
 from steelyard.identification.default_terms import model_of_estimate
 from steelyard.identification.given import given_constraints
 from steelyard.identification.predicted_intervals import PredictedIntervals, predicted_intervals
@@ -126,7 +126,7 @@ def excitation_html(design: ExcitationDesign, model: Model, expected: PredictedI
     motion = _Motion(t, q, dq, ddq, torque)
     parts = [
         ("start", "Where it starts", _start(design, model.robot)),
-        ("space", "The motion in space", _space(model.robot, motion)),
+        ("space", "The motion in space", _space(design, model.robot, motion)),
         ("limits", "Joints and their limits", _limits(design, model.robot, motion)),
         ("distances", "Distances", _distances(design, motion)),
         ("shows", "What it will show", _shows(model, expected)),
@@ -187,13 +187,22 @@ def _reach(low: float, high: float) -> str:
     return f"{low:.4g} … {high:.4g}".replace("-inf", "open").replace("inf", "open")
 
 
-def _space(robot: Robot, motion: _Motion) -> Markup:
+def _first_round(design: ExcitationDesign, t: Array) -> int:
+    """Return how many of these instants go through all of the path: periods, slow passages and ramps repeat it."""
+    trajectory = design.trajectory
+    if not isinstance(trajectory, RestToRestTrajectory):
+        return len(t)
+    return int(np.searchsorted(t, trajectory.ramp_time + trajectory.period, side="right"))
+
+
+def _space(design: ExcitationDesign, robot: Robot, motion: _Motion) -> Markup:
     if robot.lengths:
         return Markup("<p>The robot has lengths that are symbols, so that it has no place in space.</p>")
     tips = _tips(robot)
-    rows = np.unique(np.linspace(0, len(motion.t) - 1, PATH_POINTS).astype(int))
-    places = place_links(robot, motion.q[rows])
-    paths = [places.of(link, placement)[1] for link, placement in tips.values()]
+    rows = np.unique(np.linspace(0, _first_round(design, motion.t) - 1, PATH_POINTS).astype(int))
+    places = place_links(robot, motion.q)
+    whole = [places.of(link, placement)[1] for link, placement in tips.values()]
+    paths = [path[rows] for path in whole]
     instants = np.linspace(0.0, motion.t[-1], INSTANTS + 2)[1:-1]
     later = [robot_scene(robot, motion.q[int(np.searchsorted(motion.t, at))]) for at in instants]
     ends = [end for scene in later for link in scene.links for end in (link.joint_origin, *link.ends)]
@@ -221,7 +230,7 @@ def _space(robot: Robot, motion: _Motion) -> Markup:
         "plays the motion with the shapes of the links."
     )
     extents = []
-    for name, path in zip(tips, paths, strict=True):
+    for name, path in zip(tips, whole, strict=True):
         low, high = path.min(axis=0), path.max(axis=0)
         extents.append((name, *(f"{a:.3f} … {b:.3f}" for a, b in zip(low, high, strict=True))))
     extent = table(
