@@ -242,7 +242,7 @@ def design_excitation(
     assert result.best.x is not None
     best, found = result.best.x, result.best.figure
 
-    def played(x: Array) -> tuple[Trajectory, Trajectory, list[Array], tuple[Margin, ...]]:
+    def checked(x: Array) -> tuple[Trajectory, Trajectory, list[Array], tuple[Margin, ...]]:
         """Return the series, the motion, its samples and margins, independently of the search."""
         coefficients = problem.coefficients(x)
         series, whole = chosen.excitation(coefficients), chosen.trajectory(coefficients)
@@ -250,12 +250,12 @@ def design_excitation(
         margins = margins_of(problem.constraints, t, (motion[0], motion[1], motion[2]))
         return series, whole, motion, nearest_first(margins)
 
-    excitation, trajectory, motion, margins = played(best)
+    excitation, trajectory, motion, margins = checked(best)
     if not keeps_all(margins):  # between samples of the first period, where those of the others are
         repaired = Verifier(chosen, whole=True).repaired(problem, best)
         if repaired is not None:
             best, found = repaired, figure(repaired)
-            excitation, trajectory, motion, margins = played(best)
+            excitation, trajectory, motion, margins = checked(best)
     if not keeps_all(margins):
         raise SolverError(f"The motion that was found does not keep its limits after all ({margins[0]}).")
     own = _information(model, excitation, rate)
