@@ -57,7 +57,6 @@ def generate(
       steelyard generate robot.toml --function list
       steelyard generate robot.toml --online --output estimator
     """
-    from steelyard.dynamics import DEFAULT_FUNCTIONS
     from steelyard.identification import model_of_estimate, parameters_for_source
     from steelyard.robot import RobotFile
 
@@ -74,7 +73,7 @@ def generate(
     with progress(quiet=quiet):
         written = model.generate(
             language,
-            function or DEFAULT_FUNCTIONS,
+            function or None,
             directory=output,
             base=base,
             gravity=gravity,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from steelyard.robot import Robot
 from steelyard.robot.robot import PRESLIDING
 
-__all__ = ["BristleStates", "Bristles", "bristle_states"]
+__all__ = ["BristleStates", "Bristles", "bristle_states", "bristle_step"]
 
 Array = NDArray[np.float64]
 
@@ -85,16 +85,40 @@ def bristle_states(
     bound = 1.0 + r * np.exp(-np.minimum((speeds / v) ** 2, 700.0))  # (S, K)
     moved = np.diff(positions, axis=0, prepend=positions[:1])
     middle = 0.5 * (bound + np.vstack([bound[:1], bound[:-1]]))
-    passed = np.abs(moved) / (d * middle)
+    passed, kept, pulled = bristle_step(moved, middle, d, np)
     begun = list(starts)
-    passed[begun] = 0.0
-    kept = np.exp(-passed)
-    pulled = np.sign(moved) * middle * (1.0 - kept)
-    kept[begun], pulled[begun] = 0.0, u
+    passed[begun], kept[begun], pulled[begun] = 0.0, 0.0, u
     states = _recursion(kept, pulled)
     total = np.cumsum(passed, axis=0)
     rows = np.searchsorted(begun, np.arange(len(total)), side="right") - 1
     return BristleStates(states, speeds - np.abs(speeds) * states / bound, np.exp(total[begun][rows] - total))
+
+
+def bristle_step(moved: Any, bound: Any, displacement: Any, algebra: Any) -> tuple[Any, Any, Any]:
+    """Return what one step does to the state u of bristles, over generic scalars: ``kept * u + pulled`` comes after it.
+
+    It is exact where the joint moves one way and breaks away at one deflection, as at one speed.
+
+    Parameters
+    ----------
+    moved : scalar
+        By how much the joint moves, rad or m, with its sign.
+    bound : scalar
+        Deflection g at which the bristles break away.
+    displacement : scalar
+        Presliding displacement d, rad or m.
+    algebra : module
+        Brings ``sign`` and ``exp`` for the scalars.
+
+    Returns
+    -------
+    passed, kept, pulled : scalar
+        The way in units of ``d g``, and how the state changes.
+    """
+    way = algebra.sign(moved)
+    passed = way * moved / (displacement * bound)
+    kept = algebra.exp(-passed)
+    return passed, kept, way * bound * (1.0 - kept)
 
 
 def _recursion(factors: Array, terms: Array) -> Array:

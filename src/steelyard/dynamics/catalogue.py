@@ -339,6 +339,22 @@ def _jacobian_rate(scene: Scene) -> list[Value]:
     return [_matrix("jacobian_rate", rows, "time derivative of the Jacobian")]
 
 
+def _presliding_step(scene: Scene) -> list[Value]:
+    from .bristles import Bristles, bristle_step  # few models have any
+
+    moves = zip(scene.scalars["q_before"], scene.scalars["q"], strict=True)
+    moved = [after - before for before, after in moves]
+    bristles = Bristles(scene.robot)
+    states: list[Any] = [0.0] * scene.count
+    for k, (d, r, v) in zip(bristles.joints.tolist(), bristles.shapes.T.tolist(), strict=True):
+        ratios = [scene.scalars[name][k] / v for name in ("dq_before", "dq")]
+        first, last = (1.0 + r * scene.algebra.exp(-(x * x)) for x in ratios)
+        _, kept, pulled = bristle_step(moved[k], 0.5 * (first + last), d, scene.algebra)
+        states[k] = kept * scene.scalars["presliding_before"][k] + pulled
+    text = "state of presliding now, for `channels`; zero at joints without such friction"
+    return [Value("presliding", (scene.count,), states, text)]
+
+
 @dataclass(frozen=True)
 class Entry:
     """A function of the catalogue.
@@ -357,6 +373,8 @@ class Entry:
         Whether the torques of the terms are in it, so that the sign of Coulomb friction matters.
     by_parameter : bool
         Whether the last index of the outputs counts parameters.
+    remembers : bool
+        Whether it is about the state of friction, so that only robots whose friction has one have this function.
     """
 
     arguments: tuple[str, ...]
@@ -365,6 +383,7 @@ class Entry:
     subject: str = ""
     by_parameter: bool = False
     drives: bool = False
+    remembers: bool = False
 
 
 _MOTION = ("q", "dq", "ddq")
@@ -438,6 +457,12 @@ CATALOGUE: dict[str, Entry] = {
     ),
     "jacobian_rate": Entry(
         ("q", "dq", "point"), "The time derivative of the Jacobian of a point.", _jacobian_rate, subject="link"
+    ),
+    "presliding_step": Entry(
+        ("q_before", "q", "dq_before", "dq", "presliding_before"),
+        "One step of the state of friction with presliding, from one sample of a motion to the next.",
+        _presliding_step,
+        remembers=True,
     ),
 }
 

@@ -18,6 +18,7 @@ from steelyard.errors import InputError
 from steelyard.files import shown, suggestion
 from steelyard.graph import Argument, Function, Graph, Kernel, Node, Output, operation_count
 from steelyard.graph.expression import reachable
+from steelyard.robot.robot import PRESLIDING
 
 from .base_parameters import BaseParameters
 from .catalogue import CATALOGUE, Entry, Scene, forward_dynamics_function
@@ -27,7 +28,8 @@ from .terms import is_known_term
 __all__ = ["DEFAULT_FUNCTIONS", "BaseColumns", "Evaluator", "ModelFunctions", "SmoothSign", "parameter_values"]
 
 DEFAULT_FUNCTIONS = ("inverse_dynamics", "forward_dynamics", "inertia_matrix", "coriolis", "gravity", "regressor")
-"""The functions of which source is generated where none are named."""
+"""The functions of which source is generated where none are named; ``presliding_step`` as well where friction has a
+state."""
 
 
 class SmoothSign:
@@ -237,6 +239,11 @@ class ModelFunctions:
         if kind not in CATALOGUE:
             raise InputError(f"There is no function {name!r}; {suggestion(kind, CATALOGUE)}")
         entry = CATALOGUE[kind]
+        if entry.remembers and PRESLIDING not in self.robot.channels:
+            raise InputError(
+                f"{self.robot.name} has no friction with a state, which {kind!r} would step; terms of the kinds "
+                "'dahl' and 'lugre' have one."
+            )
         if subject is not None and not entry.subject:
             raise InputError(f"The function {kind!r} is about the whole robot; leave out ({subject}).")
         if kind == "forward_dynamics_articulated":
@@ -289,6 +296,10 @@ class ModelFunctions:
         result = [self._motion_argument(name) for name in names if name in _MOTION_UNITS]
         if robot.channels and entry.drives:
             result.append(self._channel_argument())
+        if "presliding_before" in entry.arguments:
+            joints = [robot.joints[k].name for k in robot.driving_joints]
+            texts = tuple(f"earlier state of presliding at joint {joint!r}" for joint in joints)
+            result.append(Argument("presliding_before", robot.dof, False, "earlier states of presliding", texts))
         if "parameters" in entry.arguments:
             if base:
                 expressions = self.base_parameters().expressions
@@ -323,7 +334,8 @@ class ModelFunctions:
             joint = self.robot.joints[k]
             texts.append(f"{what} of joint {joint.name!r}, {turning if joint.rotates else sliding}")
         plural = f"{what[:-1]}ies" if what.endswith("y") else f"{what}s"
-        return Argument(name, self.robot.dof, False, f"joint {plural}", tuple(texts))
+        *earlier, noun = plural.split()
+        return Argument(name, self.robot.dof, False, " ".join([*earlier, "joint", noun]), tuple(texts))
 
     def _built(self, name: str, base: bool, gravity: str, sign: str, numbers: list[float] | None) -> Function:
         entry, subject = self._entry(name, base, gravity, sign)
@@ -404,6 +416,8 @@ _MOTION_UNITS = {
     "dq": ("velocity", "rad/s", "m/s"),
     "ddq": ("acceleration", "rad/s²", "m/s²"),
     "tau": ("torque", "N·m", "N"),
+    "q_before": ("earlier position", "rad", "m"),
+    "dq_before": ("earlier velocity", "rad/s", "m/s"),
 }
 
 

@@ -24,7 +24,7 @@ from .algorithms.regressor import regressor_with_numpy, term_torques
 from .base_parameters import BaseParameters, model_base_parameters
 from .catalogue import CATALOGUE, forward_dynamics_function
 from .conditions import model_conditions
-from .functions import DEFAULT_FUNCTIONS, BaseColumns, Evaluator, ModelFunctions, parameter_values
+from .functions import BaseColumns, Evaluator, ModelFunctions, parameter_values
 from .layout import ParameterLayout
 from .terms import check_term, is_known_term, term_from_dict
 from .threads import one_thread
@@ -675,7 +675,7 @@ class Model:
     def generate(
         self,
         language: str,
-        functions: Sequence[str] = DEFAULT_FUNCTIONS,
+        functions: Sequence[str] | None = None,
         *,
         directory: str | Path,
         base: bool = False,
@@ -690,8 +690,9 @@ class Model:
         language : str
             ``"c"``, ``"cpp"``, ``"python"``, ``"rust"``, ``"julia"``, ``"octave"`` (for MATLAB too), ``"casadi"`` or
             ``"jax"``.
-        functions : sequence of str
-            See `function`.
+        functions : sequence of str, optional
+            See `function`; :data:`steelyard.dynamics.DEFAULT_FUNCTIONS` where not given, and ``presliding_step`` where
+            friction has a state.
         directory : str or Path
             Where the files go; made where it is missing. A file that was not generated is never overwritten.
         base, gravity, sign, parameters
@@ -767,8 +768,8 @@ class Model:
 
     @property
     def functions(self) -> tuple[str, ...]:
-        """Names of all the functions of a model."""
-        return tuple(CATALOGUE)
+        """Names of all the functions of the model."""
+        return tuple(name for name, entry in CATALOGUE.items() if self.remembers or not entry.remembers)
 
     def kernel(self, function: str, *, base: bool = False, gravity: str = "fixed", sign: str = "exact") -> Kernel:
         """Return a compiled function, for arrays that are laid out already; see `function` for the arguments."""

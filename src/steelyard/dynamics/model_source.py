@@ -13,8 +13,9 @@ from steelyard.errors import InputError
 from steelyard.files import tell
 from steelyard.graph import Function
 from steelyard.robot import Inertia, Robot
+from steelyard.robot.robot import PRESLIDING
 
-from .functions import ModelFunctions
+from .functions import DEFAULT_FUNCTIONS, ModelFunctions
 from .layout import ParameterLayout
 
 __all__ = ["model_project", "possible_parameters"]
@@ -42,7 +43,7 @@ def possible_parameters(layout: ParameterLayout, seed: int = 0) -> NDArray[np.fl
 
 def model_project(
     functions: ModelFunctions,
-    names: Sequence[str],
+    names: Sequence[str] | None = None,
     *,
     base: bool = False,
     gravity: str = "fixed",
@@ -55,8 +56,9 @@ def model_project(
     ----------
     functions : ModelFunctions
         The functions of the model.
-    names : sequence of str
-        Names of the functions that the project holds.
+    names : sequence of str, optional
+        Names of the functions that the project holds; where not given, `DEFAULT_FUNCTIONS`, and ``presliding_step``
+        where friction has a state.
     base, gravity, sign, parameters
         See :meth:`steelyard.Model.function`.
 
@@ -65,9 +67,11 @@ def model_project(
     Project
         The reference values of its self-test are of random motions and of parameters that are physically possible.
     """
+    robot, random = functions.robot, np.random.default_rng(1)
+    if names is None:
+        names = (*DEFAULT_FUNCTIONS, *(["presliding_step"] if PRESLIDING in robot.channels else []))
     if isinstance(names, str) or not names:
         raise InputError(f"functions must be a sequence of names such as ['inverse_dynamics'], got {names!r}.")
-    robot, random = functions.robot, np.random.default_rng(1)
     standard = possible_parameters(functions.layout)
     reference = {name: random.uniform(-2.0, 2.0, (_SAMPLES, robot.dof)) for name in ("q", "dq", "ddq", "tau")}
     reference |= {
@@ -78,6 +82,8 @@ def model_project(
         "channels": random.uniform(10.0, 50.0, (_SAMPLES, len(robot.channels) * robot.dof)),
         "lengths": random.uniform(0.2, 0.6, (_SAMPLES, len(robot.lengths))),
     }
+    if PRESLIDING in robot.channels:
+        reference |= _steps_of_bristles(robot, reference["q"], reference["dq"], random)
     constants = [
         codegen.Constant("joint_count", robot.dof, "number of joint coordinates"),
         codegen.Constant("link_count", len(robot.links), "number of moving links"),
@@ -104,6 +110,22 @@ def model_project(
         {name: values for name, values in reference.items() if name in used},
         __version__,
     )
+
+
+def _steps_of_bristles(
+    robot: Robot, q: NDArray[np.float64], dq: NDArray[np.float64], random: np.random.Generator
+) -> dict[str, NDArray[np.float64]]:
+    """Return what came before, and slow speeds in the last row: bristles forget long ways and fast motions."""
+    from .bristles import Bristles  # few models have any
+
+    bristles = Bristles(robot)
+    displacements, speeds = np.ones((2, robot.dof))
+    displacements[bristles.joints], _, speeds[bristles.joints] = bristles.shapes
+    moved, slow, states = random.uniform(-1.0, 1.0, (3, *q.shape))
+    slower = dq.copy()
+    slower[-1] = random.uniform(-1.0, 1.0, robot.dof) * speeds
+    before = {"q_before": q - moved * displacements, "dq_before": slow * speeds, "presliding_before": states}
+    return {"dq": slower, **before}
 
 
 def _told_apart(functions: Sequence[Function]) -> tuple[Function, ...]:
