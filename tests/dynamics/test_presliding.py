@@ -1,5 +1,7 @@
 """Dahl's and LuGre's friction as terms: their state beside SciPy's integration, their passivity, and what logs tell."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -7,7 +9,9 @@ from scipy.integrate import solve_ivp
 import steelyard as sy
 from steelyard.dynamics import ByJoint, Dahl, LuGre, Viscous, term_from_dict
 from steelyard.dynamics.bristles import bristle_states
+from steelyard.identification.mistakes import find_mistakes
 from steelyard.recording import Processing, Recording, chunks, process_chunks
+from steelyard.recording.diagnosis import estimate_delay
 
 D, RATIO, SPEED = 0.02, 0.5, 0.1
 RATES, SIZES = np.array([0.9, 2.1, 3.4]), np.array([0.6, 0.4, 0.2])
@@ -190,3 +194,48 @@ def test_each_joint_has_the_condition_of_its_own_ratio():
     names = [block.name for block in model.conditions() if "Fbj" in block.name and "Fvj" in block.name]
     assert names == ["Fvj + -0.2 Fbj >= 0 at joint1", "Fvj + -0.8 Fbj >= 0 at joint2"]
     assert term_from_dict(term.to_dict()) == term
+
+
+def late_log(shift):
+    t = np.arange(8000) / 200.0
+    q, _, _, torque = log_of(t, RATIO, 2.0, 0.5, 0.7, 0.02)
+    return Recording(t=t, q=q, torque=np.interp(t - shift, t, torque[:, 0])[:, None])
+
+
+@pytest.mark.slow
+def test_what_the_data_decides_is_decided_with_the_state():
+    model = sy.Model(PENDULUM.with_terms(LuGre(D, RATIO, SPEED)))
+    samples = late_log(0.0).process(model=model)
+    assert samples.cutoff > 5.0  # of motions up to 0.54 Hz
+    assert not any("less friction than faster motion" in remark for remark in samples.remarks)
+    found = estimate_delay(late_log(0.02).process(cutoff=15.0), model)
+    assert found.delay == pytest.approx(0.02, abs=0.0025)  # half a row
+    assert found.standard_deviation < 0.0025
+
+
+def test_friction_that_remembers_is_no_mistake_of_a_log():
+    model = sy.Model(PENDULUM.with_terms(LuGre(D, RATIO, SPEED)))
+    samples = late_log(0.0).process(model=model, cutoff=15.0)
+    assert find_mistakes(model, samples) == ()
+    wrong = find_mistakes(model, replace(samples, torque=-samples.torque))
+    assert wrong[0].kind == "torque sign"
+    assert wrong[0].error_after < 0.01
+
+
+def test_the_state_of_a_log_is_that_of_the_model_it_is_used_with():
+    short, long = (sy.Model(PENDULUM.with_terms(Dahl(d), Viscous())) for d in (D, 10.0 * D))
+    recording = late_log(0.0)
+    of_short, of_long = (recording.process(model=model, cutoff=15.0) for model in (short, long))
+    again = of_short.with_presliding(long).channels["presliding"]
+    np.testing.assert_allclose(again[-500:], of_long.channels["presliding"][-500:], atol=1e-6)
+    assert np.abs(again - of_short.channels["presliding"]).max() > 0.1
+    assert of_short.with_presliding(sy.Model(PENDULUM.with_terms(Dahl(D)))) is of_short
+    filtered = recording.process(model=short, cutoff=15.0, torque_cutoff=15.0)
+    with pytest.raises(sy.InputError, match=r"Recording\.process"):
+        filtered.with_presliding(long)
+
+
+def test_a_joint_that_moves_too_little_to_tell_its_state_is_said():
+    model = sy.Model(PENDULUM.with_terms(Dahl(1000.0)))
+    with pytest.raises(sy.InputError, match=r"before presliding friction is known: [0-9]+ of joint 1"):
+        late_log(0.0).process(model=model, cutoff=15.0)

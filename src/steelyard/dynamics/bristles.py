@@ -159,6 +159,10 @@ class Bristles:
         self.joints = np.array(list(found), dtype=np.intp)
         self.shapes = np.array(list(found.values())).reshape(-1, 3).T
 
+    def are(self, others: Bristles) -> bool:
+        """Whether these have the states of others, in any motion."""
+        return np.array_equal(self.joints, others.joints) and np.array_equal(self.shapes, others.shapes)
+
     def along(
         self, q: Array, dq: Array, starts: Sequence[int] = (0,), first: Array | None = None
     ) -> tuple[Array, Array]:

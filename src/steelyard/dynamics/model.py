@@ -579,6 +579,14 @@ class Model:
         plain = (term.without_channels() for term in self.robot.terms)
         return Model(self.robot.with_terms(*(term for term in plain if term is not None)))
 
+    @cached_property
+    def without_logged_channels(self) -> Model:
+        """The model with terms that need nothing of a log but its motion, which `presliding` follows from."""
+        if set(self.robot.channels) <= {PRESLIDING}:
+            return self
+        plain = (term if set(term.channels) <= {PRESLIDING} else term.without_channels() for term in self.robot.terms)
+        return Model(self.robot.with_terms(*(term for term in plain if term is not None)))
+
     def _lacks(self, name: str) -> str:
         kinds = " and ".join(term.kind for term in self.robot.terms if name in term.channels)
         if name == PRESLIDING:

@@ -864,7 +864,8 @@ class _Patient:
             cutoff = choose_cutoff(part, self.processing.order).cutoff
             options = {**kept, "cutoff": cutoff, "velocity_threshold": None, "delay": stated}
             samples = part.process(Processing.from_dict(options, "[processing]"))
-            return estimate_delay(samples, self.model, longest)
+            model = None if self.model is None else self.model.without_logged_channels
+            return estimate_delay(samples, model, longest)
         except InputError:  # too short, or no least residual
             return None
 

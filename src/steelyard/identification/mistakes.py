@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -232,7 +233,11 @@ def find_mistakes(
     >>> [(found.kind, found.statement) for found in find_mistakes(model, wrong)]
     [('torque sign', 'The sign of the torque of joint2 looks wrong')]
     """
+    memory = _Memory.of(model, samples)
     model = model.without_channels  # a mistake is larger than what a temperature changes
+    if memory is not None:
+        samples = memory.taken_off(samples)
+        dense = memory.taken_off_all(dense)
     enough = samples.count >= FEWEST and samples.used.min() >= FEWEST and np.any(samples.torque != 0.0, axis=0).all()
     if model.dof > TOO_MANY_JOINTS or not enough or not samples.dq.any():
         return ()
@@ -245,6 +250,51 @@ def find_mistakes(
         search.try_everything()
         found = search.hypotheses()
     return found
+
+
+class _Memory(NamedTuple):
+    """What friction that remembers the motion changes of torques, beside the same friction in steady sliding.
+
+    Corrections of a motion have no state: it follows from every row before, of which few are looked at. The state of
+    the log as it is stands in for it, with the friction that least squares gives.
+    """
+
+    model: Model
+    parameters: Array
+
+    @classmethod
+    def of(cls, model: Model, samples: Samples) -> _Memory | None:
+        """Return it by the samples of a log; None where no term of the model remembers, or they have no states."""
+        model = model.without_logged_channels
+        if not model.remembers or model.bristles.channel not in (samples.channels or {}):
+            return None
+        rows = np.arange(0, samples.count, -(-samples.count // ROWS))
+        logged = {name: values[rows] for name, values in (samples.channels or {}).items()}
+        used = np.ones((len(rows), samples.joint_count), bool) if samples.mask is None else samples.mask[rows]
+        columns = model.regressor(samples.q[rows], samples.dq[rows], samples.ddq[rows], channels=logged)[used]
+        sizes = np.sqrt(np.sum(columns**2, axis=0))
+        sizes[sizes == 0.0] = 1.0
+        return cls(model, np.linalg.lstsq(columns / sizes, samples.torque[rows][used], rcond=1e-9)[0] / sizes)
+
+    def taken_off(self, samples: Samples) -> Samples:
+        """Return samples with torques as if friction slid steadily at all times."""
+        if self.model.bristles.channel not in (samples.channels or {}):
+            return samples
+        motion = samples.q, samples.dq, samples.ddq
+        bent = self.model.inverse_dynamics(*motion, self.parameters, channels=samples.channels)
+        sliding = self.model.without_channels.inverse_dynamics(*motion, self.parameters)
+        return replace(samples, torque=samples.torque - bent + sliding)
+
+    def taken_off_all(self, dense: Callable[[], Samples | None] | None) -> Callable[[], Samples | None] | None:
+        """Return what returns the same of other samples."""
+        if dense is None:
+            return None
+
+        def found() -> Samples | None:
+            samples = dense()
+            return None if samples is None else self.taken_off(samples)
+
+        return found
 
 
 def _some(samples: Samples, among: NDArray[np.bool_] | None = None) -> Samples:

@@ -82,7 +82,7 @@ def decide(processing: Processing, recordings: Sequence[Measurements], model: Mo
     InputError
         Where the recordings do not tell.
     """
-    model = None if model is None else model.without_channels  # of which the decisions take no notice
+    model = None if model is None else model.without_logged_channels  # of which the decisions take no notice
     source = recordings[0].source if len(recordings) == 1 else f"{len(recordings)} logs"
     recordings = [_middle(one) for one in recordings if one.count >= FEWEST_ROWS] or [recordings[0]]
     few = recordings[0].count < FEWEST_ROWS
@@ -98,7 +98,7 @@ def decide(processing: Processing, recordings: Sequence[Measurements], model: Mo
             def filtered(cutoff: float, ends: float) -> list[Samples]:
                 own = Butterworth(cutoff, processing.order)
                 pairs = zip(plans, recordings, strict=True)
-                return [replace(plan, filter=own).middle(one, ends) for plan, one in pairs]
+                return [replace(plan, filter=own).middle(one, ends).with_states(model) for plan, one in pairs]
 
             choice = cutoffs.cutoff_by_torques(recordings, filtered, model, processing.order, source)
         decided = replace(processing, cutoff=choice.cutoff)
@@ -111,6 +111,7 @@ def decide(processing: Processing, recordings: Sequence[Measurements], model: Mo
         pairs = list(zip(plans, recordings, strict=True))
         measured = processing.velocity == "measured"
         moved = [plan.middle(one) for plan, one in pairs]
+        moved = moved if model is None else [one.with_states(model) for one in moved]
         noise = np.max([velocity_noise(one, plan.filter, measured) for plan, one in pairs], axis=0)
         found = velocity_thresholds(moved, noise, model)
         decided = replace(decision.processing, velocity_threshold=tuple(found.thresholds.tolist()))
@@ -160,7 +161,7 @@ def settle(decision: Decision, recording: Measurements, model: Model | None = No
     held = HeldJoints.of(recording)
     choice, remarks = decision.cutoff_choice, decision.remarks
     plan = Plan(processing, chosen, np.zeros(joints), stiction, levels, choice, remarks, held)
-    plain = None if model is None else model.without_channels
+    plain = None if model is None else model.without_logged_channels
     return replace(_with_delay(plan, recording, plain), model=model)
 
 

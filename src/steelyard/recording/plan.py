@@ -179,10 +179,14 @@ class Plan:
         joined = done[0] if len(done) == 1 else Samples.joined(done)
         if joined.mask is not None and not joined.mask.any():
             raise InputError(
-                f"{source} has {sum(part.count for part in parts)} rows in "
-                f"{parts[-1].t[-1] - parts[0].t[0]:.6g} s, of which [processing] "
-                "leaves none to use; check delay, velocity_threshold, exclude_joints and the other options that leave "
-                "rows out."
+                " ".join(
+                    (
+                        f"{source} has {sum(part.count for part in parts)} rows in "
+                        f"{parts[-1].t[-1] - parts[0].t[0]:.6g} s, of which [processing] leaves none to use; check "
+                        "delay, velocity_threshold, exclude_joints and the other options that leave rows out.",
+                        *masking_remarks(counts),
+                    )
+                )
             )
         return replace(joined, remarks=(*notes, *masking_remarks(counts)))
 

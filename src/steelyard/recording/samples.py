@@ -129,7 +129,7 @@ class Samples:
         """Return whether torques went through a filter that the regressor of a model did not."""
         return self.filtered_torque and self.regressor_model is not model
 
-    def channels_for(self, model: Model, part: slice = slice(None)) -> NDArray[np.float64] | None:
+    def channels_for(self, model: Model, part: slice | NDArray[np.intp] = slice(None)) -> NDArray[np.float64] | None:
         """Return what the terms of a model need of the channels, (S, K N); None where they need nothing.
 
         Raises
@@ -148,14 +148,18 @@ class Samples:
         The rows are taken in their order, from one gap of the times to the next. What happened before the first of them
         is not known, so that rows of a joint at which it still counts for more than 1 % are masked. Samples that have
         the state already, as those of logs that were processed with the model, and any where no term needs it are
-        returned as they are.
+        returned as they are; the state of logs that were processed with other bristles is computed anew.
 
         Raises
         ------
         InputError
             Where torques were filtered: the columns of the friction must go through the same filter.
         """
-        if not model.remembers or model.bristles.channel in (self.channels or {}):
+        if not model.remembers:
+            return self
+        other = self.regressor_model if self.regressor_model is not model else None
+        foreign = other is not None and other.remembers and not other.bristles.are(model.bristles)
+        if model.bristles.channel in (self.channels or {}) and not foreign:
             return self
         if self.filtered_torque:
             raise InputError(
@@ -179,6 +183,13 @@ class Samples:
             channels={**(self.channels or {}), model.bristles.channel: states},
             remarks=(*self.remarks, remark) if told else self.remarks,
         )
+
+    def with_states(self, model: Model) -> Samples:
+        """Return the samples as `with_presliding` does, whatever was done to the torques, for choices by a model.
+
+        Without the states, all that friction remembers looks like a delay, a bad filter, or less friction near rest.
+        """
+        return replace(self, filtered_torque=False).with_presliding(model) if model.remembers else self
 
     @property
     def count(self) -> int:

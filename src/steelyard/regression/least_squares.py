@@ -54,7 +54,8 @@ def least_squares(info: Information, weights: str | ArrayLike | None = "joint") 
     if info.count < 1:
         raise InputError(
             "The samples hold no usable row, so that nothing can be estimated; check trim, delay, velocity_threshold "
-            "and the other options of [processing] that leave rows out."
+            "and the other options of [processing] that leave rows out, and that joints with presliding friction move "
+            "by several of its displacements."
         )
     weighted = info.is_weighted(weights)
     used = info.joint_weights(weights) if weighted else None

@@ -69,9 +69,10 @@ class TorqueFit:
 
     def parts(self, samples: Samples, rows: NDArray[np.intp]) -> list[Array]:
         """Return for each joint the columns of the base regressor (S, c) on which its torque depends."""
-        motion = (np.ascontiguousarray(values[rows]) for values in (samples.q, samples.dq, samples.ddq))
+        q, dq, ddq = (np.ascontiguousarray(values[rows]) for values in (samples.q, samples.dq, samples.ddq))
         sizes = np.cumsum([len(own) for own in self.columns.joints])
-        return np.split(self.columns.kernel(*motion), sizes[:-1], axis=1)
+        logged = samples.channels_for(self.model, rows)
+        return np.split(self.columns.of_motion(q, dq, ddq, logged), sizes[:-1], axis=1)
 
     def add(self, samples: Samples, rows: NDArray[np.intp], used: NDArray[np.bool_]) -> None:
         """Add rows, of each joint those that are `used` (S, N)."""

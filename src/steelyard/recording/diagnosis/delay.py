@@ -147,6 +147,8 @@ def estimate_delay(samples: Samples, model: Model | None = None, longest: float 
     lags = np.asarray(shifts * step, dtype=np.float64)
 
     def found(of: Samples) -> DelayEstimate:
+        if model is not None:
+            of = of.with_states(model)
         with one_thread():
             squares = np.stack([_squares(*problem, shifts) for problem in _problems(of, model, rows)], axis=-1)
         return _from_squares(squares, len(rows), lags, step)
@@ -169,17 +171,18 @@ def _problems(
     """Yield for each joint an orthonormal basis of what explains its torque (M, c), rows (M,) and the torque (S,)."""
     joints = samples.joint_count
     used = np.ones((len(rows), joints), dtype=bool) if samples.mask is None else samples.mask[rows]
-    motion = [np.ascontiguousarray(a[rows]) for a in (samples.q, samples.dq, samples.ddq)]
+    q, dq, ddq = (np.ascontiguousarray(a[rows]) for a in (samples.q, samples.dq, samples.ddq))
     if model is not None:
         columns = model.base_columns
-        parts = np.split(columns.kernel(*motion), np.cumsum([len(c) for c in columns.joints])[:-1], axis=1)
+        entries = columns.of_motion(q, dq, ddq, samples.channels_for(model, rows))
+        parts = np.split(entries, np.cumsum([len(c) for c in columns.joints])[:-1], axis=1)
         for k, part in enumerate(parts):
             yield _basis(part[used[:, k]]), rows[used[:, k]], samples.torque[:, k]
         return
-    features = _features(*motion)
+    features = _features(q, dq, ddq)
     shared = _basis(features) if used.all() else None
     for k in range(joints):
-        keep, sign = used[:, k], np.sign(motion[1][:, k : k + 1])
+        keep, sign = used[:, k], np.sign(dq[:, k : k + 1])
         if shared is None:
             basis = _basis(np.hstack([features, sign])[keep])
         else:
