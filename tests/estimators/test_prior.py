@@ -7,6 +7,7 @@ import scipy.optimize
 
 from steelyard.errors import InputError
 from steelyard.estimators import ConstantPullbackPrior, EntropicPrior, EuclideanPrior, fit_reduced
+from steelyard.estimators.plausible_fit import PriceOfPlausibility
 from steelyard.feasibility import FeasibleSet, TieBreak, TotalMass
 
 ROW, COLUMN = np.tril_indices(4)
@@ -211,3 +212,11 @@ def test_bad_preferences_are_refused(two_links, data):
         TieBreak.closest(np.ones(2), np.ones(3))
     with pytest.raises(InputError, match="finite parameters and a finite metric"):
         TieBreak.closest([1.0, np.nan], np.ones(2))
+
+
+@pytest.mark.parametrize(("without", "said"), [(0.02011, "as much as without"), (0.0195, "2.01% instead of 1.95%")])
+def test_the_price_of_a_prior_is_one_where_it_shows(without: float, said: str) -> None:
+    one = np.ones(1)
+    price = PriceOfPlausibility(one, 0.02013 * one, 0.03 * one, 0, 0, without, 0.019, 0.04)
+    assert said in price.sentence
+    assert "2.01% instead of 2.01%" not in price.sentence

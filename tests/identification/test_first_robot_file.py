@@ -164,6 +164,19 @@ def test_a_joint_that_does_not_move_is_locked_where_it_is(tmp_path):
     assert sy.identify(file, log).prediction.word == "good"
 
 
+def test_units_are_those_of_joints_that_slide(tmp_path):
+    urdf = description(tmp_path)
+    urdf.write_text(urdf.read_text().replace('name="elbow" type="revolute"', 'name="elbow" type="prismatic"'))
+    log = log_of(tmp_path, torques(urdf))
+    made = first_robot_file(urdf, log, folder=tmp_path)
+    _, content = loaded(made, tmp_path)
+    assert '"q1", # shoulder, rad: by number' in made.text
+    assert '"q2", # elbow, m: by number' in made.text
+    assert '"tau2", # elbow, N: by number' in made.text
+    assert content["log"]["position_unit"] == ["rad", "m"]
+    assert content["log"]["torque_unit"] == ["N·m", "N"]
+
+
 def test_names_that_toml_quotes_survive(tmp_path):
     urdf = description(tmp_path)
     text = urdf.read_text().replace('"elbow"', '"left elbow #2"').replace('name="arm"', 'name="a &quot;b&quot; é"')

@@ -102,6 +102,21 @@ def test_combinations_are_named(found) -> None:
     assert "m2" in table.sentences[0]
 
 
+def test_what_the_prior_draws_out_of_its_interval_is_not_measured(found) -> None:
+    """With all weight on links three times as heavy, least squares contradict what they alone would tell."""
+    arm, _ = found
+    unconstrained = sy.least_squares(arm.information)
+    prior = EntropicPrior(3.0 * blurred(arm, 3))
+    estimate = sy.fit(arm.information, arm.feasible_set, prior=prior, prior_weight=1e8)
+    table = parameter_table(arm.information, arm.feasible_set, estimate, unconstrained)
+    error = dict(zip(unconstrained.base_expressions, unconstrained.standard_error, strict=True))
+    value = dict(zip(unconstrained.base_expressions, unconstrained.base, strict=True))
+    far = [row for row in table if row.name in value and abs(row.value - value[row.name]) > 6.0 * error[row.name]]
+    assert len(far) >= 3
+    assert "measured" not in {row.basis for row in far}
+    assert "the prior draws the answer that far from what the data tells" in table.sentences[-1]
+
+
 def test_table_as_text_and_data(found) -> None:
     _, table = found
     lines = str(table).splitlines()

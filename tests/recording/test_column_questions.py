@@ -336,6 +336,8 @@ def test_only_a_matrix_keeps_the_units_of_sliding_joints_open() -> None:
     names = ["t", "matrix_gantry_position", "arm_position", "matrix_gantry_effort", "arm_effort"]
     plain = find(names, ("matrix_gantry", "arm")).with_sliding([True, False])
     assert [one.unit for one in plain.table] == ["s", "m", "rad", "N", "N·m"]
+    assert plain.settings()["position_unit"] == ["m", "rad"]
+    assert plain.settings()["torque_unit"] == ["N", "N·m"]
     coupled = find(["t", "q1", "q2", "tau1", "tau2"], 2, {"position_matrix": [[1, 0], [1, 1]]})
     assert coupled.has_matrix
     assert coupled.with_sliding([True, False]) == coupled

@@ -390,7 +390,8 @@ def _all_logs(result: Identification) -> tuple[str, ...]:
 
 
 def _and_more(names: Sequence[str]) -> str:
-    return names[0] if len(names) == 1 else f"{names[0]} and {len(names) - 1} more logs"
+    more = len(names) - 1
+    return f"{names[0]} and {more} more log{'s' if more > 1 else ''}" if more else names[0]
 
 
 def _show_more(result: Identification, console: Console, remarks: Sequence[str]) -> None:

@@ -78,9 +78,15 @@ class PriceOfPlausibility:
     @property
     def sentence(self) -> str:
         """The price in words."""
-        training = f"{self.training_error[self.chosen]:.2%} instead of {self.unrestricted_error:.2%}"
+        chosen, without = f"{self.training_error[self.chosen]:.2%}", f"{self.unrestricted_error:.2%}"
+        training = (
+            f"Staying near the prior leaves {chosen} of the torques unexplained on the data of the fit, as much as "
+            "without a prior"
+            if chosen == without
+            else f"Staying near the prior costs {chosen} instead of {without} on the data of the fit (without a prior)"
+        )
         return (
-            f"Staying near the prior costs {training} on the data of the fit (without a prior); on stretches left out, "
+            f"{training}; on stretches left out, "
             f"{self.held_out_error[self.chosen]:.2%} where plain least squares has "
             f"{self.least_squares_held_out_error:.2%}."
         )

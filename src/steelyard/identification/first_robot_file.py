@@ -216,7 +216,8 @@ class _Draft:
             self._judge_rotors()
         file = self._loaded()
         names = list(file.robot.joint_names)
-        self.layout = LogFiles(log, LogColumns.from_dict(self.settings.get("log", {}))).layout(names)
+        layout = LogFiles(log, LogColumns.from_dict(self.settings.get("log", {}))).layout(names)
+        self.layout = layout.with_sliding([unit == "m" for unit in file.robot.position_units])
         self._decide(file, say)
 
     def _logged_joints(self, files: LogFiles) -> LoggedJoints:

@@ -51,6 +51,11 @@ NEGLIGIBLE = 0.05
 """A term this small beside what would make the whole torque of its joint counts as if it had this size."""
 
 
+DRAWN = 0.01
+"""Of the half-width of an interval, by which a value lies beyond its end at least that the prior draws out of it; less
+is the rounding of solvers."""
+
+
 @dataclass(frozen=True, eq=False)
 class ParameterRow:
     """One number of the answer.
@@ -70,8 +75,9 @@ class ParameterRow:
         What the description says; NaN where it says nothing.
     basis : {"measured", "bounded", "assumed", "unknown"}
         ``"measured"``: the data alone tells it, to a fifth of its scale. ``"bounded"``: data and physics confine it to
-        its scale. ``"assumed"``: neither does; the prior chose it. ``"unknown"``: torques were filtered where the
-        regressor was not, so that no interval holds.
+        its scale; so is what the data tells, where the prior draws the value out of its interval. ``"assumed"``:
+        neither does; the prior chose it. ``"unknown"``: torques were filtered where the regressor was not, so that no
+        interval holds.
     """
 
     name: str
@@ -349,14 +355,17 @@ def parameter_table(
         found = profile_intervals(feasible_set, unconstrained.base, covariance, asked, parameters, confidence)
         told = found.lower, found.upper
     scales = _scales(feasible_set, parameters, values, asked, about, term_scales)
-    rows = []
+    rows, drawn = [], []
     for index, quantity in enumerate(asked):
         low, high, basis = np.nan, np.nan, "unknown"
         if told is not None:
             basis = "assumed"
             low, high = min(told[0][index], values[index]), max(told[1][index], values[index])
             half = 0.5 * (high - low)
-            if alone[index] <= MEASURED * scales[index] and half <= 2.0 * MEASURED * scales[index]:
+            is_drawn = max(told[0][index] - values[index], values[index] - told[1][index]) > DRAWN * half
+            if is_drawn:  # the data alone tells another value
+                drawn.append(quantity.name)
+            if not is_drawn and alone[index] <= MEASURED * scales[index] and half <= 2.0 * MEASURED * scales[index]:
                 basis = "measured"
             elif half <= BOUNDED * scales[index]:
                 basis = "bounded"
@@ -374,6 +383,11 @@ def parameter_table(
         )
     table = ParameterTable(tuple(rows), None if told is None else confidence)
     sentences = _known_together(info, feasible_set, unconstrained, table)
+    if drawn:
+        more = f" and {len(drawn) - MOST_SENTENCES} more" if len(drawn) > MOST_SENTENCES else ""
+        stand = "stands at an end of its interval" if len(drawn) == 1 else "stand at an end of their intervals"
+        shown = ", ".join(drawn[:MOST_SENTENCES]) + more
+        sentences = (*sentences, f"{shown} {stand}: the prior draws the answer that far from what the data tells.")
     if told is not None and feasible_set.parameter_count > MANY_PARAMETERS:
         sentences = (TOO_MANY, *sentences)
     return ParameterTable(table.rows, table.confidence, sentences)

@@ -168,7 +168,12 @@ class Layout:
         places = {column: k for kind in KINDS for k, column in enumerate(getattr(self, kind) or ())}
         sliding = {column for column, k in places.items() if slides[k]}
         table = [replace(m, unit=_OF_SLIDES.get(m.unit, m.unit)) if m.column in sliding else m for m in self.table]
-        return replace(self, table=tuple(table))
+        units = {
+            kind: tuple(_OF_SLIDES.get(unit, unit) if slide else unit for unit, slide in zip(told, slides, strict=True))
+            for kind, told in self.units.items()
+            if len(told) == len(slides)
+        }
+        return replace(self, table=tuple(table), units={**self.units, **units})
 
     def settings(self) -> dict[str, Any]:
         """Return the keys of `[log]` that state what was found."""
