@@ -103,7 +103,8 @@ class JointStiffness:
     ----------
     joint : str
     verdict : {"measured", "bounded"}
-        ``"bounded"`` where the compliance is not told from zero: the stiffness has a lower bound alone.
+        ``"bounded"`` where the compliance is not told from zero (by one encoder alone: not by three standard errors):
+        the stiffness has a lower bound alone.
     stiffness : float
         K, N·m/rad or N/m; infinite where the best compliance is zero.
     stiffness_interval : tuple of float
@@ -156,8 +157,12 @@ class JointStiffness:
     unit: str = "N·m/rad"
 
     @classmethod
-    def of_compliance(cls, joint: str, compliance: float, standard_error: float, unit: str) -> JointStiffness:
+    def of_compliance(
+        cls, joint: str, compliance: float, standard_error: float, unit: str, told_from: float = NORMAL
+    ) -> JointStiffness:
         """Return what a compliance and its standard error tell of the stiffness; all else is unknown.
+
+        A compliance below `told_from` standard errors has a lower bound of the stiffness alone.
 
         Examples
         --------
@@ -165,6 +170,8 @@ class JointStiffness:
         'bounded'
         """
         low, high = compliance - NORMAL * standard_error, compliance + NORMAL * standard_error
+        if compliance <= told_from * standard_error:
+            low = 0.0
         return cls(
             joint=joint,
             verdict="measured" if low > 0.0 else "bounded",

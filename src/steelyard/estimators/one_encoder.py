@@ -5,6 +5,11 @@ torques of the links: ``q = theta - c tau(q)``. The torques are not linear in c.
 parameters and all the compliances are regressed together, and that is repeated from the compliances found
 (Gauss-Newton).
 
+Columns of compliances hold four derivatives of a position, and their noise goes with that of the accelerations, which
+is an error of the torque: together they draw compliances down, by many standard errors. So the rows are filtered,
+regressor and torque alike, which leaves the equations true, below most of that noise, and lower until what is left of
+it no longer matters.
+
 What shows a compliance is the acceleration of the deflection. A motion of frequency f changes torques by the square of
 f over the resonance of the joint: by 1 % at a tenth of it. Slow motions show nothing, and the answer is a bound.
 """
@@ -19,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.recording import Samples
+from steelyard.recording.filters.zero_phase import low_pass, motion_frequency
 from steelyard.regression import Information, ParameterCovariance
 from steelyard.regression.batch_means import BatchSums
 from steelyard.regression.factor import Factor, solve, triangular
@@ -34,6 +40,17 @@ __all__ = ["Compliances", "deflected", "estimate_compliances"]
 Array = NDArray[np.float64]
 Torques = Callable[[Array, Array, Array], Array]
 _ROUNDS, _SETTLED = 8, 1e-3
+_ORDER = 2
+"""Of the filter of the rows, which is applied forwards and backwards."""
+_ABOVE = 4.0
+"""By which the first cutoff lies above the motion's frequency at least: torques turn with products of its harmonics."""
+_SPANS = 20.0
+"""Periods of the lowest cutoff that a log holds at least: fewer leave no residuals to tell an interval from."""
+_FALL = 15.0
+"""By how much less half the cutoff draws a compliance than what it changed: noise of the third derivative has a power
+of the cutoff's seventh, 128, of which an eighth is relied on, since noise need not be white."""
+_SMALL = 0.5
+"""Of a standard error, which that may still be; it is added to the error then."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +60,8 @@ class Compliances:
     Attributes
     ----------
     values, standard_error : ndarray
-        (J,) rad/(N·m) or m/N; the errors hold the correlation of the residuals in time.
+        (J,) rad/(N·m) or m/N; the errors hold the correlation of the residuals in time, and what the noise of the
+        positions may still draw.
     """
 
     values: Array
@@ -88,18 +106,59 @@ def estimate_compliances(
     places : sequence of int
         The J elastic joints.
     """
-    compliances = np.zeros(len(places))
-    errors = np.full(len(places), np.inf)
+    lowest = _SPANS / max(log.count * _period(log) for log in logs)
+    cutoff = min(max(lowest, *(_below_noise(log) for log in logs)), *(0.125 / _period(log) for log in logs))
+    values, _ = _settled(model, logs, links, drives, places, None)
+    while True:
+        before, (values, errors) = values, _settled(model, logs, links, drives, places, cutoff)
+        drawn = np.where(np.isfinite(errors), np.abs(values - before) / _FALL, 0.0)
+        if np.all(drawn <= _SMALL * errors) or cutoff < 2.0 * lowest:
+            return Compliances(np.maximum(values, 0.0), np.hypot(errors, drawn))
+        cutoff /= 2.0
+
+
+def _below_noise(log: Samples) -> float:
+    """A frequency in Hz below most of the noise of the positions' fourth derivative, but not below the motion's.
+
+    Where noise is most of that derivative, half of its power lies near the end of the band that a filter left it.
+    """
+    rate = 1.0 / _period(log)
+    middle = motion_frequency(np.diff(log.ddq, 2, axis=0), rate, share=0.5)
+    return max(0.5 * middle, _ABOVE * motion_frequency(log.q, rate))
+
+
+def _period(log: Samples) -> float:
+    assert log.t is not None
+    return float(np.median(np.diff(log.t)))
+
+
+def _settled(
+    model: Model,
+    logs: Sequence[Samples],
+    links: Torques,
+    drives: Torques,
+    places: Sequence[int],
+    cutoff: float | None,
+) -> tuple[Array, Array]:
+    """Compliances, below zero where the last step leads there, and their standard errors, by rows with a cutoff."""
+    now = np.zeros(len(places))
     for _ in range(_ROUNDS):
-        step, errors = _step(model, logs, links, drives, places, compliances)
-        before, compliances = compliances, np.maximum(compliances + step, 0.0)
-        if np.all(np.abs(compliances - before) <= _SETTLED * errors):
+        step, errors = _step(model, logs, links, drives, places, now, cutoff)
+        found = now + step
+        before, now = now, np.maximum(found, 0.0)
+        if np.all(np.abs(now - before) <= _SETTLED * errors):
             break
-    return Compliances(compliances, errors)
+    return found, errors
 
 
 def _step(
-    model: Model, logs: Sequence[Samples], links: Torques, drives: Torques, places: Sequence[int], now: Array
+    model: Model,
+    logs: Sequence[Samples],
+    links: Torques,
+    drives: Torques,
+    places: Sequence[int],
+    now: Array,
+    cutoff: float | None,
 ) -> tuple[Array, Array]:
     """One step of Gauss-Newton for the compliances, and their standard errors."""
     base, columns = model.base_parameters(), model.base_columns
@@ -118,14 +177,15 @@ def _step(
             scales = np.where(size > 0.0, size, 1.0)
         samples = Samples(*motion, torque=log.torque - beside)
         mask = np.ones(log.q.shape, dtype=bool) if log.mask is None else log.mask
+        parts: list[list[Array]] = [[] for _ in own]
         for part, rows in joint_rows(model, samples, BLOCK):
-            joined = [
-                np.column_stack([one[:, :-1], slopes[part, k] / scales, one[:, -1]]) * mask[part, k, None]
-                for k, one in enumerate(rows)
-            ]
-            sums.add(joined)
-            for held, one, k in zip(gathered, joined, range(len(own)), strict=True):
-                held.append(one[mask[part, k]])
+            for held, one, k in zip(parts, rows, range(len(own)), strict=True):
+                held.append(np.column_stack([one[:, :-1], slopes[part, k] / scales, one[:, -1]]) * mask[part, k, None])
+        # What the mask leaves out is zero on both sides before the filter, so that no row takes of it.
+        joined = [_filtered(np.concatenate(held), log, cutoff) * mask[:, k, None] for k, held in enumerate(parts)]
+        sums.add(joined)
+        for held, one, k in zip(gathered, joined, range(len(own)), strict=True):
+            held.append(one[mask[:, k]])
         sums.end()
     assert scales is not None
     factors = tuple(
@@ -145,6 +205,13 @@ def _step(
     covariance = ParameterCovariance.of(information, found, weights)
     errors = np.where(covariance.unknown, np.inf, covariance.standard_error)[base.count :]
     return found[base.count :] / scales, errors / scales
+
+
+def _filtered(rows: Array, log: Samples, cutoff: float | None) -> Array:
+    """Rows behind a filter, the whole equations alike; as they are where a log is too short for it."""
+    if cutoff is None or len(rows) <= 3 * (_ORDER + 1):
+        return rows
+    return low_pass(rows, 1.0 / _period(log), cutoff, _ORDER, "the log")
 
 
 def _slopes(log: Samples, links: Torques, places: Sequence[int], motion: Motion) -> Array:

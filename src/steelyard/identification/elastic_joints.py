@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from steelyard.dynamics import Model
 from steelyard.errors import InputError
 from steelyard.estimators.joint_stiffness import (
+    SIGNIFICANT,
     DeflectionRows,
     JointStiffness,
     Motion,
@@ -260,7 +261,8 @@ def _by_one_encoder(
         inertia = known[order]
         joints.append(
             replace(
-                JointStiffness.of_compliance(joint.name, compliance, error, _unit(joint)),
+                # Most joints show nothing to one encoder: at 1.96 errors one of forty of them is "measured", wrongly.
+                JointStiffness.of_compliance(joint.name, compliance, error, _unit(joint), told_from=SIGNIFICANT),
                 motor_inertia=transmissions.rotor(place) if inertia is None else inertia,
                 deflection=float(np.std(compliance * torques[:, place])),
                 unexplained=np.nan,

@@ -176,11 +176,12 @@ def _decay(poles: NDArray[np.complex128], level: float = DECAYED) -> int:
     return ceil(log(level) / log(float(np.abs(poles).max())))
 
 
-def motion_frequency(q: NDArray[np.float64], rate: float) -> float:
+def motion_frequency(q: NDArray[np.float64], rate: float, share: float = POWER_SHARE) -> float:
     """The motion's dynamic frequency in Hz: below it lies 99.9 % of the power of the positions, all joints together.
 
     Taken from the periodogram of the positions less their mean and trend, under a Hann window. Power of the positions,
     not of the velocities: differentiation would raise the encoder's noise above the motion. 0 where no joint moves.
+    Another share of the power than 0.999 may be asked for.
     """
     count = q.shape[0]
     if count < 16:
@@ -195,5 +196,5 @@ def motion_frequency(q: NDArray[np.float64], rate: float) -> float:
     # The mean of a motionless joint is only exact to rounding, which must not count as motion.
     if centred.std() < 1e-9:
         return 0.0
-    share = np.cumsum(power) / power.sum()
-    return float(np.fft.rfftfreq(padded, 1.0 / rate)[np.argmax(share >= POWER_SHARE)])
+    below = np.cumsum(power) / power.sum()
+    return float(np.fft.rfftfreq(padded, 1.0 / rate)[np.argmax(below >= share)])
