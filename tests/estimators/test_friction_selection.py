@@ -65,6 +65,16 @@ def test_nothing_is_added_where_there_is_nothing(seed):
     assert {one.verdict for one in found.trials} == {"refused"}
 
 
+def test_a_law_with_a_state_that_is_refused_changes_nothing():
+    model, samples = pendulum(lambda dq: 0.9 * np.sign(dq) * np.exp(-((dq / 0.3) ** 2)), seed=1)
+    dahl = next(one for one in CANDIDATES if one.kind == "dahl")
+    alone, beside = (select_friction(model, samples, candidates=laws) for laws in (FEW, (*FEW, dahl)))
+    assert beside.kinds == ("stribeck",)
+    assert beside.chosen[0].shape == alone.chosen[0].shape
+    assert beside.chosen[0].coefficients == alone.chosen[0].coefficients
+    assert (beside.errors, beside.plain_errors) == (alone.errors, alone.plain_errors)
+
+
 def test_a_short_log_tells_nothing_and_says_so():
     model, samples = pendulum(lambda dq: 0.9 * np.sign(dq) * np.exp(-((dq / 0.3) ** 2)), seed=1, rows=60)
     found = select_friction(model, samples, candidates=FEW)

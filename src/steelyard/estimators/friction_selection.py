@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import pairwise, zip_longest
@@ -71,7 +72,7 @@ STARTS, STEPS = 2, 12
 """Shapes from which a search of several numbers begins, with another last one each, since in between there are local
 optima; and steps of Gauss and Newton that it takes at most. Four starts found nothing better on 20 robots."""
 FORGOTTEN = 0.25
-"""Part of its range that a joint moves before rows of a log are used, where laws with a state are tried: what they
+"""Part of its range that a joint moves before rows of a log are used for laws with a state: what they
 remember at the first row is not known. It is forgotten by the exponential of this over the presliding displacement.
 With rows from the first on, the wrong first state cost as much as all the noise does."""
 SWEEPS = 4
@@ -403,8 +404,10 @@ def select_friction(
     Of several the one that lowers this error most is taken, unless beside a simpler one it lowers it by less than that;
     of equally simple ones that are so near, the one of the greatest likelihood with noise that lasts. A law that is
     there for sure at one joint is added at others where it is likely (5 %, uncorrected) and lowers the error by twice
-    `least_gain`. In the end each law is taken back that the others make needless, and the numbers of the others are
-    found by all joints together, with the rows of each made white (`numbers_together`).
+    `least_gain`. Laws with a state are judged by the rows at which it is known, and so is what they are compared with;
+    they are added only where no other law lowers the error of the joint more. In the end each law is taken back that
+    the others make needless, and the numbers of the others are found by all joints together, with the rows of each made
+    white (`numbers_together`).
 
     Parameters
     ----------
@@ -449,31 +452,33 @@ def select_friction(
     (('stribeck',), 0.2)
     """
     data = samples if isinstance(samples, FrictionData) else FrictionData.of(model, samples)
-    forgets = any(one.has_state for one in candidates)
-    joints = [_Joint(data, k, forgets) for k in range(model.dof)]
+    joints = [_Joint(data, k) for k in range(model.dof)]
+    # What a law with a state says of the first rows is not known: it is judged by the others, and so are its rivals.
+    moved = [_Joint(data, k, forgets=True) for k in range(model.dof)] if any(c.has_state for c in candidates) else []
     names = tuple(model.robot.joint_names)
     trials: list[FrictionTrial] = []
-    accepted: list[_Trial] = []
+    accepted: list[str] = []
     for step in range(MOST_LAWS):
         tell("laws of friction that are tried", step, MOST_LAWS, "steps")
-        tried = [
-            (candidate, [joint.tried(candidate) for joint in joints])
-            for candidate in candidates
-            if candidate.kind not in [one.candidate.kind for one in accepted]
-        ]
-        _correct([trial for _, of_joints in tried for trial in of_joints if trial is not None])
-        told = [_Told(candidate, of_joints, significance, least_gain) for candidate, of_joints in tried]
-        best = _best(told, least_gain)
+        left = [one for one in candidates if one.kind not in accepted]
+        told = _judged(left, joints, moved, significance, least_gain)
+        best = _best_of(told, moved, least_gain)
         for one in sorted(told, key=lambda one: (one is not best, -one.total)):
             trials.append(one.trial(step, names, one is best))
         if best is None:
             break
+        accepted.append(best.candidate.kind)
         for trial in best.taken:
+            k = trial.joint.number
+            if trial.candidate.has_state:
+                joints[k] = moved[k]
+            elif moved and joints[k] is not moved[k]:
+                moved[k].add(moved[k].likewise(trial))
             trial.joint.add(trial)
-            accepted.append(trial)
-    for trial in accepted:
-        if not trial.joint.needs(trial, least_gain):
-            trial.joint.remove(trial)
+    for joint in joints:
+        for trial in tuple(joint.laws):
+            if not joint.needs(trial, least_gain):
+                joint.remove(trial)
     for joint in joints:
         joint.refine()
     _number_together(model, joints)
@@ -538,6 +543,40 @@ class _Trial:
         return falls_surely(self.before, self.losses)
 
 
+def _judged(
+    candidates: Sequence[FrictionCandidate],
+    joints: Sequence[_Joint],
+    moved: Sequence[_Joint],
+    significance: float,
+    least_gain: float,
+) -> list[_Told]:
+    """Try laws at all the joints: by all rows, and those with a state by the rows at which it is known."""
+    tried = [
+        (candidate, [joint.tried(candidate) for joint in (moved if candidate.has_state else joints)])
+        for candidate in candidates
+    ]
+    _correct([trial for _, of_joints in tried for trial in of_joints if trial is not None])
+    return [_Told(candidate, of_joints, significance, least_gain) for candidate, of_joints in tried]
+
+
+def _best_of(told: Sequence[_Told], moved: Sequence[_Joint], least_gain: float) -> _Told | None:
+    """The best law; one with a state where it is the best by the rows at which its state is known.
+
+    It leaves those joints to other laws at which they gain more: what gains little there would hide them, since two
+    laws that change the same friction exclude each other.
+    """
+    plain = [one for one in told if not one.candidate.has_state]
+    with_state = [one for one in told if one.candidate.has_state and one.taken]
+    if with_state:
+        rivals = [one.by_rows_of(moved) for one in plain]
+        for one in with_state:
+            one.leave([trial for rival in rivals for trial in rival.taken])
+        best = _best([*rivals, *with_state], least_gain)
+        if best in with_state:
+            return best
+    return _best(plain, least_gain)
+
+
 class _Told:
     """A law over all the joints."""
 
@@ -556,12 +595,28 @@ class _Told:
                 for one in self.trials
                 if one in self.taken or (one.gain > 2.0 * least_gain and one.is_sure and one.speaks_for_itself)
             ]
-        # By logarithms, so that joints with large torques count as others do.
-        self.falls = sum((_fall(one) for one in self.taken), np.zeros(FOLDS))
+
+    @property
+    def falls(self) -> Array:
+        """(folds,) by how much the errors fall; by logarithms, so that joints with large torques count as others do."""
+        return sum((_fall(one) for one in self.taken), np.zeros(FOLDS))
 
     @property
     def total(self) -> float:
         return float(self.falls.sum())
+
+    def by_rows_of(self, joints: Sequence[_Joint]) -> _Told:
+        """Return the law as other rows of the joints where it would be added tell what it gains."""
+        other = copy(self)
+        tried = [joints[one.joint.number].tried(self.candidate) for one in self.taken]
+        other.trials = other.taken = [one for one in tried if one is not None]
+        return other
+
+    def leave(self, rivals: Sequence[_Trial]) -> None:
+        """Leave the joints to others, at which any of them gains more."""
+        self.taken = [
+            one for one in self.taken if all(one.joint is not rival.joint or one.gain > rival.gain for rival in rivals)
+        ]
 
     def trial(self, step: int, names: Sequence[str], is_best: bool) -> FrictionTrial:
         best = self.taken or sorted(self.trials, key=lambda one: -one.gain)[:1]
@@ -999,6 +1054,14 @@ class _Joint:
 
     def add(self, trial: _Trial) -> None:
         self.laws.append(trial)
+
+    def likewise(self, trial: _Trial) -> _Trial:
+        """Return a law that was added by other rows of the joint, for these."""
+        ((columns, lengths),) = self._columns(trial.candidate, [trial.shape])
+        before = self._held_out(self.laws)
+        own = replace(trial, joint=self, columns=columns, lengths=lengths, before=before, losses=before)
+        own.losses = self._held_out([*self.laws, own])
+        return own
 
     def remove(self, trial: _Trial) -> None:
         self.laws.remove(trial)

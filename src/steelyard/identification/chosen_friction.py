@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -284,12 +284,16 @@ def confirmed_terms(
     terms : tuple of Term
         With the laws that were kept.
     """
-    before = after = _held_out(plain, samples)
+    before = after = whole = _held_out(plain, samples)
     kept, named = tuple(chosen), tuple(terms)
     while kept:
         named = terms_with(terms, kept, data)
         further = model_with(named)
-        after = _held_out(further, samples_for(further))
+        others = [one.with_presliding(further) for one in samples_for(further)]
+        after = _held_out(further, others)
+        before = whole
+        if further.remembers:  # both are judged by the rows at which the state of each law is known
+            before = _held_out(plain, [replace(one, mask=two.mask) for one, two in zip(samples, others, strict=True)])
         if len(before[0]) < 2:
             break
         joints = sorted({one.joint for one in kept})
@@ -301,7 +305,7 @@ def confirmed_terms(
         if not bad:
             break
         kept = tuple(one for one in kept if one.joint not in bad)
-    return (before, after, kept, named) if kept else (before, before, (), tuple(terms))
+    return (before, after, kept, named) if kept else (whole, whole, (), tuple(terms))
 
 
 def _told(presliding: Sequence[ChosenFriction], selection: FrictionSelection) -> str:
