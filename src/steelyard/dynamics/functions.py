@@ -133,8 +133,9 @@ class BaseColumns:
             return self.kernel(q, dq, ddq, channels, out=out)
         if len(self.kernel.arguments) > 3:
             raise InputError(
-                "The terms of this robot need channels of a log, such as a temperature, which were not given; hold "
-                "them at one value (`held` in [[terms]]), or leave these terms out."
+                "The terms of this robot need channels beside the motion, such as a temperature or the state of "
+                "friction with presliding, which were not given; hold them at one value (`held` in [[terms]]; "
+                "`sliding = true` for presliding), or leave these terms out."
             )
         return self.kernel(q, dq, ddq, out=out)
 
