@@ -7,6 +7,7 @@ noise.
 
     python benchmarks/elastic_joints.py                     # UR5 and Panda, 10 seeds each
     python benchmarks/elastic_joints.py --arms ur5 --seeds 30 --free    # inertia of the motors not stated
+    python benchmarks/elastic_joints.py --motors            # by the encoders of the motors alone
     python benchmarks/elastic_joints.py --friction          # motors with other friction, which `auto` finds
     python benchmarks/elastic_joints.py --friction --motors # the same by the encoders of the motors alone
     python benchmarks/elastic_joints.py --kr300 ../shared/data/kuka_kr300 [--friction]
@@ -27,7 +28,7 @@ import steelyard as sy
 from steelyard.identification import predict_deflections
 
 
-def arms(name, seeds, first, stated):
+def arms(name, seeds, first, stated, motors):
     """Print how near stiffnesses are to the truth, and how often intervals hold it."""
     from elastic_logs import ElasticArm
 
@@ -37,7 +38,7 @@ def arms(name, seeds, first, stated):
         arm = ElasticArm(name, random)
         log = arm.log(random)
         with tempfile.TemporaryDirectory() as folder:
-            found = sy.identify(arm.robot_file(Path(folder), inertia=stated), log).elastic_joints
+            found = sy.identify(arm.robot_file(Path(folder), inertia=stated, second=not motors), log).elastic_joints
         for k, joint in enumerate(found):
             low, high = joint.stiffness_interval
             truth = arm.stiffness[k]
@@ -49,7 +50,7 @@ def arms(name, seeds, first, stated):
             delays.append(joint.delay - arm.delay[k])
             damped.append(arm.damping[k] <= joint.damping_bound)
     errors, inside, measured, widths = np.array(errors), np.array(inside), np.array(measured), np.array(widths)
-    size = np.abs(errors[measured])
+    size = np.abs(errors[measured]) if measured.any() else np.array([np.nan])
     seconds = (time.perf_counter() - begin) / seeds
     parts = (
         f"{name}, {seeds} arms, {len(errors)} joints, motor inertia {'stated' if stated else 'not stated'}",
@@ -58,7 +59,7 @@ def arms(name, seeds, first, stated):
         f"intervals hold the truth in {inside[measured].mean():.1%} of the measured and {inside.mean():.1%} of all",
         f"half of the median interval {np.median(widths[measured]):.2%}",
         f"dampings below their bounds in {np.mean(damped):.1%}",
-        f"delays within {1e6 * np.abs(delays).max():.1f} µs",
+        "no delays" if motors else f"delays within {1e6 * np.abs(delays).max():.1f} µs",
         f"{seconds:.0f} s each with the simulation",
     )
     print("; ".join(parts), flush=True)
@@ -169,7 +170,7 @@ def main():
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--free", action="store_true", help="do not state the inertia of the motors")
     parser.add_argument("--friction", action="store_true", help="motors with other friction, which auto is to find")
-    parser.add_argument("--motors", action="store_true", help="with --friction: no encoders of the links")
+    parser.add_argument("--motors", action="store_true", help="no encoders of the links, and so no delays")
     parser.add_argument("--kr300", type=Path, help="folder of the recordings, in place of the simulated arms")
     given = parser.parse_args()
     warnings.simplefilter("ignore")
@@ -181,7 +182,7 @@ def main():
             for law in RIGHT:
                 chosen_friction(name, given.seeds, given.first, law, given.motors)
             continue
-        arms(name, given.seeds, given.first, not given.free)
+        arms(name, given.seeds, given.first, not given.free, given.motors)
 
 
 if __name__ == "__main__":
