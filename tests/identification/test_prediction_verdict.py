@@ -13,10 +13,10 @@ from steelyard.estimators import EntropicPrior
 from steelyard.estimators.cross_validation import cross_validation, term_deviations
 from steelyard.identification.identify import _held_out
 from steelyard.identification.mistakes import Hypothesis, find_mistakes
-from steelyard.identification.prediction_verdict import prediction_verdict, white_noise
+from steelyard.identification.prediction_verdict import few_rows, prediction_verdict, white_noise
 from steelyard.recording import Samples
 from steelyard.regression import Information
-from steelyard.regression.reduction import empty_factors
+from steelyard.regression.reduction import empty_factors, residuals
 from steelyard.regression.time_blocks import TimeBlocks
 
 
@@ -186,3 +186,36 @@ def test_noise_is_that_of_the_log_that_is_predicted(own: float, other: float) ->
     found = prediction_verdict(fitted.information, arm.truth @ arm.feasible_set.K.T, validation=[log.information])
     np.testing.assert_allclose(found.noise_floor, other, rtol=0.1)
     assert found.model_error < 0.4 * found.relative_error  # all that is left is white
+
+
+def events_of(arm: SimulatedArm, log, estimate):
+    left = np.vstack([part for _, part in residuals(arm.model, log.samples, estimate.base)])
+    own = (np.arange(len(left)) * 0.01, left, (), len(left))
+    return few_rows("log.csv", "validation", ("a", "b", "c"), log.information, estimate.base, *own)
+
+
+def test_what_few_rows_hold_is_no_white_noise() -> None:
+    arm, other = simulated_arm(13, seconds=20.0), simulated_arm(14)
+    size = np.sqrt(np.mean(other.samples.torque**2, axis=0))
+    random = np.random.default_rng(4)
+    torque = arm.model.inverse_dynamics(other.samples.q, other.samples.dq, other.samples.ddq, arm.truth)
+    noise = 0.02 * size * random.normal(size=torque.shape)
+    sound = with_torque(replace(other, model=arm.model), torque + noise)
+    estimate = sy.fit(arm.information, arm.feasible_set)
+    assert events_of(arm, sound, estimate) == ()
+
+    spikes = np.zeros_like(torque)
+    spikes[200:203, 1], spikes[700:703, 1] = 3.0 * size[1], -3.0 * size[1]  # two impacts, each of three rows
+    spoiled = with_torque(replace(other, model=arm.model), torque + noise + spikes)
+    found = events_of(arm, spoiled, estimate)
+    assert [(one.joint, one.count) for one in found] == [("b", 6)]
+    assert found[0].square == pytest.approx(np.sum(spikes**2), rel=0.1)
+    np.testing.assert_allclose(found[0].times, [(2.0, 2.02), (7.0, 7.02)], atol=1e-9)
+    before = prediction_verdict(arm.information, estimate.base, validation=[spoiled.information])
+    after = prediction_verdict(arm.information, estimate.base, validation=[spoiled.information], few_rows=found)
+    assert before.noise_floor[1] > 0.1 * size[1]  # they look white
+    np.testing.assert_allclose(after.noise_floor, 0.02 * size, rtol=0.25)
+    expected = np.sqrt(np.sum(spikes**2) / np.sum((torque + noise + spikes) ** 2))
+    assert after.model_error == pytest.approx(expected, rel=0.1)
+    assert "6 of" in after.sentences[-1]
+    assert "joint b" in after.sentences[-1]

@@ -32,7 +32,7 @@ from .log_checks import heavy_ends, implausible_mass, mistakes_in_logs
 from .log_reader import DrawnLog, LogReader, LogReduction, LogTask, Progress, one_by_one
 from .mistakes import POOR, sentence
 from .parameter_table import parameter_table
-from .prediction_verdict import prediction_verdict
+from .prediction_verdict import FewRows, few_rows, prediction_verdict
 from .result import Identification, Prediction, Trace
 
 if TYPE_CHECKING:
@@ -312,12 +312,18 @@ def identify(
         description["terms"] = [term.to_dict() for term in model.robot.terms]
     estimate = replace(estimate, description=description, unconstrained_base=unconstrained.base)
     say("what the numbers rest on")
+    predictions = tuple(
+        _predict(model, unconstrained, estimate, *part, one) for part, one in zip(parts, drawn, strict=True)
+    )
     prediction = prediction_verdict(
         measured,
         estimate.base,
         validation=[p[2] for p in parts if p[1] == "validation"],
         held_out_error=held_out,
         fold_count=len(stretches),
+        few_rows=[
+            few for p, part in zip(predictions, parts, strict=True) for few in _few_rows(p, part[2], model, estimate)
+        ],
     )
     table = None
     if estimate.parameters is not None:
@@ -329,9 +335,6 @@ def identify(
             term_scales=None if plausible is None else plausible.term_deviations,
         )
         estimate = replace(estimate, parameter_table=tuple(table.to_list()))
-    predictions = tuple(
-        _predict(model, unconstrained, estimate, *part, one) for part, one in zip(parts, drawn, strict=True)
-    )
     remarks = dict.fromkeys(reader.remarks)
     samples = {name: kept for name, _, _, kept in parts}
     # Of a model that predicts well, only cheap explanations are tried on the logs that it predicts.
@@ -498,6 +501,17 @@ def _predict(
         trace=trace,
         samples=thinned,
     )
+
+
+def _few_rows(
+    prediction: Prediction, information: Information, model: Model, estimate: Estimate
+) -> tuple[FewRows, ...]:
+    trace = prediction.trace
+    errors = trace.measured - trace.feasible
+    if trace.samples is not None and trace.samples.mask is not None:
+        errors = np.where(trace.samples.mask, errors, np.nan)
+    own = (trace.t, errors, trace.residuals, trace.log_rows)
+    return few_rows(prediction.name, prediction.role, model.robot.joint_names, information, estimate.base, *own)
 
 
 def _description(read: Mapping[str, Any], model: Model, estimate: Estimate) -> dict[str, Any]:

@@ -264,6 +264,7 @@ class LogReader:
         sums: BatchSums | None = None,
         blocks: TimeBlocks | None = None,
         model: Model | None = None,
+        drawn: DrawnRows | None = None,
     ) -> tuple[Information, ThinnedSamples]:
         """Reduce one log, and keep a copy of its samples, thinned to so many or twice as many points.
 
@@ -279,11 +280,16 @@ class LogReader:
         model : Model, optional
             In whose base parameters the log is reduced, in place of that of the reader. Where torques are filtered its
             regressor is, too.
+        drawn : DrawnRows, optional
+            Receives the rows, too.
         """
         model = self.model if model is None else model
         thinned = ThinnedSamples(points)
         own = None if blocks is None else TimeBlocks(empty_factors(model))
-        information = _information_of(self._watched(log, model), model, [thinned], sums, own)
+        keep: list[ThinnedSamples | DrawnRows] = [thinned] if drawn is None else [drawn, thinned]
+        information = _information_of(self._watched(log, model), model, keep, sums, own)
+        if drawn is not None:
+            drawn.finish()
         if blocks is not None and own is not None:
             blocks.append(own)
         return information, thinned

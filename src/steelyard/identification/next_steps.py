@@ -14,7 +14,7 @@ from steelyard.feasibility.constraints import MeasuredMass, TotalMass
 from steelyard.regression import Information, least_squares
 
 from .parameter_table import parameter_sizes
-from .prediction_verdict import UNTESTED
+from .prediction_verdict import UNTESTED, said_of
 from .result import Identification
 
 __all__ = ["NextStep", "excite_command", "found", "next_steps"]
@@ -26,6 +26,9 @@ PATTERN = 0.5
 """Part of the mean square of the residuals that is white, below which most of what is left follows a pattern."""
 LARGE = 0.08
 """Relative error of a joint, noise aside, above which its pattern is worth a term: as much as counts as good."""
+AROUND = 0.1
+"""s before and after an event that are left out with it: filters spread what it does to the motion."""
+MOST_SPANS = 8
 DEFAULTS = {
     "viscous": "viscous friction",
     "coulomb": "Coulomb friction",
@@ -134,6 +137,7 @@ def _steps(identification: Identification) -> Iterator[NextStep]:
     other = list(_other_estimator(identification))
     yield from other
     yield from _mistakes(identification)
+    yield from _events(identification)
     if identification.prediction.word == "wrong":
         if not identification.mistakes and not other:
             yield _doctor(identification)
@@ -174,6 +178,31 @@ def _mistakes(identification: Identification) -> Iterator[NextStep]:
         else:
             command = _doctor_command(identification, [log])
             yield NextStep("See whether it is so, and identify again.", reason, command, "console")
+
+
+def _events(identification: Identification) -> Iterator[NextStep]:
+    """Rows of an impact, which are no motion of the robot alone."""
+    few = identification.prediction.few_rows
+    if not few:
+        return
+    lines = []
+    for log in dict.fromkeys(one.log for one in few):
+        spans: list[list[float]] = []
+        for begin, end in sorted(span for one in few if one.log == log for span in one.times):
+            if spans and begin - AROUND <= spans[-1][1]:
+                spans[-1][1] = max(spans[-1][1], end + AROUND)
+            else:
+                spans.append([begin - AROUND, end + AROUND])
+        told = ", ".join(f"{begin:.2f} to {end:.2f}" for begin, end in spans[:MOST_SPANS])
+        more = f" and {len(spans) - MOST_SPANS} more" if len(spans) > MOST_SPANS else ""
+        lines.append(f"# torques are empty in {log} at t = {told} s{more}")
+    yield NextStep(
+        "Leave out the moments at which the arm met something or a sensor erred, and identify again.",
+        f"{said_of(few[:1])} Empty torques are left out; in Python, steelyard.estimators.robust_information gives such "
+        "rows less weight.",
+        "\n".join(["[log]", 'missing = "fill"', *lines]),
+        "toml",
+    )
 
 
 def _doctor(identification: Identification) -> NextStep:

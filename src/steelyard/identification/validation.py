@@ -18,15 +18,15 @@ from steelyard.files import write_json
 from steelyard.recording import Samples
 from steelyard.regression import Information
 from steelyard.regression.batch_means import BATCH_LENGTHS, BatchSums
-from steelyard.regression.reduction import empty_factors
+from steelyard.regression.reduction import empty_factors, residuals
 from steelyard.robot import RobotFile
 
 from .default_terms import model_of_estimate
 from .given import Data, GivenLog, GivenRobot, given_constraints, given_logs, given_robot
 from .log_checks import mistakes_in_logs
-from .log_reader import LogReader, Progress
+from .log_reader import DrawnLog, DrawnRows, LogReader, Progress
 from .mistakes import sentence
-from .prediction_verdict import FEWEST_BATCHES, PredictionVerdict, prediction_verdict
+from .prediction_verdict import FEWEST_BATCHES, FewRows, PredictionVerdict, few_rows, prediction_verdict
 from .saved import matching_estimate
 from .saved_result import RECORD, SavedResult
 
@@ -38,6 +38,7 @@ FEWEST_ROWS = FEWEST_BATCHES * BATCH_LENGTHS[0]
 """The fewest rows of a joint, all logs together: fewer do not tell noise from errors, and most of them are near the
 ends, which filters spoil. A third of a second of a UR5 at 250 Hz, without a mistake, was called poor or wrong."""
 
+_DRAWN_ROWS = 20_000  # of each log that are kept, to see short events; of a longer one its extremes
 _POINTS = 1200  # of each log that are kept, to look for mistakes where it is predicted poorly
 
 
@@ -215,6 +216,11 @@ def validate_estimate(
         validation=parts,
         fit_error=loaded.relative_error,
         joint_fit_error=loaded.joint_relative_error,
+        few_rows=[
+            few
+            for log, part, drawn in zip(given, parts, read.drawn, strict=True)
+            for few in _few_rows(str(log), part, model, loaded.base, drawn)
+        ],
     )
     each = []
     for log, part in zip(given, parts, strict=True):
@@ -252,6 +258,17 @@ def total(parts: Sequence[Information]) -> Information:
     return replace(Information.total(parts), batch_means=parts[-1].batch_means)
 
 
+def _few_rows(log: str, information: Information, model: Model, base: Array, drawn: DrawnLog) -> tuple[FewRows, ...]:
+    def errors(samples: Samples) -> Array:
+        left = np.vstack([part for _, part in residuals(model, samples, base)])
+        return left if samples.mask is None else np.where(samples.mask, left, np.nan)
+
+    assert drawn.samples.t is not None
+    stretches = [errors(window) for window in drawn.windows]
+    own = (drawn.samples.t, errors(drawn.samples), stretches, drawn.seen)
+    return few_rows(log, "validation", model.robot.joint_names, information, base, *own)
+
+
 @dataclass(frozen=True, eq=False)
 class FittedLogs:
     """Logs that were processed as those of a saved estimate were.
@@ -264,6 +281,8 @@ class FittedLogs:
         Of each log; the last holds the batch means of all.
     samples : dict from str to Samples
         Of each log, thinned out.
+    drawn : tuple of DrawnLog
+        Rows of each log at which errors are large, and stretches of neighbouring ones.
     remarks : tuple of str
         On the logs, and on how they were processed.
     """
@@ -271,6 +290,7 @@ class FittedLogs:
     reader: LogReader
     parts: list[Information]
     samples: dict[str, Samples]
+    drawn: tuple[DrawnLog, ...]
     remarks: tuple[str, ...]
 
 
@@ -310,10 +330,11 @@ def read_as_fitted(
             logs = links_of_logs(file, model, result.estimate, logs, used)
     reader.decide(logs, say)
     sums = BatchSums(empty_factors(model))
-    parts, samples = [], {}
+    parts, samples, drawn = [], {}, []
     for log in logs:
         say(f"reading {log}")
-        information, thinned = reader.reduce(log, _POINTS, sums)
+        rows = DrawnRows(model, _DRAWN_ROWS)
+        information, thinned = reader.reduce(log, _POINTS, sums, drawn=rows)
         if information.count == 0:
             raise InputError(
                 f"{log}: no rows are left after processing, so that nothing can be predicted; give a longer log, trim "
@@ -321,5 +342,6 @@ def read_as_fitted(
             )
         parts.append(information)
         samples[str(log)] = thinned.samples
+        drawn.append(rows.kept)
     parts[-1] = replace(parts[-1], batch_means=sums.factors())
-    return FittedLogs(reader, parts, samples, (*remarks, *reader.remarks))
+    return FittedLogs(reader, parts, samples, tuple(drawn), (*remarks, *reader.remarks))
