@@ -312,10 +312,11 @@ def _missing_terms(identification: Identification) -> Iterator[NextStep]:
         f"({told.whiteness[worst]:.0%} of it is white)"
     )
     if lacking and "motor_side" not in kinds:
-        words = ", ".join(DEFAULTS[kind] for kind in lacking)
+        words, rotor = ", ".join(DEFAULTS[kind] for kind in lacking), "rotor_inertia" in lacking
         yield NextStep(
-            "Let the model have more terms.",
-            f"{pattern}, and the model lacks {words}.",
+            "Try whether more terms help.",
+            f"{pattern}, and the model lacks {words}. Whether that explains it was not tried: keep what lowers the "
+            f"error on logs that were not used{'; torques sensed behind a gear hold no rotor' if rotor else ''}.",
             "\n".join(f'[[terms]]\nkind = "{kind}"' for kind in lacking),
             "toml",
         )
