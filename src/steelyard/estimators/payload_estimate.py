@@ -25,6 +25,7 @@ from steelyard.feasibility.constraints import Constraint
 from steelyard.feasibility.nearest_point import nearest_in_region
 from steelyard.lmi import AffineBlock
 from steelyard.regression import Information, ParameterCovariance, Reduced
+from steelyard.regression.factor import eigenvectors
 from steelyard.regression.least_squares import least_squares
 from steelyard.regression.parameter_covariance import NORMAL
 from steelyard.robot import INERTIA_SYMBOLS, Inertia
@@ -437,7 +438,7 @@ def _with_floor(
 
 def _with_more(covariance: ParameterCovariance, further: Array) -> ParameterCovariance:
     """The covariance of an independent error beside it, in what the data determine."""
-    values, vectors = np.linalg.eigh(covariance.root @ covariance.root.T + further)
+    values, vectors = eigenvectors(covariance.root @ covariance.root.T + further)
     root = vectors * np.sqrt(np.maximum(values, 0.0))
     unidentifiable = covariance.unidentifiable
     if unidentifiable.shape[1]:

@@ -17,7 +17,7 @@ from steelyard.feasibility.feasible_set import FeasibleSet
 from steelyard.feasibility.growth import growing_links
 from steelyard.files import read_number, read_whole, suggestion
 from steelyard.regression import Estimate, Information, ParameterCovariance, column_lengths
-from steelyard.regression.factor import solve
+from steelyard.regression.factor import eigenvectors, solve
 from steelyard.regression.parameter_covariance import NORMAL
 
 from .cross_validation import term_deviations
@@ -652,7 +652,7 @@ def _root_of_inverse(density: _Density, mode: Vector) -> Matrix:
     basis = np.eye(len(mode)) if density.basis is None else density.basis
     matrix = basis.T @ hessians[0] @ basis
     scales = 1.0 / np.sqrt(np.maximum(np.diagonal(matrix), 1e-300))
-    values, vectors = np.linalg.eigh(matrix * np.outer(scales, scales))
+    values, vectors = eigenvectors(matrix * np.outer(scales, scales))
     return np.asarray(basis @ (scales[:, None] * vectors / np.sqrt(np.maximum(values, RIDGE))))
 
 

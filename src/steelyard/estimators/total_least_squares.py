@@ -11,7 +11,7 @@ import numpy.typing as npt
 from steelyard.errors import InputError
 from steelyard.feasibility.feasible_set import FeasibleSet
 from steelyard.regression import Estimate, Factor, Information, triangular
-from steelyard.regression.factor import combined
+from steelyard.regression.factor import combined, eigenvectors
 
 from .fit import fit
 
@@ -96,7 +96,7 @@ def total_least_squares(
     gram = measured - least**2 * np.diag(sizes[:count] ** 2)
     lengths = np.sqrt(np.maximum(np.diag(measured), 0.0))
     scale = np.where(lengths > 0.0, lengths, 1.0)
-    values, vectors = np.linalg.eigh(gram / np.outer(scale, scale))
+    values, vectors = eigenvectors(gram / np.outer(scale, scale))
     kept = values > ROUNDING * values.max(initial=0.0)
     root = np.sqrt(values[kept])[:, None] * vectors[:, kept].T * scale
     target = triangle[:, :count].T @ triangle[:, count]

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from steelyard.dynamics import Model
 from steelyard.errors import InputError
+from steelyard.regression.factor import eigenvectors
 from steelyard.robot import INERTIA_SYMBOLS
 
 __all__ = [
@@ -63,7 +64,7 @@ class Spectrum:
             Returns a matrix F (rows, n_b) with ``F'F = information`` that was not computed from the information matrix.
             It is called where the eigenvalues of the information matrix are not accurate enough.
         """
-        values, vectors = np.linalg.eigh(information)
+        values, vectors = eigenvectors(information)
         if factor is not None and values[0] < _SQUARED * values[-1]:
             _, roots, rows = np.linalg.svd(factor(), full_matrices=False)
             values, vectors = roots[::-1] ** 2, rows[::-1].T

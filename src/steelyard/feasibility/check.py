@@ -11,6 +11,7 @@ from steelyard.display import html_sentences
 from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
 from steelyard.lmi import is_positive_definite
+from steelyard.regression.factor import eigenvectors
 
 from .certificates import FeasibilityCertificate, InfeasibilityCertificate
 from .certificates.rational import exact_number
@@ -478,7 +479,7 @@ def raised_witness(feasible_set: FeasibleSet, base: Vector, parameters: Vector) 
                 lacking += V.T @ D @ Q @ np.linalg.solve(Q.T @ D @ Q, Q.T @ D @ V)
             except np.linalg.LinAlgError:
                 return None
-        sizes, vectors = np.linalg.eigh(V.T @ added @ V)
+        sizes, vectors = eigenvectors(V.T @ added @ V)
         if sizes[0] <= 0 or not np.all(np.isfinite(lacking)):
             return None
         half = vectors / np.sqrt(sizes)
@@ -509,7 +510,7 @@ def _scalings(feasible_set: FeasibleSet, bases: Sequence[Matrix], parameters: Ve
     """C_b with C_bᵀ U_bᵀ |D_b(δ)| U_b C_b = 1, after eigenvalues are raised to `floor` times the largest."""
     found = []
     for block, U in zip(feasible_set.blocks, bases, strict=True):
-        values, vectors = np.linalg.eigh(U.T @ block.evaluate(parameters) @ U)
+        values, vectors = eigenvectors(U.T @ block.evaluate(parameters) @ U)
         size = np.abs(values)
         largest = float(size.max(initial=0.0)) or 1.0
         found.append(vectors / np.sqrt(np.maximum(size, floor * largest)))

@@ -14,6 +14,7 @@ import scipy.sparse as sparse
 
 from steelyard.conic import Cone, ConicProblem, ConicSolution, Outcome, Rows, solve
 from steelyard.errors import InputError, SolverError
+from steelyard.regression.factor import eigenvectors
 
 from .feasible_set import MARGIN_FACTORS, FeasibleSet
 
@@ -152,7 +153,7 @@ def _eigenvalues(matrix: Matrix, name: str, definite: bool) -> tuple[Vector, Mat
         worst = int(np.argmin(diagonal))
         raise InputError(f"{name} must be {expected}, but its diagonal element {worst + 1} is {diagonal[worst]:.6g}.")
     units = np.where(absent, 1.0, np.sqrt(diagonal))
-    values, vectors = np.linalg.eigh(matrix / np.outer(units, units))
+    values, vectors = eigenvectors(matrix / np.outer(units, units))
     least = 10 * ROUNDING * ROUNDING if definite else -ROUNDING
     if values[0] < least * values[-1]:
         hint = "; parameters that the data does not determine have no covariance, give metric= instead"

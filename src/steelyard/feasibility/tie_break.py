@@ -8,6 +8,7 @@ import numpy.typing as npt
 import scipy.sparse as sparse
 
 from steelyard.errors import InputError
+from steelyard.regression.factor import eigenvectors
 
 from .cone_program import Part, Program, unidentifiable_conditions
 from .feasible_set import FeasibleSet
@@ -124,7 +125,7 @@ class TieBreak:
             found = np.zeros((len(used), len(self.curvature)))
             found[np.arange(len(used)), used] = np.sqrt(0.5 * self.curvature[used])
             return found
-        values, vectors = np.linalg.eigh(self.curvature)
+        values, vectors = eigenvectors(self.curvature)
         return np.asarray(np.sqrt(0.5 * np.maximum(values, 0.0))[:, None] * vectors.T)
 
     def size(self, parameters: Vector) -> float:

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
+from steelyard.regression.factor import eigenvectors
 
 from .causes import Cause
 
@@ -481,7 +482,7 @@ class _Tests:
             own = self.directions[k]
             weighed = inverse @ own
             matrix, score = own.T @ weighed, weighed.T @ away
-            values, vectors = np.linalg.eigh(matrix)
+            values, vectors = eigenvectors(matrix)
             shown = values > 1e-6 * max(float(np.linalg.eigvalsh(own.T @ whole @ own)[-1]), 1e-300)
             if not shown.any():
                 continue

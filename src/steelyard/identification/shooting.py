@@ -20,6 +20,7 @@ from scipy.optimize import lsq_linear
 
 from steelyard.errors import InputError
 from steelyard.regression.coloured_noise import correlation_sum
+from steelyard.regression.factor import eigenvectors
 from steelyard.simulation.driven_joints import (
     COULOMB,
     DRIVE_PARAMETERS,
@@ -786,7 +787,7 @@ def _sandwich(hessian: Array, middle: Array, rows: int) -> Array:
     found = cho_solve(factor, half.T) / np.outer(scale, scale)
     found *= rows / max(rows - len(hessian), 1.0)
     # What no residual depends on has scores of zero, too, and would come out as known exactly.
-    sizes, directions = np.linalg.eigh(scaled)
+    sizes, directions = eigenvectors(scaled)
     unseen = np.linalg.norm(directions[:, sizes < UNSEEN], axis=1) > 0.1
     found[unseen], found[:, unseen] = 0.0, 0.0
     found[unseen, unseen] = np.inf

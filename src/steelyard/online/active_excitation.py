@@ -27,6 +27,7 @@ from steelyard.feasibility import FeasibleSet
 from steelyard.files.arguments import positive
 from steelyard.recording import Recording, Samples
 from steelyard.regression import Estimate, Information
+from steelyard.regression.factor import eigenvectors
 from steelyard.robot.inertia import parameters_of_pseudo_inertia
 from steelyard.simulation import Measurement
 
@@ -677,7 +678,7 @@ class ActiveExcitation:
         if self._criterion_name != "prediction":
             return Criterion(self._criterion_name, Subset(self._base.expressions, np.eye(count), True))
         whole = sum(matrix / s**2 for matrix, s in zip(self._prediction, noise, strict=True))
-        values, vectors = np.linalg.eigh(whole)
+        values, vectors = eigenvectors(whole)
         directions = vectors * np.sqrt(np.maximum(values, 0.0))
         return Criterion("a", Subset(self._base.expressions, directions, False))
 

@@ -12,7 +12,7 @@ from steelyard.display import html_table
 from steelyard.errors import InputError
 
 from .batch_means import BATCH_LENGTHS
-from .factor import RANK, Factor, Reduced, column_lengths, solve
+from .factor import RANK, Factor, Reduced, column_lengths, eigenvectors, solve
 from .information import Information
 
 __all__ = ["ParameterCovariance", "ResidualCorrelation", "inverse_root"]
@@ -224,7 +224,7 @@ class ParameterCovariance:
             root = np.sqrt(_residual_variance(problem, beta)) * inverse
             return cls(root, unidentifiable, unknown, None, info.filtered_torque)
         middle, correlation = _long_run(info, beta, used, inverse)
-        values, vectors = np.linalg.eigh(middle)
+        values, vectors = eigenvectors(middle)
         root = inverse @ (vectors * np.sqrt(np.maximum(values, 0.0)))
         return cls(root, unidentifiable, unknown, correlation, info.filtered_torque)
 
@@ -277,7 +277,7 @@ class ParameterCovariance:
         scaled = given / np.outer(scale, scale)
         if not np.allclose(scaled, scaled.T, rtol=0.0, atol=1e-8):
             raise InputError("covariance must be symmetric; give the covariance matrix of the base parameters.")
-        values, vectors = np.linalg.eigh(0.5 * (scaled + scaled.T))
+        values, vectors = eigenvectors(0.5 * (scaled + scaled.T))
         if values[0] < -1e-9 * max(values[-1], 1.0):
             raise InputError(
                 f"covariance must be positive semidefinite, but its smallest eigenvalue (unit variances) is "

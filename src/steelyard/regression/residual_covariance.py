@@ -12,6 +12,7 @@ from steelyard.errors import InputError
 from steelyard.recording import Samples
 
 from .estimate import Estimate
+from .factor import eigenvectors
 from .reduction import require_joints, residuals
 
 if TYPE_CHECKING:
@@ -98,7 +99,7 @@ def definite(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the covariance with the same variances, and correlations whose eigenvalues are not too small."""
     sizes = np.sqrt(np.maximum(np.diagonal(matrix), 1e-18 * max(float(np.diagonal(matrix).max()), 1e-300)))
     correlation = matrix / np.outer(sizes, sizes)
-    values, vectors = np.linalg.eigh(correlation)
+    values, vectors = eigenvectors(correlation)
     if values[0] < LEAST_EIGENVALUE:
         correlation = (vectors * np.maximum(values, LEAST_EIGENVALUE)) @ vectors.T
         correlation /= np.sqrt(np.outer(np.diagonal(correlation), np.diagonal(correlation)))

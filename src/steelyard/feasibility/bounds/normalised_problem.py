@@ -10,6 +10,7 @@ import numpy.typing as npt
 from steelyard.conic import Cone, ConicProblem, Outcome, Rows
 from steelyard.conic.clarabel_solver import RepeatedProblem
 from steelyard.lmi import symmetric_to_vector, vector_to_symmetric
+from steelyard.regression.factor import eigenvectors
 
 from .slice import BlockGroup, null_space
 
@@ -149,7 +150,7 @@ class NormalisedProblem:
             hessian = (
                 hessian + 2.0 * self.ball.second.T @ self.ball.second / rest + 4.0 * np.outer(pull, pull) / rest**2
             )
-        values, vectors = np.linalg.eigh(hessian)
+        values, vectors = eigenvectors(hessian)
         units = vectors / np.sqrt(np.maximum(values, 1e-14 * values[-1]))
         groups = tuple(
             BlockGroup(g.size, g.indices, g.constants, np.einsum("qr,bqij->brij", units, g.coefficients))
