@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mutations import LIMITS, READERS, ROBOT, SDF, TAKES_LONG, URDF, damaged, is_readable, write_samples
+from mutations import LIMITS, MJCF, READERS, ROBOT, SDF, TAKES_LONG, URDF, damaged, is_readable, write_samples
 
 import steelyard as sy
 from steelyard.errors import InputError, SteelyardError
@@ -292,3 +292,19 @@ def test_a_trajectory_with_infinite_numbers_is_refused(tmp_path: Path) -> None:
     path.write_text("t,q1,dq1,ddq1\n-inf,0,0,0\n1,1,0,0\n")
     with pytest.raises(InputError, match="missing or not finite"):
         load_trajectory(path)
+
+
+def test_a_shape_whose_inertia_no_robot_has(tmp_path: Path) -> None:
+    """Its length is one that a robot may have by the bound on numbers, and its volume times the squared length not."""
+    path, capsule = tmp_path / "robot.mjcf", 'fromto="0 0 0 0.4 0 0"'
+    assert capsule in MJCF
+    path.write_text(MJCF.replace(capsule, 'fromto="0 0 1e15 0.4 0 0"'))
+    with pytest.raises(InputError, match=r"has a mass or an inertia beyond 1e\+15"):
+        sy.Robot.from_mjcf(path)
+
+
+def test_a_link_with_an_endless_name_does_not_fill_a_message(tmp_path: Path) -> None:
+    robot = sy.Robot.from_dh([("pi/2", 0, 0.3, "q")], name="pair")
+    with pytest.raises(InputError, match="has no link") as caught:
+        sy.Model(robot).pose(np.zeros(1), "f" + "9" * 5000)
+    assert len(str(caught.value)) < 600

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from steelyard.errors import InputError
 from steelyard.files import is_real, suggestion
+from steelyard.files.arguments import LARGEST
 
 from .inertia import Inertia
 from .joint import Attachment, Joint, JointKind, Link
@@ -415,5 +416,11 @@ class _Assembly:
             for attachment in attachments:
                 if attachment.inertia is not None:
                     total = total + attachment.inertia.moved(attachment.placement)
+            # A number of the description may be one that a robot has, and its square, or a volume, not.
+            if not np.all(np.abs(total.pseudo_inertia) <= LARGEST):
+                raise InputError(
+                    f'{self.tree.where}: link "{name}" has a mass or an inertia beyond {LARGEST:g}, which no robot '
+                    "has; mend its mass, its shapes or where they stand"
+                )
             links.append(Link(name, total, attachments, own[index]))
         return tuple(links)

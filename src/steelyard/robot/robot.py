@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.display import html_table
 from steelyard.errors import InputError
-from steelyard.files import suggestion
+from steelyard.files import shown, suggestion
 
 from .inertia import INERTIA_SYMBOLS, Inertia
 from .joint import Attachment, Joint, Link
@@ -714,7 +714,7 @@ class Robot:
                 if name == attachment.name:
                     return index, attachment.placement
         known = [carrier for _, carrier, _ in carriers] + [one.name for _, _, held in carriers for one in held]
-        raise InputError(f'robot "{self.name}" has no link "{name}"; {suggestion(name, known)}')
+        raise InputError(f'robot "{self.name}" has no link "{shown(name)[1:-1]}"; {suggestion(name, known)}')
 
     def _rows(self) -> list[tuple[str, ...]]:
         names = (*self.link_names, self.base_link)
