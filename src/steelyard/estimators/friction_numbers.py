@@ -165,17 +165,15 @@ def numbers_together(joints: Sequence[NumberedJoint], width: int) -> FrictionNum
         best, least, length = (found[:width], shapes, _split(found[width:], counts)), squares, 1.0
         free = [[len(law.free) for law in joint.laws] for joint in joints]
         both = [[*one, *two] for one, two in zip(counts, free, strict=True)]
+        slopes = [one.factor(own, numbers) for one, own, numbers in zip(ready, shapes, best[2], strict=True)]
         if not sum(map(sum, free)):
             break
-        slopes = [one.factor(own, numbers) for one, own, numbers in zip(ready, shapes, best[2], strict=True)]
         found, _ = _solved(joints, slopes, both, width)
         moves = [one[len(own) :] for one, own in zip(_split(found[width:], both), counts, strict=True)]
         if max(float(np.abs(move).max(initial=0.0)) for one in moves for move in one) < SETTLED:
             break
     assert best is not None
     base, shapes, coefficients = best
-    _ = [one.factor(own, None) for one, own in zip(ready, shapes, strict=True)]  # columns of the best shapes again
-    slopes = [one.factor(own, numbers) for one, own, numbers in zip(ready, shapes, coefficients, strict=True)]
     errors = _split(_standard_errors(joints, slopes, both, width)[width:], both)
     ends = [len(own) for own in counts]
     return FrictionNumbers(
