@@ -12,14 +12,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mutations import LIMITS, MJCF, READERS, ROBOT, SDF, TAKES_LONG, URDF, damaged, is_readable, write_samples
+from mutations import LIMITS, MESHES, MJCF, READERS, ROBOT, SDF, TAKES_LONG, URDF, damaged, is_readable, write_samples
 
 import steelyard as sy
 from steelyard.errors import InputError, SteelyardError
 from steelyard.excitation import load_trajectory
 from steelyard.feasibility.constraints.center_of_mass import read_points
 
-MESHES = {kind for kind in READERS if "mesh" in kind or kind == "binary.ply"}
 COUNT = 16
 
 

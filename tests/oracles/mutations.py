@@ -249,8 +249,8 @@ LIBRARIES: dict[str, tuple[str, ...]] = {
     **dict.fromkeys((*MESSAGES, "bag.db3", "metadata.yaml"), ("rosbags", "mcap", "mcap_protobuf")),
 }
 """What files of a kind are read and written with, beyond what is always there."""
-TAKES_LONG = {"mesh.stl", "mesh.obj", "mesh.ply", "binary.ply", "mesh.dae", "log.mat", "robot.xacro"}
-TAKES_LONG |= {"bag.db3", "metadata.yaml"}
+MESHES = {"mesh.stl", "mesh.obj", "mesh.ply", "binary.ply", "mesh.dae"}
+TAKES_LONG = MESHES | {"log.mat", "robot.xacro", "bag.db3", "metadata.yaml"}
 """Kinds whose files are read by a process each, or as slowly."""
 
 
@@ -498,11 +498,20 @@ def _read_certificate(path: Path) -> None:
     verify_document(load_certificate(path), str(path))
 
 
-def _read_mesh(path: Path) -> None:
-    found = read_meshes([path])[path]
-    if isinstance(found, InputError):
-        raise found
-    sy.collision.Mesh(*found)
+def _read_mesh(*paths: Path) -> None:
+    """Read one mesh, or several at once: then whatever is wrong with any of them is raised as a group."""
+    errors: list[Exception] = []
+    for found in read_meshes(paths).values():
+        try:
+            if isinstance(found, InputError):
+                raise found
+            sy.collision.Mesh(*found)
+        except Exception as error:
+            if len(paths) == 1:
+                raise
+            errors.append(error)
+    if errors:
+        raise ExceptionGroup("of several meshes", errors)
 
 
 def _read_torque(path: Path) -> None:
@@ -517,7 +526,7 @@ def _read_shapes(path: Path) -> None:
     RobotGeometry.from_urdf(sy.Robot.from_urdf(path))
 
 
-READERS: dict[str, tuple[Callable[[Path], None], ...]] = {
+READERS: dict[str, tuple[Callable[..., None], ...]] = {
     "robot.urdf": (_read_urdf, _read_shapes),
     "robot.xacro": (_read_xacro,),
     "robot.mjcf": (_read_described,),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -12,6 +13,8 @@ from typing import NamedTuple
 from steelyard.errors import InputError
 
 __all__ = ["ChildLimits", "run_child"]
+
+OUT_OF_TIME = int(getattr(signal, "SIGXCPU", 0))  # where there is no such signal, there is no such limit either
 
 
 class ChildLimits(NamedTuple):
@@ -58,7 +61,7 @@ def run_child(
     Returns
     -------
     bytes, int or None
-        Its answers, and its exit code; None where the time ran out.
+        Its answers, and its exit code; None where one of the times ran out.
 
     Raises
     ------
@@ -92,4 +95,4 @@ def run_child(
         return error.stdout or b"", None
     except OSError as error:
         raise InputError(f"{what}, which cannot be started ({error}).") from None
-    return done.stdout, done.returncode
+    return done.stdout, None if done.returncode == -OUT_OF_TIME else done.returncode
