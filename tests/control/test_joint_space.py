@@ -12,6 +12,7 @@ from steelyard.control import (
     PositionTracking,
     Tool,
 )
+from steelyard.dynamics import ChannelFriction, Dahl, LuGre
 from steelyard.simulation import Measurement
 
 
@@ -270,3 +271,26 @@ def test_a_measurement_of_another_robot_is_refused(six):
         ComputedTorque(model, parameters, np.zeros(6), kp=1.0, kd=1.0, velocity=MeasuredVelocity()).start(
             Measurement(t=0.0, q=np.zeros(6))
         )
+
+
+@pytest.mark.parametrize("base", [False, True])
+def test_friction_with_a_channel_is_compensated_as_in_steady_sliding_and_at_its_reference(base):
+    arm = sy.Robot.from_dh([("pi/2", 0, 0.3, "q"), (0, 0.5, 0, "q")], gravity=(0, 0, -9.81), name="arm")
+    numbers = {"Fcj1": 2.0, "Fvj1": 0.7, "Fcj2": 1.0, "Fvj2": 0.3, "Lzz1": 0.8, "Lzz2": 0.2, "lx2": 0.4, "m2": 2.0}
+    q, dq = np.array([0.3, -0.2]), np.array([0.4, -0.5])
+
+    def torque(*terms):
+        model = sy.Model(arm.with_terms(*terms))
+        given = np.array([numbers.get(name, 0.1) for name in model.parameter_names])
+        given = model.base_parameters().values(given) if base else given
+        controller = ComputedTorque(
+            model, given, [0.5, 0.1], kp=100.0, kd=20.0, base=base, compensate_drives=True, velocity=MeasuredVelocity()
+        )
+        seen = Measurement(t=0.0, q=q, dq=dq)
+        controller.start(seen)
+        return controller.torque(seen)
+
+    plain = torque(sy.Coulomb(), sy.Viscous())
+    np.testing.assert_allclose(torque(Dahl(0.01), sy.Viscous()), plain, rtol=1e-10)
+    np.testing.assert_allclose(torque(LuGre(0.01, 0.5, 0.01)), plain, rtol=1e-10)  # at 40 of its velocities
+    np.testing.assert_allclose(torque(ChannelFriction("temperature", range=[15, 60], reference=25)), plain, rtol=1e-10)

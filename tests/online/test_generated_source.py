@@ -10,6 +10,7 @@ import pytest
 from compilers import C_FLAGS, need, run
 
 import steelyard as sy
+from steelyard.dynamics import ChannelFriction, Dahl
 from steelyard.errors import InputError
 from steelyard.identification.wam import true_parameters, wam_model
 from steelyard.online import generate_online
@@ -202,3 +203,19 @@ def test_what_cannot_be_written_is_refused_in_a_sentence(tmp_path: Path) -> None
     with pytest.raises(InputError, match="not quadratic"):
         generate_online(arm(), tmp_path, prior=sy.estimators.EntropicPrior(body))
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("term", "said"),
+    [
+        (Dahl(0.01), "remembers the motion before.*not identified while they move.*sliding = true"),
+        (ChannelFriction("warmth", range=[0, 60]), "needs the channel 'warmth'.*not identified while they move.*held"),
+    ],
+)
+def test_terms_that_need_more_than_the_motion_are_refused(term, said, tmp_path):
+    model = sy.Model(sy.Robot.from_dh([(0, 0.5, 0, "q")]).with_terms(term))
+    with pytest.raises(InputError, match=said):
+        generate_online(sy.FeasibleSet(model), tmp_path / "code")
+    assert not (tmp_path / "code").exists()
+    with pytest.raises(InputError, match=said):
+        sy.OnlineEstimator(model)

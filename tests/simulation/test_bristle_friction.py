@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import steelyard as sy
-from steelyard.dynamics import ByJoint, Dahl, LuGre, Viscous
+from steelyard.dynamics import ByJoint, ChannelFriction, Dahl, LuGre, Viscous
 
 D, RATIO, SPEED = 0.02, 0.5, 0.1
 NUMBERS = {"Fcj1": 2.0, "Fbj1": 1.0, "Fvj1": 0.7, "Lzz1": 0.8, "lx1": 0.5}
@@ -84,3 +84,17 @@ def test_torque_over_position_draws_a_loop():
     u = np.linspace(-0.75, 0.75, 10001)
     expected = 2.0 * D * np.sum(u / (1.0 - u) - u / (1.0 + u)) * (u[1] - u[0])
     assert loop - viscous == pytest.approx(expected, rel=0.02)
+
+
+@pytest.mark.parametrize("base", [False, True])
+def test_friction_by_a_channel_is_that_at_its_reference(base):
+    robot = sy.Robot.from_dh([(0, 0.5, 0, "q")], gravity=(0, -9.81, 0), name="pendulum")
+
+    def end(*terms):
+        model = sy.Model(robot.with_terms(*terms))
+        numbers = np.array([NUMBERS.get(name, 0.2) for name in model.parameter_names])
+        given = model.base_parameters().values(numbers) if base else numbers
+        return sy.simulate(model, given, [0.3], [1.0], 0.5, base=base).q[-1]
+
+    plain = end(sy.Coulomb(), Viscous())
+    np.testing.assert_allclose(end(ChannelFriction("temperature", range=[15, 60], reference=25)), plain, atol=1e-8)

@@ -23,6 +23,8 @@ class ModelPart:
     Parameters
     ----------
     model : Model
+        Friction that needs a channel beside the motion is that of `Model.without_channels`: a controller is given no
+        temperature, and steady sliding is what it takes friction with presliding for.
     parameters : array_like
         (n,), or (n_b,) with `base`: the nominal parameters of the controller.
     functions : sequence of str
@@ -62,7 +64,7 @@ class ModelPart:
         point: ArrayLike = (0.0, 0.0, 0.0),
         sign_width: float = 0.0,
     ) -> None:
-        self.model = model
+        self.model = model.without_channels
         self.base = bool(base)
         self.functions = tuple(functions)
         values = np.array(parameters, dtype=np.float64)
@@ -76,9 +78,9 @@ class ModelPart:
             raise InputError(
                 f"A controller of {model.robot.name} needs a finite number for every one of its {kind}; {bad} has none."
             )
-        self.parameters = values
+        self.parameters = values = model.parameters_without_channels(values, self.base)
         self._sign = "smooth" if positive(sign_width, "sign_width", "rad/s", zero=True) else "exact"
-        self._kernels = {name: model.kernel(name, base=self.base, sign=self._sign) for name in self.functions}
+        self._kernels = {name: self.model.kernel(name, base=self.base, sign=self._sign) for name in self.functions}
         self._given: Mapping[str, Array] = {
             "parameters": values,
             "base_parameters": values,

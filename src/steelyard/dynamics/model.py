@@ -567,6 +567,23 @@ class Model:
                 "or model.without_channels in Python."
             )
 
+    def refuse_channels(self, what: str) -> None:
+        """Raise InputError where a term needs more than the motion, which what is to be done with the model has not.
+
+        Parameters
+        ----------
+        what : str
+            What is not done with such models, such as ``"identified while they move"``.
+        """
+        self.refuse_presliding(what)
+        if self.robot.channels:
+            kinds = " and ".join(term.kind for term in self.robot.terms if term.channels)
+            names = " and ".join(repr(name) for name in self.robot.channels)
+            raise InputError(
+                f"The term {kinds} of {self.robot.name} needs the channel {names} of a log, and models with such terms "
+                f"are not {what}; hold it at one value (`held` in [[terms]]), or leave the term out."
+            )
+
     def _logged(self, channels: Mapping[str, ArrayLike], motion: ArrayLike) -> tuple[Array, ...]:
         """Return the channels as an argument of functions, of which there is none where no term needs any."""
         return (self.channel_values(channels, np.shape(motion)),) if self.robot.channels else ()
@@ -578,6 +595,35 @@ class Model:
             return self
         plain = (term.without_channels() for term in self.robot.terms)
         return Model(self.robot.with_terms(*(term for term in plain if term is not None)))
+
+    def parameters_without_channels(self, parameters: ArrayLike, base: bool = False) -> Array:
+        """Return the parameters (..., n) that `without_channels` has, of those of this model.
+
+        Parameters
+        ----------
+        parameters : array_like
+            (..., n), or (..., n_b) with `base`.
+        base : bool
+            Whether they are base parameters; then so are those that are returned, of the other model.
+
+        Examples
+        --------
+        >>> import steelyard as sy
+        >>> from steelyard.dynamics import LuGre
+        >>> robot = sy.Robot.from_dh([(0, 1.0, 0, "q")])
+        >>> model = sy.Model(robot.with_terms(LuGre(displacement=0.01, ratio=0.5, velocity=0.1)))
+        >>> model.base_parameters().names
+        ('Lzz1', 'Fcj1', 'Fbj1', 'Fvj1')
+        >>> model.parameters_without_channels([0.5, 2.0, 0.1, 0.3], base=True)
+        array([0.5, 2. , 0.3])
+        """
+        values, plain = np.asarray(parameters, dtype=np.float64), self.without_channels
+        if plain is self:
+            return values
+        if base:  # parameters Pb beta move the robot as beta does
+            values = values @ self.base_parameters().Pb.T
+        kept = values[..., [self.parameter_names.index(name) for name in plain.parameter_names]]
+        return kept @ plain.base_parameters().K.T if base else kept
 
     @cached_property
     def without_logged_channels(self) -> Model:

@@ -173,9 +173,8 @@ def difference_on_random_motion(
     pick = model.base_parameters().Pb  # parameters Pb beta move the robot as beta does
     parameters = [pick @ np.asarray(base, dtype=float) for base in bases]
     if model.robot.channels:  # the torques are those at the reference of each signal
-        plain = model.without_channels
-        kept = [model.parameter_names.index(name) for name in plain.parameter_names]
-        model, parameters = plain, [own[kept] for own in parameters]
+        parameters = [model.parameters_without_channels(own) for own in parameters]
+        model = model.without_channels
     torques = [model.inverse_dynamics(*motion, own) for own in parameters]
     own = np.sum(torques[0] ** 2, axis=0)
     differences = np.array([np.sum((torque - torques[0]) ** 2, axis=0) for torque in torques[1:]])

@@ -46,8 +46,7 @@ class Transmissions:
         return np.asarray(self.model.inverse_dynamics(q, dq, ddq, drives, channels=channels))
 
     def _at_references(self, q: Array, dq: Array, ddq: Array, parameters: Array) -> Array:
-        known = dict(zip(self.model.parameter_names, parameters, strict=True))
-        return np.asarray(self.plain.inverse_dynamics(q, dq, ddq, [known[name] for name in self.plain.parameter_names]))
+        return np.asarray(self.plain.inverse_dynamics(q, dq, ddq, self.model.parameters_without_channels(parameters)))
 
     def missing_rotor(self, joint: int, stiffness: JointStiffness) -> float:
         """Return by how much the inertia of a joint's motor exceeds that of its rotor among the parameters.

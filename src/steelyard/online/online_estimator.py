@@ -185,7 +185,8 @@ class OnlineEstimator:
     Raises
     ------
     InputError
-        For options that make no sense, or a robot whose lengths are symbols.
+        For options that make no sense, a robot whose lengths are symbols, or a term that needs a channel beside the
+        motion.
 
     Examples
     --------
@@ -224,6 +225,7 @@ class OnlineEstimator:
         longest_gap: float = 0.02,
         least_speed: float = 1e-3,
     ) -> None:
+        model.refuse_channels("identified while they move")
         for name, value in (("rate", rate), ("cutoff", cutoff), ("longest_gap", longest_gap)):
             read_number(value, name, "a positive number", above=0)
         for name, given in (("forget", forget), ("window", window)):

@@ -102,8 +102,8 @@ def generate_online(
     Raises
     ------
     InputError
-        If the language or the prior cannot be written, a condition is too large, the set has no room beyond its
-        margin, or the directory cannot be written.
+        If the language or the prior cannot be written, a term needs a channel beside the motion, a condition is too
+        large, the set has no room beyond its margin, or the directory cannot be written.
 
     Examples
     --------
@@ -118,6 +118,7 @@ def generate_online(
     if str(language).lower() not in ("c", "c99"):
         raise InputError(f'The estimator is generated as C99 alone, not as {language!r}; give language="c".')
     model: Any = feasible_set.model
+    model.refuse_channels("identified while they move")
     with tempfile.TemporaryDirectory() as folder:
         made = model.generate("c", ["regressor"], directory=folder, base=True)
         texts = {path.name: path.read_text(encoding="utf-8") for path in made}

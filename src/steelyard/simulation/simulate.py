@@ -574,6 +574,7 @@ actuators, environment, stopping_conditions, rate
         self.bristles: BristleFriction | None = None
         whole, self.model = self.model, self.model.without_channels
         if not whole.remembers:
+            self.parameters = whole.parameters_without_channels(self.parameters, self.base)
             return
         if self.method not in ("automatic", "runge_kutta_4"):
             raise InputError(
@@ -584,7 +585,7 @@ actuators, environment, stopping_conditions, rate
         if self.base:
             self.parameters, self.base = self.parameters @ whole.base_parameters().Pb.T, False
         self.bristles = BristleFriction(whole, self.parameters, self.state)
-        self.parameters = np.where(self.bristles.places, 0.0, self.parameters)
+        self.parameters = whole.parameters_without_channels(np.where(self.bristles.places, 0.0, self.parameters))
         if self.step is None:
             given = np.broadcast_to(self.parameters, (self.runs, self.parameters.shape[-1]))
             pairs = zip(self.state[:, : whole.dof], given, strict=True)
