@@ -11,7 +11,7 @@ from contextvars import ContextVar
 from functools import cache, lru_cache, wraps
 from typing import Any, ParamSpec, TypeVar
 
-__all__ = ["in_one_thread", "in_threads", "one_thread"]
+__all__ = ["in_one_thread", "in_threads", "one_thread", "serial"]
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
@@ -40,6 +40,20 @@ def one_thread() -> Iterator[int]:
             yield allowed
     finally:
         _ALLOWED.reset(token)
+
+
+@contextmanager
+def serial() -> Iterator[None]:
+    """Return a context in which :func:`in_threads` works in the thread that calls it, as others use the processors.
+
+    Threads that each hand their work to others wait for those and, above all, for the interpreter.
+    """
+    with one_thread():
+        token = _ALLOWED.set(1)
+        try:
+            yield
+        finally:
+            _ALLOWED.reset(token)
 
 
 def in_one_thread(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.dynamics import Model
-from steelyard.dynamics.threads import one_thread
+from steelyard.dynamics.threads import one_thread, serial
 from steelyard.errors import InputError
 from steelyard.files.advance import ahead, watched
 from steelyard.recording import (
@@ -332,9 +332,12 @@ class LogReader:
             yield None  # each thread begins when it is first asked
             with watched(None) if first else contextlib.nullcontext():  # one of them tells how far it has come
                 for section in range(first, log.sections, count):
-                    # The last one may be alone.
-                    lead = 0 if section ^ 1 < log.sections else chunks.LEAD
-                    yield self.reduced_section(log, section, model, lead, stop)
+                    if section ^ 1 < log.sections:
+                        with serial():
+                            reduced = self.reduced_section(log, section, model, 0, stop)
+                    else:  # the last one is alone
+                        reduced = self.reduced_section(log, section, model, chunks.LEAD, stop)
+                    yield reduced
 
         workers = [ahead(some(first), 1) for first in range(count)]
         try:

@@ -33,6 +33,10 @@ batches are not reduced a few at a time. Of robots with many joints fewer, see `
 class BatchSums:
     """Accumulates the triangular factors of the sums over 8, 16, ... 1024 samples of the rows ``[W omega]``.
 
+    Two neighbouring sums a and b have the same factor as ``(a + b) / sqrt(2)`` and ``(a - b) / sqrt(2)``, of which the
+    first is a sum over twice as many samples. So each level is reduced by the differences alone, and the factors
+    follow from the longest sums downwards: half of the rows (this is the transform of Haar).
+
     Parameters
     ----------
     empty : sequence of Factor
@@ -41,10 +45,7 @@ class BatchSums:
 
     def __init__(self, empty: tuple[Factor, ...]) -> None:
         self.empty = empty
-        self.triangles = [[f.triangle for f in empty] for _ in BATCH_LENGTHS]
-        self.counts = [[0] * len(empty) for _ in BATCH_LENGTHS]
-        self.held: list[list[Array]] = [[] for _ in empty]
-        self.held_long: list[list[Array]] = [[] for _ in empty]
+        self._short, self._long = _Levels(empty, 0), _Levels(empty, BATCH_LENGTHS.index(LONG))
 
     def add(self, rows: Sequence[Array], mask: NDArray[np.bool_] | None = None) -> None:
         """Add samples to each factor, in order: (samples, c + 1), or (samples, channels, c + 1).
@@ -52,10 +53,10 @@ class BatchSums:
         Where the mask (samples, factors) leaves a row out, or the row is zero already, it counts as none. Each call but
         the last must bring a multiple of 1024 samples; a batch that is begun ends with its call.
         """
-        for index, (held, own) in enumerate(zip(self.held, rows, strict=True)):
+        for index, (held, own) in enumerate(zip(self._short.held, rows, strict=True)):
             held.append(summed(own if mask is None else own * mask[:, index, None], BATCH_LENGTHS[0]))
-        if sum(map(len, self.held[0])) >= most_held(BATCHES_HELD, sum(own[0].size for own in rows)):
-            self._reduce_all()
+        if self._short.waiting >= most_held(BATCHES_HELD, sum(own[0].size for own in rows)):
+            self._short.reduce()
 
     def add_combined(self, sums: Sequence[Array]) -> None:
         """Add the sums over `LONG` samples of each factor, (sums, c + 1), of a multiple of 1024 samples.
@@ -63,47 +64,78 @@ class BatchSums:
         Those of shorter batches are not told: the longer ones stand in their place, too. So the batches of 8 hold at
         least 8 samples, and show correlation at least as far. Of data so long none shorter than these is ever chosen.
         """
-        for held, own in zip(self.held_long, sums, strict=True):
+        for held, own in zip(self._long.held, sums, strict=True):
             held.append(own)
-        if sum(map(len, self.held_long[0])) >= most_held(BATCHES_HELD // 2, sum(own[0].size for own in sums)):
-            self._reduce_all()
+        if self._long.waiting >= most_held(BATCHES_HELD // 2, sum(own[0].size for own in sums)):
+            self._long.reduce()
 
     def end(self) -> None:
         """End a data set: no batch holds rows of this one and of what is added afterwards."""
         longest = BATCH_LENGTHS[-1] // BATCH_LENGTHS[0]
-        for held in self.held:
+        for held in self._short.held:
             missing = -sum(map(len, held)) % longest
             if missing:
                 held.append(np.zeros((missing, *held[0].shape[1:])))
 
     def factors(self) -> BatchMeans:
         """The factors of all that was added."""
-        self._reduce_all()
+        short, long = self._short.factors(), self._long.factors()
+        first = BATCH_LENGTHS.index(LONG)
+        # Sums that stand in the place of shorter ones, too, were reduced once.
         return tuple(
             tuple(
-                Factor(f.joint, f.columns, triangle, count)
-                for f, triangle, count in zip(self.empty, triangles, counts, strict=True)
+                Factor(f.joint, f.columns, extended(a, b) if b.any() else a, m + n)
+                for f, (a, m), (b, n) in zip(self.empty, own, long[max(level - first, 0)], strict=True)
             )
-            for triangles, counts in zip(self.triangles, self.counts, strict=True)
+            for level, own in enumerate(short)
         )
 
-    def _reduce_all(self) -> None:
-        in_threads(self._reduce, range(len(self.empty)))
+
+class _Levels:
+    """The factors of the sums over all of `BATCH_LENGTHS` from the first on, by the differences of each two."""
+
+    def __init__(self, empty: tuple[Factor, ...], first: int) -> None:
+        levels = len(BATCH_LENGTHS) - first
+        self.held: list[list[Array]] = [[] for _ in empty]
+        self._triangles = [[f.triangle for f in empty] for _ in range(levels)]  # of differences; of the longest sums
+        self._counts = [[0] * len(empty) for _ in range(levels)]
+
+    @property
+    def waiting(self) -> int:
+        """How many sums are held."""
+        return sum(map(len, self.held[0]))
+
+    def reduce(self) -> None:
+        """Reduce the sums that are held."""
+        in_threads(self._reduce, range(len(self.held)))
 
     def _reduce(self, index: int) -> None:
-        """Add the sums that are held to the triangles of every length; each is twice the one before."""
-        for held, first in ((self.held[index], 0), (self.held_long[index], BATCH_LENGTHS.index(LONG))):
-            if not held:
-                continue
-            sums = held[0] if len(held) == 1 else np.concatenate(held)
-            held.clear()
-            for level, rows in enumerate(sums_of_all_lengths(sums, first), first):
-                # Sums that stand in the place of shorter ones, too, are reduced once.
-                shorter = range(first) if level == first else ()
-                kept = extended(np.zeros_like(self.triangles[level][index]), rows) if shorter else rows
-                for each in (*shorter, level):
-                    self.counts[each][index] += len(rows)
-                    self.triangles[each][index] = extended(self.triangles[each][index], kept)
+        held, last = self.held[index], len(self._counts) - 1
+        if not held:
+            return
+        sums = held[0] if len(held) == 1 else np.concatenate(held)
+        held.clear()
+        for level in range(last + 1):
+            self._counts[level][index] += int(np.count_nonzero(np.any(sums != 0.0, axis=-1)))
+            if level < last:
+                if len(sums) % 2:
+                    sums = np.concatenate([sums, np.zeros((1, *sums.shape[1:]))])
+                differences = sums[::2] - sums[1::2]
+                sums = sums[::2] + sums[1::2]
+            else:
+                differences = sums
+            rows = differences.reshape(-1, differences.shape[-1])
+            rows = rows[np.any(rows != 0.0, axis=1)]
+            self._triangles[level][index] = extended(self._triangles[level][index], rows)
+
+    def factors(self) -> list[list[tuple[Array, int]]]:
+        """Return for each level the triangle of the sums of every factor, and how many of them are not zero."""
+        self.reduce()
+        found = [list(zip(self._triangles[-1], self._counts[-1], strict=True))]
+        for triangles, counts in zip(self._triangles[-2::-1], self._counts[-2::-1], strict=True):
+            both = [extended(longer, own) / np.sqrt(2.0) for (longer, _), own in zip(found[0], triangles, strict=True)]
+            found.insert(0, list(zip(both, counts, strict=True)))
+        return found
 
 
 def sums_of_all_lengths(sums: Array, first: int = 0) -> Iterator[Array]:
