@@ -252,30 +252,30 @@ def _solved(
     joints: Sequence[NumberedJoint], factors: Sequence[Array], counts: Sequence[Sequence[int]], width: int
 ) -> tuple[Array, float]:
     """Least squares of base parameters and of what each joint has beside them, and the squared residual."""
-    whole, target = _stacked(joints, factors, counts, width)
-    lengths = np.linalg.norm(whole, axis=0)
-    lengths = np.where(lengths > 0.0, lengths, 1.0)
-    found = np.linalg.lstsq(whole / lengths, target, rcond=1e-9)[0] / lengths
-    left = target - whole @ found
-    return found, float(left @ left)
+    scaled, lengths, target = _stacked(joints, factors, counts, width)
+    found = np.linalg.lstsq(scaled, target, rcond=1e-9)[0]
+    left = target - scaled @ found
+    return found / lengths, float(left @ left)
 
 
 def _standard_errors(
     joints: Sequence[NumberedJoint], factors: Sequence[Array], counts: Sequence[Sequence[int]], width: int
 ) -> Array:
     """Of the same, where the noise of the rows has a standard deviation of 1; infinite where nothing is told."""
-    whole, _ = _stacked(joints, factors, counts, width)
-    lengths = np.linalg.norm(whole, axis=0)
-    _, values, vectors = np.linalg.svd(whole / np.where(lengths > 0.0, lengths, 1.0), full_matrices=False)
+    scaled, lengths, _ = _stacked(joints, factors, counts, width)
+    _, values, vectors = np.linalg.svd(scaled, full_matrices=False)
     told = values > 1e-9 * values[0]
     errors = np.linalg.norm(vectors[told] / values[told, None], axis=0)
-    return np.asarray(np.where(lengths > 0.0, errors / np.where(lengths > 0.0, lengths, 1.0), np.inf))
+    return np.where(np.isfinite(lengths), errors / lengths, np.inf)
 
 
 def _stacked(
     joints: Sequence[NumberedJoint], factors: Sequence[Array], counts: Sequence[Sequence[int]], width: int
-) -> tuple[Array, Array]:
-    """The triangular factors of all joints, with columns for base parameters and for what each joint has beside."""
+) -> tuple[Array, Array, Array]:
+    """The triangular factors of all joints, with columns for base parameters and for what each joint has beside.
+
+    Columns have length 1; what they were divided by is infinite where a column is zero.
+    """
     whole = np.zeros((sum(map(len, factors)), width + sum(map(sum, counts))))
     target = np.concatenate([factor[:, -1] for factor in factors])
     row, column = 0, width
@@ -284,4 +284,6 @@ def _stacked(
         whole[rows, list(joint.own)] = factor[:, : len(joint.own)]
         whole[rows, beside] = factor[:, len(joint.own) : -1]
         row, column = rows.stop, beside.stop
-    return whole, target
+    lengths = np.linalg.norm(whole, axis=0)
+    lengths[lengths == 0.0] = np.inf
+    return whole / lengths, lengths, target
