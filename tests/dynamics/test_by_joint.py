@@ -64,6 +64,18 @@ def test_a_law_has_its_channel_where_it_acts():
     np.testing.assert_allclose(plain, 2.0 * np.sign(dq) + 0.5 * dq, atol=1e-12)
     with pytest.raises(sy.InputError, match="beyond the range"):
         model.inverse_dynamics(q, dq, 0.0 * q, delta, channels={"heat": heat + 60.0})
+    with pytest.raises(sy.InputError, match="needs the channel 'heat', which was not given"):
+        ByJoint([heated]).columns(1, q[0], dq[0], q[0], np)
+
+
+def test_of_laws_that_all_need_channels_none_is_left_without_them():
+    class ByWear(Viscous):
+        kind = "by_wear"
+        channels = ("wear",)
+
+    worn = ByJoint([ByWear()])
+    assert worn.without_channels() is None
+    assert ByJoint([*worn.laws, Coulomb()]).without_channels() == ByJoint([Coulomb()])
 
 
 def test_it_comes_back_from_its_table():

@@ -94,10 +94,10 @@ class ByJoint(Term):
         """The channels of a log that any of the laws needs."""
         return tuple(dict.fromkeys(name for law in self.laws for name in law.channels))
 
-    def without_channels(self) -> Term:
-        """Return the same with laws that need no channels."""
-        plain = [law.without_channels() for law in self.laws]
-        return ByJoint([law for law in plain if law is not None]) if self.channels else self
+    def without_channels(self) -> Term | None:
+        """Return the same with laws that need no channels; None where every law needs some."""
+        plain = tuple(law for law in (one.without_channels() for one in self.laws) if law is not None)
+        return self if plain == self.laws else ByJoint(plain) if plain else None
 
     def check_channel(self, name: str, values: NDArray[np.float64]) -> None:
         """Refuse values for which a law that needs them was not made, at the joints where it acts."""
@@ -137,7 +137,7 @@ class ByJoint(Term):
         """Return the columns of the laws that act at the joint."""
         given: dict[str, dict[int, Any]] = {}
         for law in self.at_joint(k):
-            columns = columns_of(law, k, (q, dq, ddq), algebra, channels or {})
+            columns = columns_of(law, k, (q, dq, ddq), algebra, channels)
             for parameter, column in zip(law.parameters, columns, strict=True):
                 given.setdefault(parameter.symbol, column)
         return tuple(given.get(parameter.symbol, {}) for parameter in self.parameters)

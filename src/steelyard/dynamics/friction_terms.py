@@ -630,13 +630,9 @@ class ChannelFriction(ShapedTerm):
         if not self.acts_at(k):
             return ({}, {}, {}, {})
         held = self.shape["held"]
-        if held is None and channels is None:
-            raise InputError(
-                f"The term {self.kind!r} needs the channel {self.shape['channel']!r}, which was not given; give it "
-                "as channels=, or hold it at one value with `held`."
-            )
-        signal = float(held) if held is not None or channels is None else channels[self.shape["channel"]][k]
-        beyond = signal - float(self.shape["reference"])
+        if held is None:
+            held = self.logged_at(k, self.shape["channel"], channels, "or hold it at one value with `held`")
+        beyond = held - float(self.shape["reference"])
         sign = algebra.sign(dq[k])
         return ({k: sign}, {k: beyond * sign}, {k: dq[k]}, {k: beyond * dq[k]})
 

@@ -20,12 +20,13 @@ def columns_of(
     k: int,
     motion: tuple[Sequence[Any], Sequence[Any], Sequence[Any]],
     algebra: Any,
-    channels: Mapping[str, Sequence[Any]],
+    channels: Mapping[str, Sequence[Any]] | None,
 ) -> tuple[dict[int, Any], ...]:
     """Return the columns of a term, which is given the channels that it names."""
     if not term.channels:
         return term.columns(k, *motion, algebra)
-    return term.columns(k, *motion, algebra, {name: channels[name] for name in term.channels})  # type: ignore[call-arg]
+    given = {name: values for name, values in (channels or {}).items() if name in term.channels}
+    return term.columns(k, *motion, algebra, given)  # type: ignore[call-arg]
 
 
 Entries = dict[tuple[int, int], Any]

@@ -78,12 +78,9 @@ class _BristleFriction(ShapedTerm):
         """Return the torque of each parameter, by the state of the bristles."""
         if not self.acts_at(k):
             return tuple({} for _ in self.parameters)
-        if not self.shape["sliding"] and channels is None:
-            raise InputError(
-                f"The term {self.kind!r} needs the state of its bristles, which was not given; give it as the channel "
-                f"{PRESLIDING!r}, as `Model.presliding` computes it."
-            )
-        state = None if self.shape["sliding"] or channels is None else channels[PRESLIDING][k]
+        state = None
+        if not self.shape["sliding"]:
+            state = self.logged_at(k, PRESLIDING, channels, "as `Model.presliding` computes it, or state `sliding`")
         values = self._torques(k, dq[k], state, algebra)
         return tuple({} if value is None else {k: value} for value in values)
 

@@ -345,6 +345,15 @@ class ShapedTerm(Term):
             return tuple({} for _ in self.parameters)
         return tuple({} if value is None else {k: value} for value in self.values(k, q, dq, ddq, algebra))
 
+    def logged_at(self, k: int, name: str, channels: Mapping[str, Sequence[Any]] | None, otherwise: str) -> Any:
+        """Return what a channel holds for joint `k`; raise InputError, with what else helps, where it is not given."""
+        if channels is None or name not in channels:
+            raise InputError(
+                f"The term {self.kind!r} needs the channel {name!r}, which was not given; give it as channels=, "
+                f"{otherwise}."
+            )
+        return channels[name][k]
+
     def energies(self, k: int, q: Sequence[Any], algebra: Any) -> tuple[Any, ...]:
         """Potential energy of joint `k` for each parameter at the value 1; 0 where it stores no energy."""
         return (0.0,) * len(self.parameters)
