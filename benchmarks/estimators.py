@@ -27,7 +27,8 @@ from pathlib import Path
 import numpy as np
 
 import steelyard as sy
-from steelyard.control import FilteredDifference, JointFeedback
+from steelyard.control import ClosedLoop, FilteredDifference, JointFeedback
+from steelyard.control.closed_loop import without_standstill
 from steelyard.estimators import (
     energy,
     energy_information,
@@ -38,8 +39,6 @@ from steelyard.estimators import (
     total_least_squares,
 )
 from steelyard.feasibility import verify_document
-from steelyard.identification import ClosedLoop
-from steelyard.identification.closed_loop import without_standstill
 
 URDF = """<robot name="elbow"><link name="base"/>
 <link name="shoulder"><inertial><origin xyz="0.01 -0.05 0.02"/><mass value="8"/>

@@ -21,6 +21,7 @@ from . import regression as regression
 from . import report as report
 from . import robot as robot
 from . import simulation as simulation
+from .control.play import play as play
 from .dynamics.base_parameters import BaseParameters as BaseParameters
 from .dynamics.model import Model as Model
 from .dynamics.terms import Coulomb as Coulomb
@@ -45,7 +46,6 @@ from .feasibility.constraints.masses import TotalMass as TotalMass
 from .feasibility.correct import correct as correct
 from .feasibility.feasible_set import FeasibleSet as FeasibleSet
 from .identification.identify import identify as identify
-from .identification.play import play as play
 from .identification.result import Identification as Identification
 from .online.online_estimator import OnlineEstimate as OnlineEstimate
 from .online.online_estimator import OnlineEstimator as OnlineEstimator

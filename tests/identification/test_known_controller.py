@@ -7,10 +7,9 @@ import polars
 import pytest
 
 import steelyard as sy
-from steelyard.control import JointFeedback
+from steelyard.control import ClosedLoop, JointFeedback
 from steelyard.errors import InputError
 from steelyard.feasibility import verify_document
-from steelyard.identification import ClosedLoop
 from steelyard.identification.known_controller import ControllerSettings
 
 ROBOT = """

@@ -37,8 +37,8 @@ def inspect(
       steelyard inspect my_robot.urdf --repair --output repaired.urdf
     """
     from steelyard.dynamics import Model
-    from steelyard.identification.inspection import inspection
     from steelyard.identification.preflight import preflight
+    from steelyard.report.inspection import inspection
 
     model = Model.load(robot, allow_extensions=allow_extensions)
     if repair != (output is not None):

@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from .adaptive_force import AdaptiveForceControl as AdaptiveForceControl
     from .adaptive_force import ForceControlOptions as ForceControlOptions
     from .block import ControlBlock as ControlBlock
+    from .closed_loop import ClosedLoop as ClosedLoop
     from .computed_torque import ComputedTorque as ComputedTorque
     from .feedforward_tracking import FeedforwardTracking as FeedforwardTracking
     from .gravity_compensation import GravityCompensation as GravityCompensation
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from .joint_references import FunctionReference as FunctionReference
     from .joint_references import JointReference as JointReference
     from .joint_references import TrajectoryReference as TrajectoryReference
+    from .play import play as play
     from .poses import ConstantPose as ConstantPose
     from .poses import PoseFunction as PoseFunction
     from .poses import PoseReference as PoseReference

@@ -364,7 +364,7 @@ def instrumental_variables(
     See Also
     --------
     steelyard.estimators.output_error : Where the controller is known exactly, compares torques or positions.
-    steelyard.identification.ClosedLoop : The motion of a robot under its controller.
+    steelyard.control.ClosedLoop : The motion of a robot under its controller.
 
     References
     ----------

@@ -5,11 +5,12 @@ from typing import TYPE_CHECKING
 from steelyard.first_use import import_at_first_use
 
 if TYPE_CHECKING:
+    from ..control.closed_loop import ClosedLoop as ClosedLoop
+    from ..control.play import play as play
     from ..estimators.physical_prior import LinkPrior as LinkPrior
     from ..estimators.physical_prior import PhysicalPrior as PhysicalPrior
     from ..estimators.physical_prior import physical_prior as physical_prior
     from ..recording.correction import Correction as Correction
-    from .closed_loop import ClosedLoop as ClosedLoop
     from .comparison import Comparison as Comparison
     from .comparison import compare_estimates as compare_estimates
     from .default_terms import model_of_estimate as model_of_estimate
@@ -34,7 +35,6 @@ if TYPE_CHECKING:
     from .payload import PayloadIdentification as PayloadIdentification
     from .payload import identify_drive_gains as identify_drive_gains
     from .payload import identify_payload as identify_payload
-    from .play import play as play
     from .positions import identify_from_positions as identify_from_positions
     from .result import Identification as Identification
     from .result import Prediction as Prediction

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from steelyard.control.play import play
 from steelyard.display import percent, text_table
 from steelyard.dynamics import Coulomb, Model, Offset, RotorInertia, Viscous
 from steelyard.errors import InputError, missing_extra
@@ -22,8 +23,6 @@ from steelyard.recording import Recording
 from steelyard.regression import Estimate
 from steelyard.robot import Inertia, Robot, Term, TermParameter
 from steelyard.simulation import Sensors
-
-from .play import play
 
 __all__ = ["EXAMPLES", "RECORDINGS", "Example", "PublicRecording", "deviating", "list_examples", "write_example"]
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from steelyard.control.closed_loop import ClosedLoop, without_standstill
 from steelyard.dynamics import Model
 from steelyard.errors import InputError
 from steelyard.files import TomlSection, shown
@@ -18,7 +19,6 @@ from steelyard.recording.diagnosis.detectors import noise_deviation
 from steelyard.recording.even import evened
 from steelyard.robot import RobotFile
 
-from .closed_loop import ClosedLoop, without_standstill
 from .given import GivenLog, GivenSamples
 from .log_reader import LogReader
 

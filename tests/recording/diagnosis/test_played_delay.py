@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import steelyard as sy
-from steelyard.identification.play import play
+from steelyard.control.play import play
 from steelyard.identification.wam import TRAJECTORIES, simulated_log, true_parameters, wam_model
 from steelyard.recording import Processing, Recording, estimate_delay
 from steelyard.recording.diagnosis import advanced

@@ -9,8 +9,7 @@ import numpy as np
 from steelyard.dynamics import Model
 from steelyard.feasibility import FeasibleSet, check
 from steelyard.files import plain
-
-from .preflight import LinkReport, Preflight, preflight
+from steelyard.identification.preflight import LinkReport, Preflight, preflight
 
 __all__ = ["inspection"]
 

@@ -8,8 +8,6 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from steelyard.control import FeedforwardTracking, FilteredDifference, MeasuredVelocity, TrajectoryReference
-from steelyard.control.sampled_loop import Feedback, SampledLoop
 from steelyard.dynamics import Model
 from steelyard.errors import InputError
 from steelyard.excitation import Trajectory
@@ -24,6 +22,11 @@ from steelyard.simulation import (
     StoppingConditions,
     simulate,
 )
+
+from .feedforward_tracking import FeedforwardTracking
+from .joint_references import TrajectoryReference
+from .sampled_loop import Feedback, SampledLoop
+from .velocities import FilteredDifference, MeasuredVelocity
 
 __all__ = ["play"]
 

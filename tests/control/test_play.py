@@ -5,8 +5,8 @@ import pytest
 
 import steelyard as sy
 from steelyard.control import ComputedTorque
+from steelyard.control.play import play
 from steelyard.excitation import QuinticTrajectory
-from steelyard.identification.play import play
 from steelyard.identification.wam import TRAJECTORIES, true_parameters, wam_model
 from steelyard.simulation import Actuators, Sensors
 
@@ -183,7 +183,7 @@ def test_the_default_controller_holds_the_robot_of_pinocchio(file, rate, exact):
     motion = lively(model.dof)
     reference = TrajectoryReference(motion, sample_time=1.0 / rate)
     velocity = MeasuredVelocity() if exact else FilteredDifference(30.0)
-    default = import_module("steelyard.identification.play")._default_controller
+    default = import_module("steelyard.control.play")._default_controller
     controller, frequency = default(model, delta, delta, reference, False, 1.0 / rate, velocity)
     assert frequency > 10.0
     q, dq, _ = reference.at(0.0)
