@@ -14,15 +14,17 @@ if TYPE_CHECKING:
     from .comparison import Comparison as Comparison
     from .comparison import compare_estimates as compare_estimates
     from .default_terms import model_of_estimate as model_of_estimate
-    from .deflections import Deflections as Deflections
-    from .deflections import LogDeflections as LogDeflections
-    from .deflections import predict_deflections as predict_deflections
     from .doctor import Examination as Examination
     from .doctor import Finding as Finding
     from .doctor import examine as examine
-    from .drive_result import DriveValue as DriveValue
-    from .drive_result import PositionIdentification as PositionIdentification
-    from .drive_settings import DriveSettings as DriveSettings
+    from .elastic import Deflections as Deflections
+    from .elastic import LogDeflections as LogDeflections
+    from .elastic import SecondEncoders as SecondEncoders
+    from .elastic import predict_deflections as predict_deflections
+    from .encoders_only import DriveSettings as DriveSettings
+    from .encoders_only import DriveValue as DriveValue
+    from .encoders_only import PositionIdentification as PositionIdentification
+    from .encoders_only import identify_from_positions as identify_from_positions
     from .excite import excite as excite
     from .first_robot_file import FirstRobotFile as FirstRobotFile
     from .first_robot_file import first_robot_file as first_robot_file
@@ -35,7 +37,6 @@ if TYPE_CHECKING:
     from .payload import PayloadIdentification as PayloadIdentification
     from .payload import identify_drive_gains as identify_drive_gains
     from .payload import identify_payload as identify_payload
-    from .positions import identify_from_positions as identify_from_positions
     from .result import Identification as Identification
     from .result import Prediction as Prediction
     from .result import Trace as Trace
@@ -47,7 +48,6 @@ if TYPE_CHECKING:
     from .saved import parameters_for_source as parameters_for_source
     from .saved import parameters_of_description as parameters_of_description
     from .saved import parameters_of_estimate as parameters_of_estimate
-    from .second_encoders import SecondEncoders as SecondEncoders
     from .validation import Validation as Validation
     from .validation import validate_estimate as validate_estimate
     from .wam import demonstrate as demonstrate

@@ -844,7 +844,7 @@ class _Patient:
         """Look at ratios and gaps of transmissions whose other side is logged too, and at commands."""
         if self.file is None or self.joints is None or not (self.file.section("elastic") or self.file.section("drive")):
             return
-        from .drive_kinematics import transmission_findings  # loaded where robot.toml names such columns
+        from .encoders_only.drive_kinematics import transmission_findings  # loaded where robot.toml names such columns
 
         self.say("gear ratios and backlash")
         try:

@@ -188,9 +188,9 @@ def identify(
         model.refuse_presliding("identified together with the stiffness of [elastic]")
         # Loaded where a robot file names such joints.
         if friction == "auto":
-            from .elastic_friction import with_chosen_friction as with_elastic_joints
+            from .elastic.elastic_friction import with_chosen_friction as with_elastic_joints
         else:
-            from .elastic_joints import with_elastic_joints
+            from .elastic.elastic_joints import with_elastic_joints
 
         return with_elastic_joints(
             identify,

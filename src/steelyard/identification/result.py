@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from steelyard.estimators import JointStiffness
 
     from .chosen_friction import FrictionChoice
-    from .elastic_model import ElasticModel
+    from .elastic.elastic_model import ElasticModel
 
 __all__ = ["Identification", "Prediction", "Trace"]
 

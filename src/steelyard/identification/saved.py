@@ -92,7 +92,7 @@ def check_estimate(
         # For impossible parameters the verdict says why. Possible ones are refused where the file contradicts itself.
         matching_estimate(model, estimate)
         if loaded.elastic_model:
-            from .elastic_model import elastic_verdict  # loaded for elastic joints alone
+            from .elastic.elastic_model import elastic_verdict  # loaded for elastic joints alone
 
             return elastic_verdict(model, loaded, str(estimate), consistency)
     return verdict
@@ -139,7 +139,7 @@ def check_certificate(
         model, feasible_set, loaded = set_and_estimate(file, estimate, consistency)
         base = loaded.base
         if loaded.elastic_model.get("parameter_names") == list(document["statement"]["parameter_names"]):
-            from .elastic_model import elastic_model_of  # loaded for elastic joints alone
+            from .elastic.elastic_model import elastic_model_of  # loaded for elastic joints alone
 
             elastic = elastic_model_of(model, loaded, str(estimate))
             assert elastic is not None

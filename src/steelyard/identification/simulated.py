@@ -30,7 +30,7 @@ from .default_terms import model_of_estimate
 from .saved import matching_estimate, parameters_of_description
 
 if TYPE_CHECKING:
-    from .elastic_model import ElasticModel
+    from .elastic.elastic_model import ElasticModel
 
 __all__ = ["FileSimulation", "simulate_files"]
 
@@ -188,7 +188,7 @@ def _elastic(model: Model, estimate: str | Path) -> ElasticModel | None:
     loaded = matching_estimate(model, estimate)
     if not loaded.elastic_model:
         return None
-    from .elastic_model import elastic_model_of  # loaded for elastic joints alone
+    from .elastic.elastic_model import elastic_model_of  # loaded for elastic joints alone
 
     found = elastic_model_of(model, loaded, str(estimate))
     if found is not None and found.without_inertia:

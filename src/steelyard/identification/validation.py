@@ -325,7 +325,7 @@ def read_as_fitted(
     if result.estimate.elastic_model.get("link_motion"):
         remarks.append(_ELASTIC if file.section("elastic") else _RIGID)
         if file.section("elastic"):
-            from .elastic_joints import links_of_logs  # loaded for elastic joints alone
+            from .elastic.elastic_joints import links_of_logs  # loaded for elastic joints alone
 
             logs = links_of_logs(file, model, result.estimate, logs, used)
     reader.decide(logs, say)

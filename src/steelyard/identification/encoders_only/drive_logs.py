@@ -19,9 +19,9 @@ from steelyard.recording.formats import LogFiles
 from steelyard.recording.survey import LogSurvey
 from steelyard.robot import Robot, RobotFile
 
+from ..given import given_logs
+from ..log_reader import against_limits
 from .drive_settings import DriveSettings
-from .given import given_logs
-from .log_reader import against_limits
 from .shooting import PositionLog
 
 __all__ = ["read_drive_logs", "refuse_still", "rms_of_joints"]

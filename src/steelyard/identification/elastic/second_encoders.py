@@ -19,7 +19,7 @@ from steelyard.recording.formats.registry import Source
 from steelyard.recording.recognition import Layout
 from steelyard.robot import RobotFile
 
-from .given import GivenLog, GivenSamples
+from ..given import GivenLog, GivenSamples
 
 __all__ = [
     "SecondEncoders",

@@ -17,8 +17,8 @@ from steelyard.recording.even import longest_part
 from steelyard.recording.formats import LogFiles
 from steelyard.robot import RobotFile
 
+from ..elastic.second_encoders import SecondEncoders, with_positions
 from .drive_settings import DriveSettings
-from .second_encoders import SecondEncoders, with_positions
 
 __all__ = ["transmission_findings"]
 

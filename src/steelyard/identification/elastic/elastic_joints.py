@@ -25,10 +25,10 @@ from steelyard.recording import Processing, Samples
 from steelyard.regression import Estimate
 from steelyard.robot import Joint, RobotFile
 
+from ..given import Data, GivenLog, GivenSamples, given_logs
+from ..log_reader import Progress
+from ..result import Identification
 from .elastic_model import elastic_model
-from .given import Data, GivenLog, GivenSamples, given_logs
-from .log_reader import Progress
-from .result import Identification
 from .second_encoders import (
     SecondEncoders,
     TwoEncoders,

@@ -9,11 +9,11 @@ from typing import Any
 from steelyard.recording import Processing, Samples
 from steelyard.robot import RobotFile
 
-from .chosen_friction import choose_friction
+from ..chosen_friction import choose_friction
+from ..given import Data, GivenSamples, given_logs
+from ..log_reader import LogReader, Progress
+from ..result import Identification
 from .elastic_joints import Identify, link_motion, motor_motion, with_elastic_joints
-from .given import Data, GivenSamples, given_logs
-from .log_reader import LogReader, Progress
-from .result import Identification
 from .second_encoders import SecondEncoders, TwoEncoders, own_section, read_two_encoders
 from .transmission_torques import Transmissions, unseen_motions
 

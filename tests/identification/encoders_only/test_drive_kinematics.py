@@ -6,7 +6,7 @@ from gap_logs import gap_log
 
 from steelyard.errors import InputError
 from steelyard.identification import examine
-from steelyard.identification.drive_kinematics import transmission_findings
+from steelyard.identification.encoders_only.drive_kinematics import transmission_findings
 from steelyard.recording import LogColumns, Recording
 from steelyard.recording.correction import toml_text
 from steelyard.robot import RobotFile

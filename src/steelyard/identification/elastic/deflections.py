@@ -18,11 +18,11 @@ from steelyard.recording import Processing
 from steelyard.recording.formats.registry import write_log
 from steelyard.regression import Estimate
 
-from .default_terms import model_of_estimate
-from .given import Data, GivenRobot, given_logs, given_robot
-from .log_reader import Progress
-from .result import Identification
-from .saved_result import SavedResult
+from ..default_terms import model_of_estimate
+from ..given import Data, GivenRobot, given_logs, given_robot
+from ..log_reader import Progress
+from ..result import Identification
+from ..saved_result import SavedResult
 from .second_encoders import SecondEncoders, TwoEncoders, at_later, own_section, read_two_encoders
 from .transmission_torques import Transmissions, unseen_motions
 

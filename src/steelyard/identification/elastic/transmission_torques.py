@@ -11,7 +11,7 @@ from steelyard.dynamics import Model
 from steelyard.dynamics.elastic_robot import motor_symbols
 from steelyard.estimators.joint_stiffness import JointStiffness, Motion, motion_behind
 
-from .result import Identification
+from ..result import Identification
 from .second_encoders import SecondEncoders, TwoEncoders
 
 __all__ = ["Transmissions", "unseen_motions"]

@@ -9,12 +9,12 @@ from scipy.integrate import solve_ivp
 import steelyard as sy
 from steelyard.errors import InputError
 from steelyard.identification import DriveSettings, identify_from_positions
-from steelyard.identification.drive_logs import read_drive_logs, refuse_still
-from steelyard.identification.drive_remarks import remarks_on_logs, remarks_on_rows, remarks_on_zeros
+from steelyard.identification.encoders_only.drive_logs import read_drive_logs, refuse_still
+from steelyard.identification.encoders_only.drive_remarks import remarks_on_logs, remarks_on_rows, remarks_on_zeros
+from steelyard.identification.encoders_only.positions import _freed_inertials, _problem
+from steelyard.identification.encoders_only.shooting import PositionLog
 from steelyard.identification.given import given_robot
-from steelyard.identification.positions import _freed_inertials, _problem
 from steelyard.identification.saved_result import SavedResult
-from steelyard.identification.shooting import PositionLog
 from steelyard.robot.inertia import pseudo_inertia
 from steelyard.simulation.driven_joints import DRIVE_PARAMETERS, Directions, FrictionLaw, branches_of, drive
 

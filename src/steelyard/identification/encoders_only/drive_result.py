@@ -16,9 +16,9 @@ from steelyard.robot import Drives, Robot
 from steelyard.robot.description import URDF, DescriptionFormat, description_format
 from steelyard.simulation.driven_joints import COULOMB, DRIVE_PARAMETERS
 
+from ..saved_result import DRIVES
 from .drive_choice import DriveChoice
 from .drive_settings import FRICTION_LAWS, DriveSettings
-from .saved_result import DRIVES
 
 __all__ = ["WORDS", "DriveValue", "PositionIdentification", "described_alike", "descriptions_of_results"]
 

@@ -12,8 +12,8 @@ import steelyard as sy
 from steelyard.errors import InputError
 from steelyard.estimators.joint_stiffness import JointStiffness
 from steelyard.identification import SecondEncoders, compare_estimates, predict_deflections, validate_estimate
-from steelyard.identification.elastic_model import elastic_model
-from steelyard.identification.transmission_torques import Transmissions
+from steelyard.identification.elastic.elastic_model import elastic_model
+from steelyard.identification.elastic.transmission_torques import Transmissions
 from steelyard.report.comparison_page import comparison_html
 
 STIFFNESS, INERTIA, WEIGHT, ROTOR, VISCOUS = 700.0, 0.6, 5.0, 0.3, 0.8

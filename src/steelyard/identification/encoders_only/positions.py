@@ -20,6 +20,8 @@ from steelyard.robot import Robot, RobotFile
 from steelyard.robot.inertia import parameters_of_pseudo_inertia, pseudo_inertia
 from steelyard.simulation.driven_joints import COULOMB, DRIVE_PARAMETERS, Branch, branches_of
 
+from ..given import given_robot
+from ..saved import parameters_of_description
 from .drive_choice import DriveChoice, choose_drive_terms
 from .drive_logs import read_drive_logs, refuse_still, rms_of_joints
 from .drive_remarks import (
@@ -46,8 +48,6 @@ from .drive_settings import (
     TORQUE_LOSS,
     DriveSettings,
 )
-from .given import given_robot
-from .saved import parameters_of_description
 from .shooting import COARSEST_STEP, PassingLog, PositionLog, Shooting, ShootingResult, Unknown
 
 __all__ = ["identify_from_positions"]
@@ -104,8 +104,9 @@ def identify_from_positions(
 
     Rotor inertia, viscous and Coulomb friction, a bias, one delay, and gains where they are unknown are those with
     which the robot, simulated from its commands, moves as it was measured: trajectory matching by multiple shooting,
-    see :mod:`steelyard.identification.shooting`. Inertias and friction are at least 0, and freed links keep a density
-    that is positive everywhere, by construction. A floating base that is held on a stand counts as fixed.
+    see :mod:`steelyard.identification.encoders_only.shooting`. Inertias and friction are at least 0, and freed links
+    keep a density that is positive everywhere, by construction. A floating base that is held on a stand counts as
+    fixed.
 
     Parameters
     ----------
@@ -122,7 +123,7 @@ def identify_from_positions(
     friction : {"auto", None}
         ``"auto"``: Coulomb friction that varies over the travel or grows with the load, and springs, are added at the
         joints whose motion in stretches that are left out they predict better; see
-        :func:`steelyard.identification.drive_choice.choose_drive_terms`. The answer says which.
+        :func:`steelyard.identification.encoders_only.drive_choice.choose_drive_terms`. The answer says which.
     progress : callable, optional
         Is told what is being done.
 
