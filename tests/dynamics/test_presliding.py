@@ -202,6 +202,19 @@ def late_log(shift):
     return Recording(t=t, q=q, torque=np.interp(t - shift, t, torque[:, 0])[:, None])
 
 
+def test_a_law_that_another_stands_for_asks_nothing_of_the_states():
+    arm = sy.Robot.from_dh([("pi/2", 0, 0.3, "q"), (0, 0.5, 0, "q")])
+    model = sy.Model(arm.with_terms(ByJoint([LuGre(D, RATIO, SPEED, joints=[1]), Dahl(D)])))
+    t = np.arange(400)[:, None] / 200.0
+    q, dq = np.sin([1.0, 1.3] * t), [1.0, 1.3] * np.cos([1.0, 1.3] * t)
+    states = model.presliding(q, dq)
+    assert states[:, 0].max() > 1.01  # LuGre's bristles break away above Coulomb friction, Dahl's at it
+    columns = model.regressor(q, dq, 0.0 * q, channels={"presliding": states})
+    np.testing.assert_array_equal(columns[:, 0, model.parameter_names.index("Fcj1")], states[:, 0])
+    with pytest.raises(sy.InputError, match="term 'dahl' break away at 1"):
+        model.regressor(q, dq, 0.0 * q, channels={"presliding": states[:, ::-1]})
+
+
 @pytest.mark.slow
 def test_what_the_data_decides_is_decided_with_the_state():
     model = sy.Model(PENDULUM.with_terms(LuGre(D, RATIO, SPEED)))

@@ -103,7 +103,7 @@ class ByJoint(Term):
         """Refuse values for which a law that needs them was not made, at the joints where it acts."""
         for law in self.laws:
             if name in law.channels:
-                law.check_channel(name, values[..., [k for k in range(values.shape[-1]) if law.acts_at(k)]])
+                law.check_channel(name, values[..., [k for k in range(values.shape[-1]) if law in self.at_joint(k)]])
 
     def on(self, robot: Robot) -> Term:
         """Return the same with laws that know the robot."""
