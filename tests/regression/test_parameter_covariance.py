@@ -339,3 +339,17 @@ def test_the_cut_of_the_samples_changes_nothing(arm):
             for a, b in zip(first, second, strict=True):
                 np.testing.assert_array_equal(a.triangle, b.triangle)
                 assert a.count == b.count
+
+
+def test_what_a_joint_at_rest_hardly_shows_hides_nothing_of_what_others_show():
+    random = np.random.default_rng(3)
+    columns = random.normal(size=(500, 5))
+    columns[:, 4] = columns[:, 3] * 2.0  # one combination is not shown
+    columns[:, 1] *= 1e-17  # as rounding leaves of the acceleration of a joint that stands still
+    columns[:, 2] *= 1e-9  # as the noise of its encoder
+    triangle = np.linalg.qr(columns, mode="r")
+    info = sy.Information.from_factor(triangle, triangle @ np.ones(5), 500.0, 505, list("abcde"))
+    deviations = ParameterCovariance.of(info, np.ones(5)).in_deviations()
+    for change in ([0.3, 0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.4, 0.0], [0.1, 0.0, 0.0, 0.0, -0.2]):
+        expected = np.linalg.norm(columns @ change)  # in units of the standard deviation of a row, which is 1
+        assert np.linalg.norm(deviations @ change) == pytest.approx(expected, rel=1e-6)

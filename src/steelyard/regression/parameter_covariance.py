@@ -164,8 +164,16 @@ class ParameterCovariance:
 
     def in_deviations(self) -> Array:
         """Return the map (r, n_b) of a change of β to standard deviations; its squared norm is the squared distance."""
-        both = np.linalg.pinv(np.hstack([self.root, self.unidentifiable]))
-        return np.asarray(both[: self.root.shape[1]])
+        both = np.hstack([self.root, self.unidentifiable])
+        if both.shape[0] != both.shape[1]:
+            return np.asarray(np.linalg.pinv(both)[: self.root.shape[1]])
+        # What the noise of a joint at rest shows has deviations that are larger by more than rounding leaves of others.
+        rows = column_lengths(both.T)
+        rows[rows == 0.0] = 1.0
+        columns = column_lengths(both / rows[:, None])
+        columns[columns == 0.0] = 1.0
+        inverse = np.linalg.pinv(both / rows[:, None] / columns) / rows
+        return np.asarray((inverse / columns[:, None])[: self.root.shape[1]])
 
     @classmethod
     def of(
