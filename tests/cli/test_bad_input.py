@@ -120,7 +120,7 @@ def test_one_sentence_and_nothing_half_written(run, place, kind):
     assert phrase in message
     assert all(step.split()[1:2] == ["s"] for step in steps), err  # nothing but progress above the sentence
     assert "Traceback" not in err
-    assert not (place / "result").exists() or not list((place / "result").iterdir())
+    assert not (place / "result").exists()
 
 
 def test_a_description_in_the_folder_of_the_results_is_not_replaced(run, place):
@@ -177,3 +177,21 @@ def test_a_failure_keeps_earlier_results(run, place):
     assert run("identify", place / "robot.toml", place / "log.csv", "--output", place / "result")[0] == 2
     assert {p.name: p.read_bytes() for p in (place / "result").iterdir()} == before
     assert json.loads(before["run.json"])["format"] == "steelyard-run-1"
+
+
+@pytest.mark.parametrize("cause", ["a log that says nothing", "an interrupt"])
+def test_no_empty_folder_is_left_behind(run, place, monkeypatch, cause):
+    (place / "short.csv").write_text("t,q1,q2,tau1,tau2\n0,0,0,0,0\n0.1,0,0,0,0\n")
+    if cause == "an interrupt":
+
+        def interrupted(*_, **__):
+            raise KeyboardInterrupt
+
+        monkeypatch.setattr("steelyard.identification.identify", interrupted)
+    new, there = place / "new" / "result", place / "there"
+    there.mkdir()
+    for output in (new, there):
+        code, _, err = run("identify", place / "robot.toml", place / "short.csv", "--output", output)
+        assert code == (130 if cause == "an interrupt" else 2), err
+    assert not new.parent.exists()
+    assert there.is_dir()

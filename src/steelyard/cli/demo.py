@@ -8,12 +8,14 @@ from typing import Annotated
 import typer
 
 from .choices import Quiet, Verbose
+from .results_folder import require_results_folder
 from .terminal import echo, progress, show_identification
 
 __all__ = ["demo"]
 
 
 def demo(
+    context: typer.Context,
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for everything.")] = Path("steelyard-demo"),
     seed: Annotated[int, typer.Option(help="Seed of the simulated noise.", min=0)] = 2014,
     verbose: Verbose = False,
@@ -28,9 +30,9 @@ def demo(
     """
     from steelyard.identification import demonstrate
     from steelyard.identification.wam import beside_truth
-    from steelyard.report import require_folder, save_results
+    from steelyard.report import save_results
 
-    require_folder(output)
+    require_results_folder(context, output)
     with progress(quiet=quiet) as say:
         result = demonstrate(output, seed=seed, progress=say)
         say("writing the report")

@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 import typer
 
 from .choices import AllowExtensions, Quiet, RobotArgument, numbers
+from .results_folder import require_results_folder
 from .terminal import echo, progress, show_excitation, show_on_the_fly
 
 __all__ = ["excite"]
@@ -83,13 +84,12 @@ def excite(
     """
     from steelyard.excitation import ExcitationObjective, SearchOptions
     from steelyard.identification import excite as run
-    from steelyard.report import require_folder
     from steelyard.report.excitation_page import save_excitation
     from steelyard.robot import RobotFile
 
     deviations = None if noise is None else numbers(noise, "--noise", "0.5 or 2,2,1,0.3")
     _require_meaning(context, on_the_fly)
-    require_folder(output)
+    require_results_folder(context, output)
     if on_the_fly:
         named = _named(context)
         _on_the_fly(

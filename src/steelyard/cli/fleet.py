@@ -9,12 +9,14 @@ import typer
 
 from .choices import ClusterAddress, Json, Quiet, Tls, Workers
 from .many_logs import executor_of
+from .results_folder import require_results_folder
 from .terminal import echo, print_json, progress
 
 __all__ = ["fleet"]
 
 
 def fleet(
+    context: typer.Context,
     manifest: Annotated[Path, typer.Argument(help="TOML, CSV or Parquet that names robots and their data.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the results.")],
     workers: Workers = 1,
@@ -33,12 +35,12 @@ def fleet(
       steelyard fleet robots.csv --output result --workers 4 --json
     """
     from steelyard.fleet import Checkpoints, FleetManifest, identify_fleet
-    from steelyard.report import require_apart, require_folder, save_fleet
+    from steelyard.report import require_apart, save_fleet
     from steelyard.report.fleet_results import FLEET_FILES
 
     read = FleetManifest.load(manifest)
     executor = executor_of(workers, cluster, tls)
-    require_folder(output)
+    require_results_folder(context, output)
     require_apart(output, (read.path, read.table), FLEET_FILES)
     with Checkpoints(output) as checkpoints, progress(quiet=quiet) as say:
         found = identify_fleet(read, executor=executor, checkpoints=checkpoints, progress=say)

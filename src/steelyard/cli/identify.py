@@ -24,6 +24,7 @@ from .choices import (
     Workers,
 )
 from .many_logs import many_logs
+from .results_folder import require_results_folder
 from .robot_argument import SetLines, load_robot
 from .terminal import echo, print_json, progress, show_identification
 
@@ -34,6 +35,7 @@ __all__ = ["identify"]
 
 
 def identify(
+    context: typer.Context,
     robot: RobotArgument,
     logs: Logs,
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the results.")],
@@ -99,9 +101,9 @@ def identify(
     from contextlib import nullcontext
 
     from steelyard.identification import identify as run
-    from steelyard.report import require_apart, require_folder
+    from steelyard.report import require_apart
 
-    require_folder(output)
+    require_results_folder(context, output)
     file = load_robot(robot, lines, topic=topic, allow_extensions=allow_extensions)
     require_apart(output, (file.path, file.robot.source))
     if measured == "positions":

@@ -8,12 +8,14 @@ from typing import Annotated, Literal
 import typer
 
 from .choices import AllowExtensions, Quiet, RobotArgument, numbers
+from .results_folder import require_results_folder
 from .terminal import echo, progress
 
 __all__ = ["simulate"]
 
 
 def simulate(
+    context: typer.Context,
     robot: RobotArgument,
     estimate: Annotated[
         Path | None, typer.Argument(help="estimate.json; without it the values of the description (CAD).")
@@ -63,12 +65,11 @@ def simulate(
       steelyard simulate robot.toml estimate.json --initial 0,0.5,0,0,0,0 --output fall
     """
     from steelyard.identification.simulated import simulate_files
-    from steelyard.report.results import require_folder
     from steelyard.report.simulation import save_simulation
     from steelyard.robot import RobotFile
 
     positions = None if initial is None else numbers(initial, "--initial", "0,0.5,-1")
-    require_folder(output)
+    require_results_folder(context, output)
     with progress(quiet=quiet) as say:
         say(f"simulating {robot}")
         simulation = simulate_files(
