@@ -201,6 +201,15 @@ def test_polars_reads_the_same(tmp_path: Path) -> None:
     np.testing.assert_array_equal(Recording.read(path).torque, frame.select("tau1", "tau2").to_numpy())
 
 
+@pytest.mark.parametrize("end", [False, True])
+def test_a_quotation_mark_that_nothing_closes_is_named(tmp_path: Path, end: bool) -> None:
+    own = lines("t,q1,q2,tau1,tau2", rows(",")).splitlines()
+    own[40] = own[40] + '"' if end else own[40].replace(",", ',"', 1)
+    (tmp_path / "log.csv").write_text("\n".join(own))
+    with pytest.raises(InputError, match=r"log\.csv, line 41, has a quotation mark that nothing closes"):
+        Recording.read(tmp_path / "log.csv")
+
+
 def test_blank_lines_that_compression_makes_of_nothing_are_refused(tmp_path: Path) -> None:
     """Sixty kilobytes unpack to sixty million lines, for which a reader would take a minute."""
     import gzip

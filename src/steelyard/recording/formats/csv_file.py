@@ -413,8 +413,17 @@ class CsvFile(LogFile):
                 )
         # Polars counts the columns in the first line.
         lines[0] = lines[0].rstrip(b"\r\n") + separator * (most - 1 - lines[0].count(separator)) + b"\n"
-        with reading_table(self.path, "CSV"):
-            frame = self._frame(b"".join(lines), names, names)
+        try:
+            with reading_table(self.path, "CSV"):
+                frame = self._frame(b"".join(lines), names, names)
+        except InputError:
+            odd = next((row for row, line in enumerate(lines) if line.count(b'"') % 2), None)
+            if odd is None:
+                raise
+            raise InputError(
+                f"{self.path}, {self.where(first_row + odd)}, has a quotation mark that nothing closes; mend or remove "
+                "that line."
+            ) from None
         columns = {}
         for name in names:
             text = frame[str(self.names.index(name))].fill_null("").str.strip_chars()
