@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy.signal import butter, sosfilt, sosfiltfilt
+from scipy.signal import butter, sosfilt, sosfiltfilt, sosfreqz
 
 from steelyard.graph.column_filter import filter_columns
 from steelyard.recording.filters import zero_phase
@@ -32,9 +32,25 @@ def test_no_rows_and_other_arrays() -> None:
         filter_columns(sections, np.zeros((2, 2, 2)), np.zeros((2, 5)).T)
 
 
-@pytest.mark.parametrize(("order", "cutoff"), [(1, 3.0), (3, 4.8), (4, 60.0)])
-def test_long_tables_are_filtered_as_short_ones(order: int, cutoff: float) -> None:
-    values = np.cumsum(np.random.default_rng(1).standard_normal((zero_phase.LONG, 7)), axis=0)
+@pytest.mark.parametrize("rows", [40, 3000])
+@pytest.mark.parametrize(("order", "cutoff"), [(1, 3.0), (3, 4.8), (4, 60.0), (8, 490.0)])
+def test_tables_are_filtered_as_by_scipy(order: int, cutoff: float, rows: int) -> None:
+    values = np.cumsum(np.random.default_rng(1).standard_normal((rows, 7)), axis=0)
     found = zero_phase.low_pass(values, 1000.0, cutoff, order, "log")
     expected = sosfiltfilt(butter(order, cutoff / 500.0, output="sos"), values, axis=0)
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-12 * np.abs(values).max())
+
+
+@pytest.mark.parametrize("order", range(1, 13))
+def test_filters_are_designed_as_by_scipy(order: int) -> None:
+    for cutoff in (0.001, 0.0096, 0.2, 0.5, 0.97):
+        sections, steady = zero_phase._sections(order, cutoff)
+        for frequencies in (np.geomspace(0.01, 1.0, 30) * cutoff * np.pi, np.linspace(cutoff, 0.999, 30) * np.pi):
+            found = sosfreqz(sections, frequencies)[1]
+            expected = sosfreqz(butter(order, cutoff, output="sos"), frequencies)[1]
+            np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-12)
+        constant, _ = sosfilt(sections, np.ones(50), zi=steady)
+        np.testing.assert_allclose(constant, 1.0, rtol=0.0, atol=1e-12 / cutoff)
+        _, poles, _ = butter(order, cutoff, output="zpk")
+        known = np.concatenate([zero_phase._poles(order, cutoff), zero_phase._poles(order, cutoff).conj()])
+        assert max(np.abs(known - pole).min() for pole in poles) < 1e-14

@@ -9,7 +9,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
 
 from steelyard.display import percent
 from steelyard.dynamics import Model
@@ -527,7 +526,7 @@ class _Search:
             explained = np.einsum("ij,ij->j", cross, np.linalg.solve(scaled, cross))
             power = np.maximum(np.diag(total[k, width:, width:]), 1e-300)
             left[k] = np.log(np.maximum(1.0 - explained / power, LEAST_ERROR**2))
-        return tuple(int(k) for k in linear_sum_assignment(left)[1])
+        return _assignment(left)
 
     def _orders(self) -> None:
         """Positions in another order, or both positions and torques: downhill by exchanges from likely orders."""
@@ -585,7 +584,7 @@ class _Search:
             friction = np.linalg.lstsq(own, residual, rcond=None)[0]
             share = ((residual - own @ friction) ** 2).sum(axis=0) / power
             left[:, k] = np.where(friction[0] > 0.0, np.log(np.maximum(share, 1e-6)), 0.0)
-        return tuple(int(k) for k in linear_sum_assignment(left)[1])
+        return _assignment(left)
 
     def _order_statement(self, what: str, order: Sequence[int]) -> str:
         moved = [k for k, column in enumerate(order) if k != column]
@@ -930,6 +929,13 @@ def _is_dense(samples: Samples) -> bool:
     count = foretold.count - 1
     wrong = foretold.ddq[:count] - samples.ddq[1::2][:count]
     return bool(np.linalg.norm(wrong) < 0.1 * np.linalg.norm(samples.ddq))
+
+
+def _assignment(costs: Array) -> tuple[int, ...]:
+    """Return the column of each row of an assignment whose costs (n, n) are least together."""
+    from scipy.optimize import linear_sum_assignment  # only a model that predicts badly needs it
+
+    return tuple(int(k) for k in linear_sum_assignment(costs)[1])
 
 
 def _signs(n: int, flipped: Iterable[int]) -> Array:

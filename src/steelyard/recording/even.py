@@ -198,10 +198,10 @@ class EvenClock:
         Positions and measured velocities and accelerations by cubic splines, torques linearly; rows that were made up
         count as missing.
         """
-        from scipy.interpolate import CubicSpline
-
         if self.as_is:
             return self.restamped(recording, first)
+        from scipy.interpolate import CubicSpline  # few logs need it
+
         origin = self._stamp(part.start)
         grid = np.arange(start, stop, dtype=np.float64)
         if self.by_stamps:

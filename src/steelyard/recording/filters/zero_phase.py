@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
-from math import ceil, log
+from math import ceil, log, pi, tan
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -34,9 +34,6 @@ SETTLED = 1e-3
 together a hundredth at worst. A log that is cut off in motion is extended by its point reflection, whose acceleration
 jumps by twice its value. On simulated arms (`benchmarks/defaults.py`, at 6 Hz) nothing trimmed leaves errors of 2 to
 5 %, 1e-1 of 0.1 to 0.3 %, 1e-2, 1e-3 and 1e-4 of 0.03 to 0.07 %."""
-
-LONG = 32_768
-"""Rows from which on a compiled function filters all columns at once: it has to be loaded, or compiled in 20 ms."""
 
 
 def low_pass(values: NDArray[np.float64], rate: float, cutoff: float, order: int, source: str) -> NDArray[np.float64]:
@@ -71,26 +68,45 @@ def low_pass(values: NDArray[np.float64], rate: float, cutoff: float, order: int
             "use a longer log or a lower order."
         )
     sections, steady = _sections(order, cutoff / (rate / 2.0))
-    if values.shape[0] >= LONG:
-        return _filtered_both_ways(sections, steady, values, edge_rows(order))
-    from scipy.signal import sosfiltfilt
+    return _filtered_both_ways(sections, steady, values, edge_rows(order))
 
-    return np.ascontiguousarray(sosfiltfilt(sections, values, axis=0))
+
+def _poles(order: int, cutoff: float) -> NDArray[np.complex128]:
+    """Return the poles in the upper half-plane and on its edge of a Butterworth filter, by the bilinear transform.
+
+    `cutoff` is the fraction of the Nyquist frequency. They are those of `scipy.signal.butter`: to import it takes as
+    long as to identify a robot from 40 000 rows, since all of scipy.stats comes with it.
+    """
+    angles = pi * np.arange(-order + 1, 1, 2) / (2 * order)
+    analog = -tan(pi * cutoff / 2.0) * np.exp(1j * angles)
+    return np.asarray((1.0 + analog) / (1.0 - analog))
 
 
 @lru_cache(maxsize=8)
 def _sections(order: int, cutoff: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the second-order sections of a filter, and their states under a constant 1, (s, 2)."""
-    from scipy.signal import butter, sosfilt_zi
+    """Return the second-order sections of a filter, (s, 6), and their states under a constant 1, (s, 2).
 
-    sections = butter(order, cutoff, output="sos")
-    return sections, sosfilt_zi(sections)
+    Poles near the unit circle, whose transients are the largest, come last.
+    """
+    poles = _poles(order, cutoff)
+    poles = poles[np.argsort(np.abs(poles))]
+    sections, steady = np.zeros((len(poles), 6)), np.empty((len(poles), 2))
+    # Each section leaves a constant as it is, so that the whole does, too.
+    for section, state, pole in zip(sections, steady, poles, strict=True):
+        if order % 2 and pole == poles[np.argmin(np.abs(poles.imag))]:
+            section[:] = [0.5 * (1.0 - pole.real), 0.5 * (1.0 - pole.real), 0.0, 1.0, -pole.real, 0.0]
+        else:
+            gain = abs(1.0 - pole) ** 2 / 4.0
+            section[:] = [gain, 2.0 * gain, gain, 1.0, -2.0 * pole.real, abs(pole) ** 2]
+        state[1] = section[2] - section[5]
+        state[0] = section[1] - section[4] + state[1]
+    return sections, steady
 
 
 def _filtered_both_ways(
     sections: NDArray[np.float64], steady: NDArray[np.float64], values: NDArray[np.float64], edge: int
 ) -> NDArray[np.float64]:
-    """Return what `scipy.signal.sosfiltfilt` returns, all columns at once."""
+    """Return what `scipy.signal.sosfiltfilt` returns, from a compiled function that takes all columns at once."""
     from steelyard.graph.column_filter import filter_columns
 
     count, width = values.shape
@@ -122,6 +138,8 @@ def first_derivative(values: NDArray[np.float64], rate: float) -> NDArray[np.flo
 
 def decimate(values: NDArray[np.float64], factors: Sequence[int], source: str) -> NDArray[np.float64]:
     """Keep every factor-th row after an eighth-order Chebyshev filter forwards and backwards, factor after factor."""
+    if not factors:
+        return values  # so that nothing of SciPy's is imported
     from scipy.signal import decimate as keep_every
 
     for factor in factors:
@@ -137,18 +155,12 @@ def decimate(values: NDArray[np.float64], factors: Sequence[int], source: str) -
 
 def filter_padding(rate: float, cutoff: float, order: int) -> int:
     """Rows after which what lies beyond them no longer shows in the output of `low_pass`."""
-    from scipy.signal import butter
-
-    _, poles, _ = butter(order, cutoff / (rate / 2.0), output="zpk")
-    return _decay(poles) + edge_rows(order)
+    return _decay(_poles(order, cutoff / (rate / 2.0))) + edge_rows(order)
 
 
 def filter_settling(rate: float, cutoff: float, order: int) -> float:
     """Time in s after which the end of a log hardly shows in the output of `low_pass`: a thousandth is left."""
-    from scipy.signal import butter
-
-    _, poles, _ = butter(order, cutoff / (rate / 2.0), output="zpk")
-    return _decay(poles, SETTLED) / rate
+    return _decay(_poles(order, cutoff / (rate / 2.0)), SETTLED) / rate
 
 
 def decimation_settling(factors: Sequence[int], rate: float) -> float:
@@ -162,6 +174,8 @@ def decimation_padding(factors: Sequence[int]) -> int:
 
 
 def _decimation_rows(factors: Sequence[int], level: float, edges: bool) -> int:
+    if not factors:
+        return 0
     from scipy.signal import cheby1
 
     total, step = 0, 1
