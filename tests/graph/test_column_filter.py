@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy.signal import butter, sosfilt, sosfiltfilt, sosfreqz
+from scipy.signal import butter, sosfilt, sosfilt_zi, sosfiltfilt
 
 from steelyard.graph.column_filter import filter_columns
 from steelyard.recording.filters import zero_phase
@@ -45,12 +45,10 @@ def test_tables_are_filtered_as_by_scipy(order: int, cutoff: float, rows: int) -
 def test_filters_are_designed_as_by_scipy(order: int) -> None:
     for cutoff in (0.001, 0.0096, 0.2, 0.5, 0.97):
         sections, steady = zero_phase._sections(order, cutoff)
-        for frequencies in (np.geomspace(0.01, 1.0, 30) * cutoff * np.pi, np.linspace(cutoff, 0.999, 30) * np.pi):
-            found = sosfreqz(sections, frequencies)[1]
-            expected = sosfreqz(butter(order, cutoff, output="sos"), frequencies)[1]
-            np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-12)
-        constant, _ = sosfilt(sections, np.ones(50), zi=steady)
-        np.testing.assert_allclose(constant, 1.0, rtol=0.0, atol=1e-12 / cutoff)
-        _, poles, _ = butter(order, cutoff, output="zpk")
-        known = np.concatenate([zero_phase._poles(order, cutoff), zero_phase._poles(order, cutoff).conj()])
-        assert max(np.abs(known - pole).min() for pole in poles) < 1e-14
+        expected = butter(order, cutoff, output="sos")
+        np.testing.assert_allclose(sections, expected, rtol=4e-16, atol=0.0)
+        np.testing.assert_allclose(steady, sosfilt_zi(expected), rtol=1e-15, atol=0.0)
+        _, poles, gain = butter(order, cutoff, output="zpk")
+        found, own_gain = zero_phase._poles(order, cutoff)
+        np.testing.assert_allclose(found, poles, rtol=4e-16, atol=0.0)
+        np.testing.assert_allclose(own_gain, gain, rtol=4e-16)

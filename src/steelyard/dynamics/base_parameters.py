@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from decimal import Decimal, localcontext
-from fractions import Fraction
 from functools import cached_property
 
 import numpy as np
@@ -14,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from steelyard.display import html_table
 from steelyard.robot import Robot
 
-from .exact_placement import ExactMatrix, robot_with_right_angles
+from .exact_placement import ExactMatrix, Number, robot_with_right_angles
 from .layout import ParameterLayout
 from .unidentifiable import UPPER_TRIANGLE, Row, TermColumns, Unidentifiable, term_columns, unidentifiable
 
@@ -250,7 +249,7 @@ def _null_vectors(layout: ParameterLayout, columns: TermColumns, exact: Unidenti
             total: Row = {}
             for k, weight in weights.items():
                 for place, value in freedom.answers.get(k, {}).items():
-                    total[place] = total.get(place, Fraction(0)) + weight * value
+                    total[place] = total.get(place, 0) + weight * value
             if total:
                 for column, number in moved(link, total).items():
                     vector[column] = vector.get(column, Decimal(0)) + number
@@ -335,7 +334,7 @@ def _connected(rows_of: Mapping[int, set[int]]) -> list[list[int]]:
     return [columns for _, columns in groups]
 
 
-def _decimal(value: Fraction) -> Decimal:
+def _decimal(value: Number) -> Decimal:
     return Decimal(value.numerator) / Decimal(value.denominator)
 
 

@@ -13,9 +13,20 @@ from numpy.typing import NDArray
 from steelyard.robot import Joint, Robot
 from steelyard.robot.placement import inverse, rpy_rotation
 
-__all__ = ["DUST", "ExactMatrix", "exact_placement", "robot_with_right_angles", "with_right_angles"]
+__all__ = [
+    "DUST",
+    "ExactMatrix",
+    "Number",
+    "exact_placement",
+    "quotient",
+    "robot_with_right_angles",
+    "with_right_angles",
+]
 
-ExactMatrix = tuple[tuple[Fraction, ...], ...]
+Number = int | Fraction
+"""Whole numbers stand as they are: most are 0 or 1, and Python's fractions take ten times as long."""
+
+ExactMatrix = tuple[tuple[Number, ...], ...]
 Matrix = NDArray[np.float64]
 
 DUST = 1e-12
@@ -40,13 +51,27 @@ def exact_placement(placement: Matrix) -> ExactMatrix:
     elements differ from those given by rounding, 1e-16; zeros and ones stay.
     """
     turn = placement[:3, :3]
-    rows = []
+    rows: list[tuple[Number, ...]] = []
     for row, length in zip(_exact_rotation(turn), placement[:3, 3].tolist(), strict=True):
-        rows.append((*row, Fraction(repr(length)) if abs(length) > DUST else Fraction(0)))
-    return (*rows, (Fraction(0), Fraction(0), Fraction(0), Fraction(1)))
+        rows.append((*row, Fraction(repr(length)) if abs(length) > DUST else 0))
+    return (*rows, (0, 0, 0, 1))
 
 
-def _exact_rotation(turn: Matrix) -> list[tuple[Fraction, ...]]:
+def quotient(value: Number, divisor: Number) -> Number:
+    """Return the exact quotient, as a whole number where it is one.
+
+    Examples
+    --------
+    >>> quotient(6, -3), quotient(1, 4)
+    (-2, Fraction(1, 4))
+    """
+    if divisor == 1:
+        return value
+    found = Fraction(value) / divisor
+    return found.numerator if found.denominator == 1 else found
+
+
+def _exact_rotation(turn: Matrix) -> list[tuple[Number, ...]]:
     # Four times the products of the elements of the quaternion w, x, y, z; the largest column is the most accurate.
     a, b, c = turn.tolist()
     products = [
@@ -59,7 +84,7 @@ def _exact_rotation(turn: Matrix) -> list[tuple[Fraction, ...]]:
     w, x, y, z = (_clean(value / products[largest][largest]) for value in products[largest])
     length = w * w + x * x + y * y + z * z
     return [
-        tuple(value / length for value in row)
+        tuple(quotient(value, length) for value in row)
         for row in (
             (w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)),
             (2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)),
@@ -68,9 +93,9 @@ def _exact_rotation(turn: Matrix) -> list[tuple[Fraction, ...]]:
     ]
 
 
-def _clean(value: float) -> Fraction:
+def _clean(value: float) -> Number:
     nearest = round(value)
-    return Fraction(nearest) if abs(value - nearest) < DUST else Fraction(value)
+    return nearest if abs(value - nearest) < DUST else Fraction(value)
 
 
 @cache

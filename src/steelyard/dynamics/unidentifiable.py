@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from steelyard.robot import Robot
 
-from .exact_placement import ExactMatrix, exact_placement
+from .exact_placement import ExactMatrix, Number, exact_placement, quotient
 from .layout import ParameterLayout
 
 __all__ = [
@@ -41,7 +41,7 @@ __all__ = [
     "unidentifiable",
 ]
 
-Row = dict[int, Fraction]
+Row = dict[int, Number]
 
 
 class RowSpace:
@@ -53,7 +53,7 @@ class RowSpace:
     >>> space.add({0: Fraction(2), 1: Fraction(4)}), space.add({0: Fraction(1), 1: Fraction(2)})
     (True, False)
     >>> space.rows
-    {0: {0: Fraction(1, 1), 1: Fraction(2, 1)}}
+    {0: {0: 1, 1: 2}}
     """
 
     def __init__(self) -> None:
@@ -72,7 +72,7 @@ class RowSpace:
             return False
         pivot = min(rest)
         factor = rest[pivot]
-        rest = {column: value / factor for column, value in rest.items()}
+        rest = {column: quotient(value, factor) for column, value in rest.items()}
         for other in self.rows.values():
             if pivot in other:
                 subtract(other, other[pivot], rest)
@@ -94,14 +94,14 @@ class RowSpace:
         for free in columns:
             if free not in self.rows:
                 vector = {pivot: -row[free] for pivot, row in self.rows.items() if free in row}
-                found.append({free: Fraction(1), **vector})
+                found.append({free: _ONE, **vector})
         return found
 
 
-def subtract(row: Row, factor: Fraction, other: Row) -> None:
+def subtract(row: Row, factor: Number, other: Row) -> None:
     """Take a multiple of another row away, in place."""
     for column, value in other.items():
-        changed = row.get(column, Fraction(0)) - factor * value
+        changed = row.get(column, _ZERO) - factor * value
         if changed:
             row[column] = changed
         else:
@@ -111,7 +111,7 @@ def subtract(row: Row, factor: Fraction, other: Row) -> None:
 # Which changes of parameters leave all torques of a tree of joints as they are, in exact arithmetic.
 
 UPPER_TRIANGLE = tuple((i, j) for i in range(4) for j in range(i, 4))
-_ONE, _ZERO = Fraction(1), Fraction(0)
+_ONE, _ZERO = 1, 0
 _GRAVITY, _RATES = 6, 7  # keys of a twist's row beyond its six: whether it is gravity, and the joint rates with it
 _TERMS = 10  # key of the first term parameter in a row of conditions, after the ten of S
 
@@ -314,14 +314,14 @@ def _unit_twist(rotates: bool) -> Row:
     return {2 if rotates else 5: _ONE}
 
 
-def _matrix(row: Row) -> list[list[Fraction]]:
+def _matrix(row: Row) -> list[list[Number]]:
     """The 4 x 4 matrix of a twist (angular, linear)."""
     x, y, z, *linear = (row.get(k, _ZERO) for k in range(6))
     turn = [[_ZERO, -z, y], [z, _ZERO, -x], [-y, x, _ZERO]]
     return [[*part, u] for part, u in zip(turn, linear, strict=True)] + [[_ZERO] * 4]
 
 
-def _twist(matrix: Sequence[Sequence[Fraction]], row: Row) -> Row:
+def _twist(matrix: Sequence[Sequence[Number]], row: Row) -> Row:
     """The row of a 4 x 4 matrix, with what `row` has beyond the twist."""
     values = (matrix[2][1], matrix[0][2], matrix[1][0], matrix[0][3], matrix[1][3], matrix[2][3])
     found = {k: value for k, value in enumerate(values) if value}
@@ -332,7 +332,7 @@ def _turned_twist(row: Row, between: ExactMatrix) -> Row:
     return _twist(_times(_times(_inverse(between), _matrix(row)), between), row)
 
 
-def _bracket(row: Row, motion: Sequence[Sequence[Fraction]]) -> Row:
+def _bracket(row: Row, motion: Sequence[Sequence[Number]]) -> Row:
     """Return how a twist changes as the joint moves; the rates and gravity's constant do not."""
     matrix = _matrix(row)
     left, right = _times(matrix, motion), _times(motion, matrix)
@@ -344,7 +344,7 @@ def _product(own: Row, other: Row) -> Row:
     return _function(_times(_transposed(_matrix(other)), _matrix(own)))
 
 
-def _function(matrix: Sequence[Sequence[Fraction]]) -> Row:
+def _function(matrix: Sequence[Sequence[Number]]) -> Row:
     """Coefficients of Σ C_ij S_ij by the elements of the upper triangle of S."""
     found = {}
     for k, (i, j) in enumerate(UPPER_TRIANGLE):
@@ -354,11 +354,11 @@ def _function(matrix: Sequence[Sequence[Fraction]]) -> Row:
     return found
 
 
-def _coefficients(row: Row) -> list[list[Fraction]]:
-    matrix = [[_ZERO] * 4 for _ in range(4)]
+def _coefficients(row: Row) -> list[list[Number]]:
+    matrix: list[list[Number]] = [[_ZERO] * 4 for _ in range(4)]
     for k, value in row.items():
         i, j = UPPER_TRIANGLE[k]
-        matrix[i][j] = matrix[j][i] = value if i == j else value / 2
+        matrix[i][j] = matrix[j][i] = value if i == j else quotient(value, 2)
     return matrix
 
 
@@ -366,14 +366,14 @@ def _turned_function(row: Row, between: ExactMatrix) -> Row:
     return _function(_times(_times(_transposed(between), _coefficients(row)), between))
 
 
-def _derivative(row: Row, motion: Sequence[Sequence[Fraction]]) -> Row:
+def _derivative(row: Row, motion: Sequence[Sequence[Number]]) -> Row:
     """Return how a function of S changes as the joint moves."""
     half = _times(_coefficients(row), motion)
     return _function([[a + b for a, b in zip(x, y, strict=True)] for x, y in zip(half, _transposed(half), strict=True)])
 
 
-def _times(a: Sequence[Sequence[Fraction]], b: Sequence[Sequence[Fraction]]) -> list[list[Fraction]]:
-    found = [[_ZERO] * 4 for _ in range(4)]
+def _times(a: Sequence[Sequence[Number]], b: Sequence[Sequence[Number]]) -> list[list[Number]]:
+    found: list[list[Number]] = [[_ZERO] * 4 for _ in range(4)]
     for i, row in enumerate(a):
         for k, value in enumerate(row):
             if value:
@@ -383,11 +383,11 @@ def _times(a: Sequence[Sequence[Fraction]], b: Sequence[Sequence[Fraction]]) -> 
     return found
 
 
-def _transposed(a: Sequence[Sequence[Fraction]]) -> list[list[Fraction]]:
+def _transposed(a: Sequence[Sequence[Number]]) -> list[list[Number]]:
     return [list(column) for column in zip(*a, strict=True)]
 
 
-def _inverse(placement: ExactMatrix) -> list[list[Fraction]]:
+def _inverse(placement: ExactMatrix) -> list[list[Number]]:
     turn = [[placement[j][i] for j in range(3)] for i in range(3)]
     shift = [-sum((turn[i][j] * placement[j][3] for j in range(3)), _ZERO) for i in range(3)]
     return [[*row, value] for row, value in zip(turn, shift, strict=True)] + [[_ZERO, _ZERO, _ZERO, _ONE]]

@@ -64,12 +64,15 @@ class BlockProblem:
         """
         directions = feasible_set.unidentifiable
         used, blocks = [], []
-        for index, (block, basis) in enumerate(zip(feasible_set.blocks, bases, strict=True)):
+        moved = feasible_set.kept(_in_unidentifiable)
+        for index, (block, found, basis) in enumerate(zip(feasible_set.blocks, moved, bases, strict=True)):
             if not basis.shape[1]:
                 continue
             used.append(index)
-            found = block.substitute(directions, particular)
-            constant, coefficients = _congruent(found.constant, basis), _congruent(found.coefficients, basis)
+            constant, coefficients = (
+                _congruent(block.evaluate(particular), basis),
+                _congruent(found.coefficients, basis),
+            )
             # A solver would multiply rounding errors of cancelled terms by large numbers.
             size = np.abs(found.coefficients).max(axis=(1, 2), initial=0.0) * float(np.abs(basis).max()) ** 2
             coefficients[np.abs(coefficients) <= ROUNDING * size[:, None, None]] = 0.0
@@ -114,6 +117,11 @@ class BlockProblem:
                 Rows(sparse.csc_array(sparse.hstack([-stack.coefficients, -slack])), stack.constant, *stack.cones),
             ],
         )
+
+
+def _in_unidentifiable(feasible_set: FeasibleSet) -> tuple[AffineBlock, ...]:
+    """Return the blocks as functions of δ_d, whatever the base parameters."""
+    return tuple(block.substitute(feasible_set.unidentifiable) for block in feasible_set.blocks)
 
 
 def _congruent(matrices: Matrix, transform: Matrix) -> Matrix:

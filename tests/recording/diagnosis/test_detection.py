@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.ndimage import maximum_filter1d
 
 import steelyard as sy
 from steelyard.errors import InputError
@@ -17,6 +18,7 @@ from steelyard.recording import (
     process_chunks,
 )
 from steelyard.recording.diagnosis import advanced, noise_deviation, resolution, saturation_levels
+from steelyard.recording.diagnosis.detectors import _largest_around
 
 RATE = 1000.0
 T = np.arange(12000) / RATE
@@ -40,6 +42,18 @@ def test_nothing_is_found_in_a_sound_log(step, noise):
     assert not find_repeated(log)
     assert log.diagnose().sentences() == ()
     assert repr(log.diagnose()) == "Diagnosis('smooth': nothing found)"
+
+
+@pytest.mark.parametrize("size", [3, 5, 31, 199])
+def test_the_largest_of_neighbours_is_that_of_scipy(size):
+    for count in (200, 201, 997):
+        values = np.random.default_rng(count).normal(size=count)
+        expected = maximum_filter1d(values, size, mode="nearest")
+        np.testing.assert_array_equal(_largest_around(values, size), expected)
+        flags = values > 2.0
+        flags[: size // 2] = flags[count - size // 2 :] = False
+        expected = maximum_filter1d(flags.astype(np.uint8), size, mode="constant") > 0
+        np.testing.assert_array_equal(_largest_around(flags, size), expected)
 
 
 def stuck(step: float = 1e-5) -> tuple[Recording, slice]:

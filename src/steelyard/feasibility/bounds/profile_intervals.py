@@ -55,6 +55,10 @@ MOST_DISTANCE = 1e-2
 """Factor of the barrier while the most likely feasible parameters are looked for: it lifts their χ² by as much as this
 times the rows of all blocks, less than 1, and so widens intervals by less than an eighth."""
 
+FIRST_DISTANCE, FIRST_ACCURACY = 0.3, 0.1
+"""The same at first, and how near to its least. From there and in all it takes 23 Newton steps for a WAM, in place of 41
+from an estimate that a prior draws to a boundary; with 0.1 and 1 it takes 24 and 25, with more values 28 to 35."""
+
 
 @dataclass(frozen=True, eq=False)
 class ProfileIntervals:
@@ -130,7 +134,8 @@ def profile_intervals(
         raise InputError("profile_intervals needs parameters inside the feasible set to start from.")
     basis = feasible_set.equation_directions
     distance = _Distance(feasible_set, beta, covariance)
-    likely = minimise(_MostLikely(distance, barrier), start[None], basis, 1e-4)[0]
+    likely = minimise(_MostLikely(distance, barrier, FIRST_DISTANCE), start[None], basis, FIRST_ACCURACY)
+    likely = minimise(_MostLikely(distance, barrier, MOST_DISTANCE), likely, basis, 1e-4)[0]
     chi_squared = float(distance.squares(likely[None])[0])
     limit = chi_squared + 2.0 * float(gammaincinv(0.5, confidence))
     center = minimise(_Inside(distance, barrier, limit), likely[None], basis, CENTERED)[0]
@@ -196,16 +201,16 @@ class _Distance:
 class _MostLikely:
     """The squared distance, with a barrier that hardly counts."""
 
-    def __init__(self, distance: _Distance, barrier: Barrier) -> None:
-        self.distance, self.barrier = distance, barrier
+    def __init__(self, distance: _Distance, barrier: Barrier, factor: float) -> None:
+        self.distance, self.barrier, self.factor = distance, barrier, factor
 
     def value(self, points: Matrix, problems: Indices) -> Vector:
-        return self.distance.squares(points) + MOST_DISTANCE * self.barrier.value(points)
+        return self.distance.squares(points) + self.factor * self.barrier.value(points)
 
     def derivatives(self, points: Matrix, problems: Indices) -> tuple[Matrix, npt.NDArray[np.float64]]:
         gradients = 2.0 * (points @ self.distance.curvature - self.distance.slope)
         hessians = np.tile(2.0 * self.distance.curvature, (len(points), 1, 1))
-        self.barrier.add_derivatives(points, np.full(len(points), MOST_DISTANCE), gradients, hessians)
+        self.barrier.add_derivatives(points, np.full(len(points), self.factor), gradients, hessians)
         return gradients, hessians
 
 

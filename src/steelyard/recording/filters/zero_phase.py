@@ -71,35 +71,45 @@ def low_pass(values: NDArray[np.float64], rate: float, cutoff: float, order: int
     return _filtered_both_ways(sections, steady, values, edge_rows(order))
 
 
-def _poles(order: int, cutoff: float) -> NDArray[np.complex128]:
-    """Return the poles in the upper half-plane and on its edge of a Butterworth filter, by the bilinear transform.
+def _poles(order: int, cutoff: float) -> tuple[NDArray[np.complex128], float]:
+    """Return the poles of a Butterworth filter, those in the upper half-plane first, and its gain.
 
-    `cutoff` is the fraction of the Nyquist frequency. They are those of `scipy.signal.butter`: to import it takes as
-    long as to identify a robot from 40 000 rows, since all of scipy.stats comes with it.
+    `cutoff` is the fraction of the Nyquist frequency. Steps and their order are those of `scipy.signal.butter`, so that
+    the filter is the same to the last bit; to import that takes as long as to identify a robot from 40 000 rows, since
+    all of scipy.stats comes with it.
     """
-    angles = pi * np.arange(-order + 1, 1, 2) / (2 * order)
-    analog = -tan(pi * cutoff / 2.0) * np.exp(1j * angles)
-    return np.asarray((1.0 + analog) / (1.0 - analog))
+    analog = -np.exp(1j * pi * np.arange(-order + 1, order, 2) / (2 * order))
+    warped = 4.0 * tan(pi * cutoff / 2.0)
+    analog = warped * analog
+    gain = warped**order * float(np.real(1.0 / np.prod(4.0 - analog)))
+    return (4.0 + analog) / (4.0 - analog), gain
 
 
 @lru_cache(maxsize=8)
 def _sections(order: int, cutoff: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the second-order sections of a filter, (s, 6), and their states under a constant 1, (s, 2).
 
-    Poles near the unit circle, whose transients are the largest, come last.
+    Poles near the unit circle, whose transients are the largest, come last; the first section has the gain.
     """
-    poles = _poles(order, cutoff)
-    poles = poles[np.argsort(np.abs(poles))]
+    poles, gain = _poles(order, cutoff)
+    poles = poles[: (order + 1) // 2]
+    poles = poles[np.argsort(-np.abs(1.0 - np.abs(poles)), kind="stable")]
     sections, steady = np.zeros((len(poles), 6)), np.empty((len(poles), 2))
-    # Each section leaves a constant as it is, so that the whole does, too.
-    for section, state, pole in zip(sections, steady, poles, strict=True):
-        if order % 2 and pole == poles[np.argmin(np.abs(poles.imag))]:
-            section[:] = [0.5 * (1.0 - pole.real), 0.5 * (1.0 - pole.real), 0.0, 1.0, -pole.real, 0.0]
-        else:
-            gain = abs(1.0 - pole) ** 2 / 4.0
-            section[:] = [gain, 2.0 * gain, gain, 1.0, -2.0 * pole.real, abs(pole) ** 2]
-        state[1] = section[2] - section[5]
-        state[0] = section[1] - section[4] + state[1]
+    # All zeros lie at -1, but for one at 0 that an odd order has beside a pole there; a pole takes the nearest ones.
+    left = order % 2
+    for k in reversed(range(len(poles))):
+        pole, product = poles[k], (poles[k] * poles[k].conj()).real
+        sections[k, 3:] = [1.0, -2.0 * pole.real, product] if pole.imag else [1.0, -pole.real, 0.0]
+        at_zero = left and (k == 0 or abs(pole) < abs(pole + 1.0))
+        sections[k, :3] = [1.0, 1.0, 0.0] if at_zero else [1.0, 2.0, 1.0]
+        left -= at_zero
+    sections[0, :3] *= gain
+    level = 1.0
+    for section, state in zip(sections, steady, strict=True):
+        before, after = section[:3], section[3:]
+        steps = np.array([[1.0 + after[1], -1.0], [after[2], 1.0]])
+        state[:] = level * np.linalg.solve(steps, before[1:] - after[1:] * before[0])
+        level *= before.sum() / after.sum()
     return sections, steady
 
 
@@ -155,12 +165,12 @@ def decimate(values: NDArray[np.float64], factors: Sequence[int], source: str) -
 
 def filter_padding(rate: float, cutoff: float, order: int) -> int:
     """Rows after which what lies beyond them no longer shows in the output of `low_pass`."""
-    return _decay(_poles(order, cutoff / (rate / 2.0))) + edge_rows(order)
+    return _decay(_poles(order, cutoff / (rate / 2.0))[0]) + edge_rows(order)
 
 
 def filter_settling(rate: float, cutoff: float, order: int) -> float:
     """Time in s after which the end of a log hardly shows in the output of `low_pass`: a thousandth is left."""
-    return _decay(_poles(order, cutoff / (rate / 2.0)), SETTLED) / rate
+    return _decay(_poles(order, cutoff / (rate / 2.0))[0], SETTLED) / rate
 
 
 def decimation_settling(factors: Sequence[int], rate: float) -> float:
