@@ -21,8 +21,8 @@ DIRECTION_BOUND = 1e3
 look like growth."""
 
 ACCURACY = 1e-6
-"""Of the search for directions, in which a mass is 0 or 1: with directions of up to `DIRECTION_BOUND`, a mass is known to
-0.001. For a WAM, where many directions are as good, 1e-8 is not reached within all the attempts of the solver, which
+"""Of the search for directions, in which a mass is 0 or 1: where they are as long as `DIRECTION_BOUND`, a mass is known
+to 0.001. For a WAM, where many directions are as good, 1e-8 is not reached within all the attempts of the solver, which
 took a fifth of the time of a fit."""
 
 MASS_BOUND = 1000.0

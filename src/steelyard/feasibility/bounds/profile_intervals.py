@@ -56,8 +56,8 @@ MOST_DISTANCE = 1e-2
 times the rows of all blocks, less than 1, and so widens intervals by less than an eighth."""
 
 FIRST_DISTANCE, FIRST_ACCURACY = 0.3, 0.1
-"""The same at first, and how near to its least. From there and in all it takes 23 Newton steps for a WAM, in place of 41
-from an estimate that a prior draws to a boundary; with 0.1 and 1 it takes 24 and 25, with more values 28 to 35."""
+"""The same at first, and how near to its least the search goes with it. In all that takes 23 Newton steps for a WAM, in
+place of 41 from an estimate that a prior draws to a boundary; 24 and 25 with 0.1 and 1, 28 to 35 with more values."""
 
 
 @dataclass(frozen=True, eq=False)
