@@ -331,9 +331,10 @@ def styles_of(shape: str) -> Iterator[ColumnStyle]:
     if _DIGIT.search(shape):  # no word has one, and a long header has thousands of such names
         parts = {NAME: {}, NUMBER: {}, "": {}}
     place = NAME if NAME in shape else NUMBER if NUMBER in shape else ""
-    for (before, after), words in parts[place].items():
+    for (before, after), styles in parts[place].items():
         if shape.startswith(before) and shape.endswith(after) and len(shape) > len(before) + len(after):
-            found += words.get(shape[len(before) : len(shape) - len(after)], ())
+            word = shape[len(before) : len(shape) - len(after)]
+            found += [(rank, style) for rank, style in styles if word in _set_of(style.words)]
     yield from (style for _, style in sorted(found, key=lambda one: one[0]))
 
 
@@ -341,11 +342,14 @@ _DIGIT = re.compile("[0-9]")
 _Ranked = list[tuple[int, ColumnStyle]]
 
 
+_set_of = cache(frozenset[str])
+
+
 @cache
-def _table() -> tuple[dict[str, _Ranked], dict[str, dict[tuple[str, str], dict[str, _Ranked]]]]:
+def _table() -> tuple[dict[str, _Ranked], dict[str, dict[tuple[str, str], _Ranked]]]:
     """Return the styles by shapes without a word, and by what stands before and after a word; each with its rank."""
     whole: dict[str, _Ranked] = {}
-    parts: dict[str, dict[tuple[str, str], dict[str, _Ranked]]] = {NAME: {}, NUMBER: {}, "": {}}
+    parts: dict[str, dict[tuple[str, str], _Ranked]] = {NAME: {}, NUMBER: {}, "": {}}
     for rank, style in enumerate(STYLES):
         for pattern in style.patterns:
             shape = pattern.replace("{name}", NAME).replace("{number}", NUMBER)
@@ -354,7 +358,5 @@ def _table() -> tuple[dict[str, _Ranked], dict[str, dict[tuple[str, str], dict[s
                 whole.setdefault(shape, []).append((rank, style))
                 continue
             place = NAME if NAME in shape else NUMBER if NUMBER in shape else ""
-            words = parts[place].setdefault((before, after), {})
-            for word in style.words:
-                words.setdefault(word, []).append((rank, style))
+            parts[place].setdefault((before, after), []).append((rank, style))
     return whole, parts
