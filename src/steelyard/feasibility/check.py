@@ -15,7 +15,6 @@ from steelyard.regression.factor import eigenvectors
 
 from .certificates import FeasibilityCertificate, InfeasibilityCertificate
 from .certificates.rational import exact_number
-from .dual_center import Fibre, center
 from .exact_dual_point import least_trace_bound, prove_infeasible, prove_infeasible_up_to_a_size
 from .facial_reduction import dual_face
 from .feasible_set import FeasibleSet
@@ -379,6 +378,8 @@ def _attained(feasible_set: FeasibleSet, parameters: Vector) -> float:
 
 def _centred_proof(feasible_set: FeasibleSet, base: Vector) -> InfeasibilityCertificate | FeasibilityCertificate | None:
     """A proof of either kind by Newton's method and margins in its metric; None if none is found."""
+    from .dual_center import Fibre, center  # few questions are left open until here
+
     face = dual_face(feasible_set)
     fibre = Fibre(feasible_set, feasible_set.lift @ base, face.bases)
     matrices = fibre.matrices(DualPoint(face.interior, face.multipliers))

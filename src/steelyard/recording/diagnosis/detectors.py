@@ -416,10 +416,12 @@ def _resting(recording: Measurements, tolerance: Array, lengths: Array) -> NDArr
         size = max(3, round(float(lengths[j]) * recording.rate) | 1)
         if size >= recording.count:
             continue
-        q = recording.q[:, j]
+        q, half = recording.q[:, j], size // 2
+        # Each window holds one of these pieces: of most joints none is short enough, and the windows need no look.
+        if np.ptp(q[: len(q) // half * half].reshape(-1, half), axis=1).min() > tolerance[j]:
+            continue
         travel = _largest_around(q, size) + _largest_around(-q, size)
         centre = travel <= tolerance[j]
-        half = size // 2
         centre[:half] = centre[recording.count - half :] = False
         flags[:, j] = _largest_around(centre, size)  # its ends are false, as what lies beyond them
     return flags
