@@ -13,7 +13,7 @@ URDF = '[description]\nurdf = "arm.urdf"\n'
 MOST = 150
 """Files of the package, packages' own among them. A reader who follows one identification meets these and no others."""
 
-SLOW = {f"scipy.{name}" for name in ("interpolate", "ndimage", "optimize", "signal", "spatial", "stats")}
+SLOW = {f"scipy.{name}" for name in ("interpolate", "ndimage", "signal", "stats")}
 
 COUNT = """
 import sys

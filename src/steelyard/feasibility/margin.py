@@ -69,10 +69,8 @@ class BlockProblem:
             if not basis.shape[1]:
                 continue
             used.append(index)
-            constant, coefficients = (
-                _congruent(block.evaluate(particular), basis),
-                _congruent(found.coefficients, basis),
-            )
+            constant = _congruent(block.evaluate(particular), basis)
+            coefficients = _congruent(found.coefficients, basis)
             # A solver would multiply rounding errors of cancelled terms by large numbers.
             size = np.abs(found.coefficients).max(axis=(1, 2), initial=0.0) * float(np.abs(basis).max()) ** 2
             coefficients[np.abs(coefficients) <= ROUNDING * size[:, None, None]] = 0.0

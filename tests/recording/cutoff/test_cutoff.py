@@ -11,6 +11,7 @@ from steelyard.errors import InputError
 from steelyard.identification.wam import TRAJECTORIES, simulated_log
 from steelyard.recording import Processing, Recording, Samples, choose_cutoff, process_chunks
 from steelyard.recording.cutoff import motion_spectra, residual_analysis
+from steelyard.recording.cutoff.by_spectra import _density
 from steelyard.recording.cutoff.by_torques import TorqueFit
 
 RATE = 500.0
@@ -27,6 +28,16 @@ def noisy_motion(seed: int, top: float, noise: float, seconds: float = 30.0, joi
     ddq = -(sizes * (2 * np.pi * frequencies) ** 2 * np.sin(angles)).sum(axis=1)
     q = q + noise * random.normal(size=q.shape)
     return Recording(t=t, q=q, torque=np.cos(t)[:, None] + q), ddq
+
+
+@pytest.mark.parametrize("rows", [999, 1000])
+def test_the_density_is_that_of_scipy(rows: int) -> None:
+    values = np.cumsum(np.random.default_rng(rows).normal(size=(rows, 3)), axis=0)
+    trend = np.polynomial.polynomial.polyfit(np.arange(rows), values, 1)
+    straight = values - np.polynomial.polynomial.polyval(np.arange(rows), trend).T
+    expected = signal.welch(straight, RATE, window="blackman", nperseg=rows, axis=0)
+    for found, known in zip(_density(values, RATE), expected, strict=True):
+        np.testing.assert_allclose(found, known[1:], rtol=1e-9)
 
 
 def true_error(recording: Recording, ddq: np.ndarray, cutoff: float) -> float:
