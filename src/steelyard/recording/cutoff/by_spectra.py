@@ -128,7 +128,7 @@ def _density(values: Array, rate: float) -> tuple[Array, Array]:
     spectrum = np.fft.rfft((centred - centred.mean(axis=0)) * window[:, None], axis=0)
     density = np.abs(spectrum) ** 2 / (rate * (window**2).sum())
     density[1 : (count + 1) // 2] *= 2.0  # of both signs of the frequency, which 0 and half of the rate do not have
-    return np.fft.rfftfreq(count, 1.0 / rate)[1:], np.maximum(density[1:], 1e-300)
+    return np.asarray(np.fft.rfftfreq(count, 1.0 / rate)[1:], dtype=np.float64), np.maximum(density[1:], 1e-300)
 
 
 def _gain(f: Array, cutoffs: Array, rate: float, order: int) -> Array:
