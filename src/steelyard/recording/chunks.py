@@ -104,7 +104,7 @@ class LogStream:
         self.stated: ClockStatistics | None = None
         rate = self.columns.rate
         if rate is None:
-            self.clock = clock_of(self._ordered_stamps())
+            self.clock = clock_of(ahead(self._ordered_stamps(), LEAD))  # some are decoded meanwhile
             self.rate = (self.count - 1) / float(np.ptp(self.clock.ticks[[0, -1]]))
             if self.count >= FEWEST_ROWS:
                 rows = ((block.t, block.q) for block in self._recordings())

@@ -51,6 +51,8 @@ TOGETHER, MANY = 2.0, 64
 CLEAR_INTERVAL = 0.42
 """The share of a period within which intervals are clear: where all intervals are so near to whole multiples of it,
 each tells how many rows it spans."""
+ALIKE = 1.4
+"""Where no interval is so many times another one, none is farther from their median than `CLEAR_INTERVAL` allows."""
 BLOCK, MOST_BLOCKS = 128, 200
 """Rows of a block, within which stamps must keep in phase with a period, and blocks by which the period is searched."""
 COARSE, FINE, FINEST = 0.15, 0.0015, 0.0001
@@ -241,10 +243,10 @@ def clock_of(blocks: Iterable[Array]) -> ClockStatistics:
         gaps.append(np.column_stack([t[wide], t[wide + 1]]))
         found = _doubtful(t, numbers, period) + first
         doubtful.append(found[(found > first + start) & (found <= first + stop)])
-        off = steps[own] - guess * spans[own]
+        off = steps[own] - guess if not wide.size else steps[own] - guess * spans[own]
         low, high = min(low, off.min(initial=np.inf)), max(high, off.max(initial=-np.inf))
         shortest, longest = min(shortest, steps[own].min(initial=np.inf)), max(longest, steps[own].max(initial=0.0))
-        regular = steps[own][spans[own] == 1.0] - guess
+        regular = off if not wide.size else off[spans[own] == 1.0]
         intervals += [regular.size, regular.sum(), (regular**2).sum()]
         # Rows behind the intervals, and the very first one.
         behind = np.arange(start + 1 if count else 0, stop + 1)
@@ -283,8 +285,10 @@ def clock_of(blocks: Iterable[Array]) -> ClockStatistics:
 def _doubtful(t: Array, numbers: Array, period: float) -> NDArray[np.int64]:
     """Find runs of rows beside missing ones whose stamps are nearer to another place of the even clock than theirs."""
     skipped = np.diff(numbers) > 1.0
+    if not skipped.any():
+        return np.empty(0, dtype=np.int64)
     off = (t - t[0]) / period - numbers
-    if not skipped.any() or np.ptp(off) < 0.5:
+    if np.ptp(off) < 0.5:
         return np.empty(0, dtype=np.int64)
     from scipy.ndimage import median_filter
 
@@ -378,6 +382,10 @@ def row_numbers(t: NDArray[np.float64], period: float | None = None) -> tuple[fl
     (0.01, [99], 299)
     """
     steps = np.diff(t)
+    if len(steps) and float(steps.max()) < ALIKE * float(steps.min()):
+        # Every ratio below is one, whatever the median: the same numbers in a sixth of the time.
+        numbers = np.arange(len(t), dtype=np.float64)
+        return _slope(t, numbers), numbers
     typical = float(np.median(steps))
     if len(t) > 2 * MANY:
         mean = float(np.median(t[MANY:] - t[:-MANY])) / MANY
