@@ -161,7 +161,9 @@ class NeighborCombinations:
             self._sums[begin:end] += counted[:, joint] @ squares[:, begin:end]
         self._counts += np.count_nonzero(whole, axis=0) * LENGTH
         masked = torque if mask is None else torque * mask
-        norms, totals = np.diagonal(masked.T @ masked), counts.sum(axis=0)  # sums over a narrow axis take longer
+        # A sum over many long rows takes a fifth of that over many short ones, and of a product of tall matrices.
+        norms = np.square(masked).reshape(groups, -1).sum(axis=0).reshape(LENGTH, joints).sum(axis=0)
+        totals = counts.sum(axis=0)
         others = ~found.simple & (counts > 0)
         pieces = self._in_runs(found, used, counts, others & found.told[:, None])
         result = []
@@ -476,6 +478,13 @@ class _Combination:
 
     def take_rows(self, places: NDArray[np.intp], rows: Array, use: NDArray[np.bool_], limits: Array) -> None:
         """Take neighbours of which all rows are known, (groups, `LENGTH`, c + 1), and those in use."""
+        few = _count(use) <= FEWEST
+        if few.any():  # they stay as they are; to look for polynomials takes a tenth of the time of all
+            own = rows[few] * use[few][:, :, None]
+            self._take(places[few], rows[few][use[few]], own.sum(axis=1))
+            places, rows, use = places[~few], rows[~few], use[~few]
+        if not len(places):
+            return
         rows *= use[:, :, None]
         limits = np.broadcast_to(np.append(limits, np.inf), (len(rows), self.width))
         projected = np.matmul(_all_polynomials(), rows)

@@ -182,7 +182,9 @@ class TableFile(LogFile):
             if not self._is_fixed(name):
                 self._require_width(name, frame[f"{name} length"].drop_nulls().to_numpy())
         read = {name: self._dates(frame[name]) if name in texts else frame[name] for name in names}
-        columns = {name: read[name].fill_null(float("nan")).to_numpy() for name in names}
+        # To fill in what is not missing takes a fifth as long as decoding.
+        filled = {name: one.fill_null(float("nan")) if one.null_count() else one for name, one in read.items()}
+        columns = {name: one.to_numpy() for name, one in filled.items()}
         return columns | {name: columns[name] / scale for name, scale in per_second.items()}
 
     def _dates(self, texts: Any) -> Any:
