@@ -6,6 +6,7 @@ import hashlib
 import itertools
 import sys
 import threading
+from collections.abc import Callable
 from functools import cache, cached_property
 from typing import Any
 
@@ -101,15 +102,26 @@ class Machine:
         symbols = tuple(SUPPORT) if self.lanes > 1 else ("sines_and_cosines", "clear")
         return self.load_source(support_source(self.lanes, self.triple), symbols, {})
 
-    def load_source(self, source: str, symbols: tuple[str, ...], imports: dict[str, int]) -> LoadedCode:
-        """Bring the functions of LLVM assembly into memory, from the user's object cache where it has them."""
+    def load_source(
+        self,
+        source: str | Callable[[], str],
+        symbols: tuple[str, ...],
+        imports: dict[str, int],
+        identity: str | None = None,
+    ) -> LoadedCode:
+        """Bring the functions of LLVM assembly into memory, from the user's object cache where it has them.
+
+        Where an identity is given that determines the source, this is only written where the cache does not have them.
+        """
         with _LOCK:
-            key = hashlib.sha256(f"{self.description}\n{source}".encode()).hexdigest()
+            if identity is None:
+                identity = source = source if isinstance(source, str) else source()
+            key = hashlib.sha256(f"{self.description}\n{identity}".encode()).hexdigest()
             objects = ObjectCache.default()
             entry = unpack(objects.read(key))
             loaded = None if entry is None else _link(entry[1], symbols, imports)
             if loaded is None:
-                code = self.compile(source)
+                code = self.compile(source if isinstance(source, str) else source())
                 objects.write(key, pack("", code))
                 loaded = _link(code, symbols, imports)
             if loaded is None:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from steelyard.feasibility.bounds import furthest_code
 from steelyard.feasibility.bounds.furthest import Region, furthest
 
 SHAPES = [(2, 3), (3, 6), (4, 10), (7, 28)]
@@ -45,3 +46,26 @@ def test_ends_of_a_ball_and_a_side_of_no_width() -> None:
     rows = np.array([[1.0, 0.0, 0.0, 0.0], [-1.0, 0.0, 0.0, 0.0], [0.0, 3.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]])
     reached = np.einsum("pk,pk->p", rows, furthest(region, np.vstack([rows, np.zeros(4)])[:4]))
     np.testing.assert_allclose(reached, [1.5, 2.5, 6.0, 5e-7], rtol=0.02)
+
+
+def test_code_that_the_cache_has_is_not_written_anew(tmp_path, monkeypatch) -> None:
+    monkeypatch.setenv("STEELYARD_CACHE_DIR", str(tmp_path))
+    write = furthest_code._Method.write
+    written = []
+
+    def counted(method: furthest_code._Method) -> None:
+        written.append(method.sizes)
+        write(method)
+
+    monkeypatch.setattr(furthest_code._Method, "write", counted)
+    compiled = furthest_code.compiled.__wrapped__
+    compiled(())
+    compiled(())
+    assert written == [()]
+    (kept,) = tmp_path.iterdir()
+    kept.write_bytes(kept.read_bytes()[:-1])  # damaged
+    compiled(())
+    assert written == [(), ()]
+    monkeypatch.setattr(furthest_code, "source_digest", lambda: "other sources")
+    compiled(())
+    assert written == [(), (), ()]

@@ -7,13 +7,16 @@ each matrix, then the radius and the ball.
 from __future__ import annotations
 
 import ctypes
+import hashlib
 import itertools
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from enum import IntEnum, auto
 from functools import cache
+from pathlib import Path
 from typing import NamedTuple
 
+from steelyard.graph.kernel import source_digest
 from steelyard.graph.loops import Array, Code, Index, Number
 from steelyard.graph.machine import batch_lanes, host_machine
 
@@ -90,9 +93,14 @@ class Functions(NamedTuple):
 def compiled(sizes: tuple[int, ...]) -> Functions:
     """Return the method for regions with groups of matrices of these sizes."""
     machine = host_machine(batch_lanes())
-    code = Code(batch_lanes(), machine.triple)
-    _Method(code, sizes).write()
-    loaded = machine.load_source(code.text, Functions._fields, {})
+
+    def source() -> str:
+        code = Code(batch_lanes(), machine.triple)
+        _Method(code, sizes).write()
+        return code.text
+
+    # To write it takes 40 ms.
+    loaded = machine.load_source(source, Functions._fields, {}, _identity(sizes))
     kind = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3)
 
     def called(name: str) -> Function:
@@ -104,6 +112,16 @@ def compiled(sizes: tuple[int, ...]) -> Functions:
         return call
 
     return Functions(*map(called, Functions._fields))
+
+
+def _identity(sizes: tuple[int, ...]) -> str | None:
+    """Return what determines the source: files and sizes; None where the files cannot be read."""
+    rooms = source_digest()
+    try:
+        own = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
+    except OSError:
+        return None
+    return None if rooms is None else f"furthest {rooms} {own} {sizes}"
 
 
 class _Method:
