@@ -26,6 +26,8 @@ Shape = tuple[float, ...]
 FRACTIONS = np.geomspace(0.01, 0.6, 14)
 """The shares of the fastest speed of a joint that are tried as Stribeck velocities, knees and widths,
 each 1.37 times the one before; a search between neighbours follows."""
+KNEES = np.append(FRACTIONS, FRACTIONS[-1] ** 2 / FRACTIONS[-2])
+"""Those that are tried as knees, which joints have near their full speed, too; one at the end is refused."""
 TRAVELS = np.geomspace(1e-4, 0.3, 14)
 """The shares of the range of a joint that are tried as presliding displacements."""
 MOST_HARMONICS = 64
@@ -126,6 +128,10 @@ def _no_shape(_: JointMotion) -> list[Shape]:
 
 def _speeds(motion: JointMotion) -> list[Shape]:
     return [(float(f * motion.speed),) for f in FRACTIONS] if motion.speed > 0.0 else []
+
+
+def _knees(motion: JointMotion) -> list[Shape]:
+    return [(float(f * motion.speed),) for f in KNEES] if motion.speed > 0.0 else []
 
 
 def _stribeck_shapes(motion: JointMotion) -> list[Shape]:
@@ -239,7 +245,7 @@ CANDIDATES: tuple[FrictionCandidate, ...] = (
         "friction_piecewise",
         "viscous friction with a knee",
         _shaped(lambda motion, shape: [np.sign(motion.dq) * np.maximum(np.abs(motion.dq) - shape[0], 0.0)]),
-        _speeds,
+        _knees,
         (False,),
         ("speed",),
         changes=("viscous",),
