@@ -29,13 +29,14 @@ import sys
 import time
 from collections import Counter
 from functools import cache
-from itertools import accumulate, pairwise
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import pinocchio
 from scipy.interpolate import CubicSpline
+from scipy.linalg import solve_banded
 from scipy.signal import lfilter
 from scipy.special import erf
 
@@ -50,6 +51,7 @@ from steelyard.excitation import ExcitationObjective, SearchOptions
 from steelyard.identification.chosen_friction import confirmed_terms, laws_for, memory_of, samples_of
 from steelyard.identification.given import given_robot
 from steelyard.identification.log_reader import LogReader
+from steelyard.recording import Processing, decide
 
 ARMS = ("ur5", "z1")
 RATE, DURATION, MEMORY = 100.0, 40.0, 0.95
@@ -136,8 +138,9 @@ def presliding(q, t, displacement, ratio, speed):
     pull, decay = v / displacement, np.abs(v) / displacement / (1.0 + ratio * np.exp(-((v / speed) ** 2)))
     kept = 1.0 - 0.5 * step * (decay[:-1] + decay[1:] * (1.0 - step * decay[:-1]))
     added = 0.5 * step * (pull[:-1] + pull[1:] - step * decay[1:] * pull[:-1])
-    steps = zip(kept.tolist(), added.tolist(), strict=True)
-    states = np.array(list(accumulate(steps, lambda u, one: one[0] * u + one[1], initial=0.0)))
+    # u[k + 1] - kept[k] u[k] = added[k], from u[0] = 0: a matrix of two bands.
+    bands = np.vstack([np.ones(len(fine)), np.append(-kept, 0.0)])
+    states = solve_banded((1, 0), bands, np.append(0.0, added))
     u, v = states[::FINER], v[::FINER]
     return u, v - np.abs(v) * u / (1.0 + ratio * np.exp(-((v / speed) ** 2)))
 
@@ -288,7 +291,10 @@ class Experiment:
             torque=torque,
             joint_names=self.model.robot.joint_names,
         )
-        self.samples = self.recording.process(model=self.model)
+        decision = decide(Processing(), [self.recording], self.model)
+        self.samples = self.recording.process(decision.processing, model=self.model)
+        near_rest = self.recording.process(decision.near_rest, model=self.model)
+        self.data = FrictionData.of(self.model, self.samples, near_rest=near_rest)
         first = round(float(self.samples.t[0]) * RATE)
         self.planted = planted[first : first + self.samples.count]
 
@@ -347,7 +353,7 @@ class Experiment:
     def friction_error(self, joint, chosen):
         """Of the whole friction of a joint along the log, relative, constant torques apart."""
         viscous, coulomb = chosen[0].beside
-        motion = FrictionData.of(self.model, self.samples).joint_motion(joint)
+        motion = self.data.joint_motion(joint)
         found = viscous * motion.dq + coulomb * np.sign(motion.dq)
         for one in chosen:
             law = next(law for law in CANDIDATES if law.kind == one.kind)
@@ -361,7 +367,7 @@ def trial(law, seed, duration=DURATION, kind="random"):
     """What is chosen for one robot, and how far off it is, as plain numbers."""
     experiment = Experiment(law, seed, duration, kind)
     began = time.process_time()
-    found = select_friction(experiment.model, experiment.samples)
+    found = select_friction(experiment.model, experiment.data)
     spent = time.process_time() - began
     errors, bounds, told, curves = [], [], [], []
     least = experiment.least_errors()
@@ -450,7 +456,7 @@ def recordings(folder):
         squares, told = np.zeros((2, model.dof)), Counter()
         for pieces in left_out(reader, files, model):
             train, _ = pieces(model)
-            data = FrictionData.of(model, train, memory_of(reader, train[0]))
+            data = FrictionData.of(model, train, memory_of(reader, train[0]), pieces(model, True)[0])
             found = select_friction(model, data, candidates=laws_for(data))
             terms = model.robot.terms
             _, _, kept, named = confirmed_terms(
@@ -480,17 +486,20 @@ def recordings(folder):
 
 
 def left_out(reader, files, model):
-    """For each fifth of a log, or each log of several, a function: model -> samples of the rest, and of it."""
+    """For each fifth of a log, or each log of several, a function: model -> samples of the rest, and of it.
+
+    Where that is asked for they have rows near rest, too, which tell numbers of friction that remembers the motion.
+    """
 
     def whole_log(number):
-        return lambda one: (
-            [samples_of(reader, log, one) for k, log in enumerate(files) if k != number],
-            [samples_of(reader, files[number], one)],
+        return lambda one, slow=False: (
+            [samples_of(reader, log, one, near_rest=slow) for k, log in enumerate(files) if k != number],
+            [samples_of(reader, files[number], one, near_rest=slow)],
         )
 
     def stretch(start, stop):
-        def pieces(one):
-            rows = samples_of(reader, files[0], one)
+        def pieces(one, slow=False):
+            rows = samples_of(reader, files[0], one, near_rest=slow)
             return [rows.rows(a, b) for a, b in ((0, start), (stop, rows.count)) if b > a], [rows.rows(start, stop)]
 
         return pieces

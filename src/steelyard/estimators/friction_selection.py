@@ -95,6 +95,9 @@ class FrictionData:
         For each joint ``[W omega]``, (S, c + 1).
     used : ndarray of bool
         (S, N).
+    near_rest : ndarray of bool
+        (S, N) rows by which numbers of laws with a state are found: with those near rest at which a plain model has
+        more friction than the torques show, which such laws explain, where they are given.
     motion : Samples
         Of all the logs, one after the other.
     starts : tuple of int
@@ -108,16 +111,22 @@ class FrictionData:
     model: Model
     rows: tuple[Array, ...]
     used: NDArray[np.bool_]
+    near_rest: NDArray[np.bool_]
     motion: Samples
     starts: tuple[int, ...]
     memory: float = 1.0
     breaks: tuple[int, ...] = (0,)
 
     @classmethod
-    def of(cls, model: Model, samples: Samples | Sequence[Samples], memory: float = 1.0) -> FrictionData:
-        """Take samples as they are, each of them one log."""
-        parts = [samples] if isinstance(samples, Samples) else list(samples)
-        parts = [part.with_presliding(model) for part in parts]
+    def of(
+        cls,
+        model: Model,
+        samples: Samples | Sequence[Samples],
+        memory: float = 1.0,
+        near_rest: Samples | Sequence[Samples] | None = None,
+    ) -> FrictionData:
+        """Take samples as they are, each of them one log; and the same ones with a mask that leaves rows near rest."""
+        parts = _logs(model, samples)
         if not parts:
             raise InputError("there are no samples to choose friction by; give at least one Samples.")
         for part in parts:
@@ -130,9 +139,10 @@ class FrictionData:
             for stretch in stretches_of(part)
         ]
         motion = Samples.joined(parts)
-        used = np.ones(motion.q.shape, dtype=bool) if motion.mask is None else motion.mask
+        used = _used(motion)
+        slow = used if near_rest is None else _used(Samples.joined(_logs(model, near_rest)))
         rows = tuple(np.vstack(own) for own in zip(*pieces, strict=True))
-        return cls(model, rows, used, motion, tuple(int(start) for start in starts), memory, tuple(breaks))
+        return cls(model, rows, used, slow, motion, tuple(int(start) for start in starts), memory, tuple(breaks))
 
     @cached_property
     def loads(self) -> Array:
@@ -169,6 +179,15 @@ class FrictionData:
         logged = {name: values[:, joint] for name, values in (m.channels or {}).items()}
         own = (m.q[:, joint], m.dq[:, joint], self.loads[:, joint])
         return JointMotion(*own, self.starts, self.gravity[:, joint], logged)
+
+
+def _logs(model: Model, samples: Samples | Sequence[Samples]) -> list[Samples]:
+    parts = [samples] if isinstance(samples, Samples) else list(samples)
+    return [part.with_presliding(model) for part in parts]
+
+
+def _used(samples: Samples) -> NDArray[np.bool_]:
+    return np.ones(samples.q.shape, dtype=bool) if samples.mask is None else samples.mask
 
 
 @dataclass(frozen=True)
@@ -741,14 +760,16 @@ class _Joint:
     def __init__(self, data: FrictionData, number: int, forgets: bool = False) -> None:
         self.data, self.number = data, number
         self.motion = data.joint_motion(number)
-        used = np.flatnonzero(data.used[:, number] & _moved(self.motion) if forgets else data.used[:, number])
+        moved = _moved(self.motion) if forgets else np.ones(len(data.used), dtype=bool)
+        used = np.flatnonzero(data.used[:, number] & moved)
         self.rows = used[:: max(1, -(-len(used) // MOST_ROWS))]
         own = data.rows[number][self.rows]
         self.regressor, self.torque = own[:, :-1], own[:, -1]
         # Of rows that follow each other evenly, as noise that lasts is told by.
         every = max(1, -(-len(data.motion.q) // MOST_NUMBERED))
         self.grid = np.arange(0, len(data.motion.q), every)
-        self.grid_used = np.isin(self.grid, used, assume_unique=True)
+        self.grid_used = (data.used[:, number] & moved)[self.grid]
+        self.grid_near_rest = (data.near_rest[:, number] & moved)[self.grid]
         self.grid_breaks = [-(-one // every) for one in data.breaks]
         self.told: tuple[float, float, list[Array]] | None = None  # by all joints together
         self.coefficient_errors: list[Array] | None = None
@@ -846,6 +867,8 @@ class _Joint:
 
     def numbered(self) -> NumberedJoint:
         """The rows of the joint and its laws, for a fit of all joints."""
+        if any(law.candidate.has_state for law in self.laws):
+            self.grid_used = self.grid_near_rest
         rows = self._grid_regressor(self.laws)
         own = list(self.data.model.base_columns.joints[self.number])
         if rows.shape[1] <= len(own):  # a law takes the place of Coulomb friction

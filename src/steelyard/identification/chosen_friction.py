@@ -187,7 +187,8 @@ def choose_friction(
     middles = [reader.middle(log, MOST_ROWS) for log in chosen]
     samples = [_processed(reader, one, wider) for one in middles]
     terms = tuple(model.robot.terms)
-    data = FrictionData.of(wider, samples, memory_of(reader, samples[0]))
+    near_rest = [_processed(reader, one, wider, near_rest=True) for one in middles]
+    data = FrictionData.of(wider, samples, memory_of(reader, samples[0]), near_rest)
     held = {
         parameter.symbol for term in terms for law in term.laws if not _is_plain(law) for parameter in law.parameters
     }
@@ -326,13 +327,19 @@ def _name(kind: str) -> str:
     return {"dahl": "Dahl's", "lugre": "LuGre's"}.get(kind, kind)
 
 
-def samples_of(reader: LogReader, log: GivenLog, model: Model) -> Samples:
-    """Samples of the middle of a log; where torques are filtered, with the regressor of the model likewise."""
-    return _processed(reader, reader.middle(log, MOST_ROWS), model)
+def samples_of(reader: LogReader, log: GivenLog, model: Model, *, near_rest: bool = False) -> Samples:
+    """Samples of the middle of a log; where torques are filtered, with the regressor of the model likewise.
+
+    Rows near rest are those at which a plain model has more friction than the torques show; laws that remember the
+    motion explain them.
+    """
+    return _processed(reader, reader.middle(log, MOST_ROWS), model, near_rest)
 
 
-def _processed(reader: LogReader, middle: Recording | Samples, model: Model) -> Samples:
-    return middle if isinstance(middle, Samples) else middle.process(reader.processing, model)
+def _processed(reader: LogReader, middle: Recording | Samples, model: Model, near_rest: bool = False) -> Samples:
+    if isinstance(middle, Samples):
+        return middle
+    return middle.process(reader.near_rest if near_rest else reader.processing, model)
 
 
 def memory_of(reader: LogReader, samples: Samples) -> float:

@@ -222,7 +222,7 @@ class LogReader:
         self.chunk_rows = chunk_rows
         self.columns = LogColumns.from_dict(file.section("log"), f"{file.path}, [log]")
         self.stated = Processing.from_dict(file.section("processing"), f"{file.path}, [processing]")
-        self.processing = self.stated
+        self.processing = self.near_rest = self.stated
         self.decided: dict[str, object] = {}
         self.reasons: dict[str, str] = {}
         self.remarks: list[str] = []
@@ -248,7 +248,7 @@ class LogReader:
             )
         # No model has currents that each drive turns into torques in its own way.
         decision = decide(self.stated, recordings, None if self.columns.finds_gains else self.model)
-        self.processing = decision.processing
+        self.processing, self.near_rest = decision.processing, decision.near_rest
         names = [name for name in ("cutoff", "velocity_threshold") if getattr(self.stated, name) == "auto"]
         self.decided = {name: getattr(decision.processing, name) for name in names}
         self.reasons = decision.reasons

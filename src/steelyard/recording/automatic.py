@@ -62,6 +62,16 @@ class Decision:
             found["velocity_threshold"] = self.thresholds.reason
         return found
 
+    @property
+    def near_rest(self) -> Processing:
+        """The options by which rows near rest stay wherever the sign of their velocity is certain.
+
+        Friction that remembers the motion explains what a plain model lacks there, and shows its numbers there.
+        """
+        if self.thresholds is None:
+            return self.processing
+        return replace(self.processing, velocity_threshold=tuple(self.thresholds.by_noise.tolist()))
+
 
 def decide(processing: Processing, recordings: Sequence[Measurements], model: Model | None) -> Decision:
     """Choose the cutoff and the velocity thresholds by recordings of one robot, where the options leave them open.

@@ -154,12 +154,15 @@ class VelocityThresholds:
         (N,) whether the torques show less friction near rest than faster motion does.
     share : ndarray
         (N,) share of the rows of each joint that are slower than its threshold.
+    by_noise : ndarray
+        (N,) rad/s or m/s, from where on the sign of a velocity is certain: the thresholds where no joint sticks.
     """
 
     thresholds: Array
     noise: Array
     sticking: NDArray[np.bool_]
     share: Array
+    by_noise: Array
 
     @property
     def remark(self) -> str:
@@ -234,7 +237,7 @@ def velocity_thresholds(samples: Sequence[Samples], noise: Array, model: Model |
     """
     count = sum(one.count for one in samples)
     usual = np.sqrt(sum((one.dq**2).sum(axis=0) for one in samples) / count)
-    thresholds = np.minimum(SIGN_IS_SURE * noise, LARGEST * usual)
+    thresholds = by_noise = np.minimum(SIGN_IS_SURE * noise, LARGEST * usual)
     sticking = np.zeros(len(usual), dtype=bool)
     if model is not None:
         with one_thread():
@@ -242,7 +245,7 @@ def velocity_thresholds(samples: Sequence[Samples], noise: Array, model: Model |
         sticking = limits > 0.0
         thresholds = np.maximum(thresholds, limits)
     share = sum((np.abs(one.dq) < thresholds).sum(axis=0) for one in samples) / count
-    return VelocityThresholds(thresholds, noise, sticking, share)
+    return VelocityThresholds(thresholds, noise, sticking, share, by_noise)
 
 
 def _lacks(samples: Sequence[Samples], usual: Array, model: Model, every: int) -> Array:
