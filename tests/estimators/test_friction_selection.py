@@ -8,7 +8,7 @@ from scipy.signal import lfilter
 
 import steelyard as sy
 from steelyard.estimators.friction_candidates import CANDIDATES, lugre_is_passive
-from steelyard.estimators.friction_selection import select_friction
+from steelyard.estimators.friction_selection import FrictionData, select_friction
 
 FEW = tuple(one for one in CANDIDATES if one.kind in ("viscous_by_direction", "stribeck", "friction_polynomial"))
 
@@ -100,18 +100,17 @@ def test_the_condition_of_passivity_is_where_energy_begins_to_be_made():
     assert speed < v.min()
 
 
-def test_what_a_bristle_remembers_of_before_the_log_does_not_count():
-    """A log that begins where a joint is slow, with LuGre friction that began long before."""
+def bristles(displacement, ratio, velocity, first):
+    """A pendulum with LuGre friction that began long before the first row, which slows down and reverses slowly."""
     t = np.arange(4500) / 100.0
     rate = np.cos(0.2 * t) ** 2 + 0.05
     phase = np.cumsum(rate) / 100.0
     q = 0.8 * np.sin(phase) + 0.4 * np.sin(2.3 * phase)
     dq, ddq = np.gradient(q, t), np.gradient(np.gradient(q, t), t)
-    d, ratio, speed = 0.05, 0.8, 0.08
     v = np.interp(np.arange(len(t) * 10) / 10.0, np.arange(len(t)), dq)
     states, u = np.zeros(len(t)), 0.0
     for k, now in enumerate(v.tolist()):
-        slope = (now - abs(now) * u / (1.0 + ratio * np.exp(-((now / speed) ** 2)))) / d
+        slope = (now - abs(now) * u / (1.0 + ratio * np.exp(-((now / velocity) ** 2)))) / displacement
         u += 1e-3 * slope
         if k % 10 == 0:
             states[k // 10] = u
@@ -119,12 +118,41 @@ def test_what_a_bristle_remembers_of_before_the_log_does_not_count():
     torque += 0.01 * np.random.default_rng(2).normal(size=len(t))
     robot = sy.Robot.from_dh([(0, 0.5, 0, "q")], gravity=(0, -9.81, 0))
     model = sy.Model(robot.with_terms(sy.Viscous(), sy.Coulomb(), sy.Offset()))
-    columns = [one[740:, None] for one in (q, dq, ddq, torque)]
-    found = select_friction(model, sy.Samples(*columns, t=t[740:]), candidates=CANDIDATES[-2:])
+    columns = [one[first:, None] for one in (q, dq, ddq, torque)]
+    return model, sy.Samples(*columns, t=t[first:])
+
+
+def test_what_a_bristle_remembers_of_before_the_log_does_not_count():
+    """A log that begins where a joint is slow."""
+    shape = (0.05, 0.8, 0.08)
+    found = select_friction(*bristles(*shape, first=740), candidates=CANDIDATES[-2:])
     (law,) = found.chosen
     assert law.kind == "lugre"
-    assert list(law.shape.values()) == pytest.approx([d, ratio, speed], rel=0.05)
+    assert list(law.shape.values()) == pytest.approx(shape, rel=0.05)
     assert law.coefficients[0] == pytest.approx(1.2, rel=0.05)
+
+
+def test_rows_near_rest_tell_the_numbers_of_friction_that_remembers_the_motion():
+    """Without them most of what breaks away above Coulomb friction is not seen."""
+    shape = (0.05, 0.8, 0.08)
+    model, whole = bristles(*shape, first=740)
+    fast = replace(whole, mask=np.abs(whole.dq) > 0.12)
+    laws = CANDIDATES[-1:]
+    (masked,) = select_friction(model, fast, candidates=laws).chosen
+    (law,) = select_friction(model, FrictionData.of(model, fast, near_rest=whole), candidates=laws).chosen
+    assert list(law.shape.values()) == pytest.approx(shape, rel=0.05)
+    assert all(2.0 * law.shape_errors[name] < error for name, error in masked.shape_errors.items())
+
+
+def test_a_knee_near_the_full_speed_is_found():
+    model, samples = pendulum(lambda dq: -0.5 * np.sign(dq) * np.maximum(np.abs(dq) - 2.3, 0.0), seed=3)
+    assert 0.6 * np.quantile(np.abs(samples.dq), 0.99) < 2.3
+    laws = [one for one in CANDIDATES if one.kind in ("friction_polynomial", "friction_piecewise", "stribeck")]
+    found = select_friction(model, samples, candidates=laws)
+    (law,) = found.chosen
+    assert law.kind == "friction_piecewise"
+    assert law.shape["speed"] == pytest.approx(2.3, rel=0.05)
+    assert law.coefficients[0] == pytest.approx(-0.5, rel=0.1)
 
 
 def test_a_velocity_at_the_end_of_those_that_are_tried_is_no_law():

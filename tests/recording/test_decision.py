@@ -86,6 +86,20 @@ def test_threshold_is_where_friction_turns(arm):
     assert sharp.thresholds is not None
     assert not sharp.thresholds.sticking.any()
     np.testing.assert_allclose(sharp.thresholds.thresholds, 3.0 * sharp.thresholds.noise)
+    assert sharp.near_rest == sharp.processing
+
+
+def test_rows_near_rest_are_those_where_the_sign_of_the_velocity_is_certain(arm):
+    recording = log(arm, 3, 1e-5, seconds=30.0)
+    found = decide(Processing(), [recording], arm[0])
+    usual, near_rest = (recording.process(one, arm[0]) for one in (found.processing, found.near_rest))
+    rows = np.round(near_rest.t * RATE).astype(int)
+    slow = near_rest.mask & ~usual.mask
+    assert np.all(slow.sum(axis=0) > 50)
+    true = motion(3, 30.0, 0.6)[1][rows]
+    assert np.mean(np.sign(near_rest.dq[slow]) == np.sign(true[slow])) > 0.999
+    stated = decide(Processing(velocity_threshold=0.05), [recording], arm[0])
+    assert stated.near_rest == stated.processing
 
 
 def test_noise_of_the_velocity_is_the_true_one(arm):
