@@ -6,15 +6,15 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-from steelyard.recording import Processing, Samples
+from steelyard.recording import Samples
 from steelyard.robot import RobotFile
 
 from ..chosen_friction import choose_friction
 from ..given import Data, GivenSamples, given_logs
 from ..log_reader import LogReader, Progress
 from ..result import Identification
-from .elastic_joints import Identify, link_motion, motor_motion, with_elastic_joints
-from .second_encoders import SecondEncoders, TwoEncoders, own_section, read_two_encoders
+from .elastic_joints import Identify, identified_with_motions, link_motion, motor_motion, with_elastic_joints
+from .second_encoders import SecondEncoders, TwoEncoders, own_section
 from .transmission_torques import Transmissions, unseen_motions
 
 __all__ = ["with_chosen_friction"]
@@ -41,17 +41,12 @@ def with_chosen_friction(
         See :func:`with_elastic_joints`.
     """
     say = progress or (lambda _: None)
-    first = with_elastic_joints(identify, file, data, validate, progress=progress, **options)
-    model = first.model
-    settings, where = own_section(file)
-    decided: Any = first.options["decided"]
-    processing = Processing.from_dict({**file.section("processing"), **decided})
-    logs, _ = given_logs(data, None)
-    samples = []
-    for number, log in enumerate(logs):
-        needs_second = settings.position is not None
-        one = read_two_encoders(log, file, settings, where, model, processing, needs_second=needs_second)
-        samples.append(GivenSamples(_at_motors(one, settings, first, number), str(log)))
+    first, motions = identified_with_motions(identify, file, data, validate, progress=progress, **options)
+    model, settings = first.model, own_section(file)[0]
+    samples = [
+        GivenSamples(_at_motors(one, settings, first, number), str(log))
+        for number, (log, one) in enumerate(zip(given_logs(data, None)[0], motions, strict=True))
+    ]
     reader = LogReader(file, model, options.get("chunk_rows", 200_000))
     choice = choose_friction(reader, samples, model, model, say, adds_presliding=False)
     found = first

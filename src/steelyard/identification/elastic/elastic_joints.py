@@ -41,7 +41,7 @@ from .second_encoders import (
 )
 from .transmission_torques import Transmissions, unseen_motions
 
-__all__ = ["Identify", "link_motion", "links_of_logs", "motor_motion", "with_elastic_joints"]
+__all__ = ["Identify", "identified_with_motions", "link_motion", "links_of_logs", "motor_motion", "with_elastic_joints"]
 
 Array = NDArray[np.float64]
 Identify = Callable[..., Identification]
@@ -94,6 +94,19 @@ def with_elastic_joints(
     InputError
         If a second encoder is missing, or the section cannot be used.
     """
+    return identified_with_motions(identify, file, data, validate, progress=progress, **options)[0]
+
+
+def identified_with_motions(
+    identify: Identify,
+    file: RobotFile,
+    data: Data,
+    validate: Data | None = None,
+    *,
+    progress: Progress | None = None,
+    **options: Any,
+) -> tuple[Identification, list[TwoEncoders]]:
+    """Return what :func:`with_elastic_joints` returns, and the motions of both sides that were read of each log."""
     say = progress or (lambda _: None)
     logs, validation = given_logs(data, validate)
     settings, where = own_section(file)
@@ -149,7 +162,7 @@ def with_elastic_joints(
             transmissions = Transmissions.of(result)
             result = anew(joints, [unseen_motions(one, settings, places, joints, transmissions)[0] for one in read])
             joints = _by_one_encoder(settings, places, result, read)
-        return _with(result, settings, joints, [], link_motion=moved)
+        return _with(result, settings, joints, [], link_motion=moved), read
     motions = [(one.first.q, one.first.dq, one.first.ddq) for one in read]
     joints = ()
     remarks: list[str] = []
@@ -165,7 +178,7 @@ def with_elastic_joints(
                 "Deflections change the torques of the links, so that links were identified with their own motion, and "
                 "motors with theirs."
             )
-    return _with(result, settings, joints, remarks + _told(joints), link_motion=bool(remarks))
+    return _with(result, settings, joints, remarks + _told(joints), link_motion=bool(remarks)), read
 
 
 def _stated_motors(file: RobotFile, settings: SecondEncoders, where: str) -> list[Constraint]:
