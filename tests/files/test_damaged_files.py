@@ -18,6 +18,7 @@ import steelyard as sy
 from steelyard.errors import InputError, SteelyardError
 from steelyard.excitation import load_trajectory
 from steelyard.feasibility.constraints.center_of_mass import read_points
+from steelyard.files.reading import reading_table
 
 COUNT = 16
 
@@ -240,6 +241,14 @@ def test_a_panic_of_the_library_is_a_sentence(
     ):
         sy.Recording.read(path)
     assert capfd.readouterr().err == ""
+
+
+def test_what_others_write_while_a_table_is_read_is_not_lost(capfd: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("polars")
+    with reading_table("log.parquet", "Parquet"), reading_table("other.parquet", "Parquet"):
+        os.write(2, b"Traceback of another thread\n")
+        assert capfd.readouterr().err == ""
+    assert capfd.readouterr().err == "Traceback of another thread\n"
 
 
 def test_logs_with_numbers_that_no_robot_reaches(samples: Path) -> None:

@@ -261,33 +261,42 @@ def _is_unicode(text: str) -> bool:
 class _Silence:
     """Keeps what a panic prints from the terminal: Rust writes it to the file of standard error itself.
 
-    There is one such file for all threads, so that the first to be silent closes it and the last opens it again.
+    There is one such file for all threads, so that the first to be silent closes it and the last opens it again. What
+    is written meanwhile appears then, unless reading failed: other threads may have something to say, too.
     """
 
     def __init__(self) -> None:
         self._lock = Lock()
-        self._count, self._kept = 0, -1
+        self._count, self._kept, self._meanwhile, self._failed = 0, -1, -1, False
 
     def __enter__(self) -> None:
         with self._lock:
             self._count += 1
             if self._count > 1:
                 return
+            import tempfile  # loaded where tables are read
+
             try:
-                self._kept = os.dup(2)
-            except OSError:  # there is no standard error
+                with tempfile.TemporaryFile() as meanwhile:
+                    self._kept, self._meanwhile = os.dup(2), os.dup(meanwhile.fileno())
+            except OSError:  # there is no standard error, or no place for a file
                 self._kept = -1
                 return
-            nowhere = os.open(os.devnull, os.O_WRONLY)
-            os.dup2(nowhere, 2)
-            os.close(nowhere)
+            self._failed = False
+            os.dup2(self._meanwhile, 2)
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, _: object, error: BaseException | None, __: object) -> None:
         with self._lock:
+            self._failed |= error is not None
             self._count -= 1
-            if self._count == 0 and self._kept >= 0:
-                os.dup2(self._kept, 2)
-                os.close(self._kept)
+            if self._count or self._kept < 0:
+                return
+            os.dup2(self._kept, 2)
+            os.close(self._kept)
+            with os.fdopen(self._meanwhile, "rb") as meanwhile:
+                meanwhile.seek(0)
+                while not self._failed and (part := meanwhile.read(65536)):
+                    os.write(2, part)
 
 
 _SILENCE = _Silence()
