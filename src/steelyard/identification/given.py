@@ -60,14 +60,12 @@ Data = One | Sequence[One]
 GivenLog = str | Path | LogFile | GivenSamples
 
 
-def given_robot(robot: GivenRobot, *, allow_extensions: bool = False) -> tuple[RobotFile, Model]:
+def given_robot(robot: GivenRobot) -> tuple[RobotFile, Model]:
     """Return the robot file and the model of what was given as a robot.
 
     Parameters
     ----------
     robot : path, RobotFile, Robot or Model
-    allow_extensions : bool
-        See :meth:`steelyard.RobotFile.load`.
 
     Raises
     ------
@@ -77,7 +75,7 @@ def given_robot(robot: GivenRobot, *, allow_extensions: bool = False) -> tuple[R
     if isinstance(robot, Model):
         return replace(RobotFile.of(robot.robot), terms_are_default=False), robot
     if isinstance(robot, RobotFile | Robot | str | os.PathLike):
-        file = RobotFile.load(robot, allow_extensions=allow_extensions)
+        file = RobotFile.load(robot)
         return file, Model.from_file(file)
     raise InputError(
         f"The robot is {_named(robot)}; give the path of a description or of a robot.toml, a sy.Robot or a sy.Model."

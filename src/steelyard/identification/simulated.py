@@ -37,6 +37,8 @@ __all__ = ["FileSimulation", "simulate_files"]
 Array = NDArray[np.float64]
 # Hz, of the samples where torques come from a file, so that they show the motion between its rows.
 LEAST_RATE = 1000.0
+GAINS = (150.0, 25.0)
+"""Of the controller that follows a trajectory, 1/s² and 1/s: a natural frequency of 12 rad/s, critically damped."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +75,6 @@ def simulate_files(
     initial: list[float] | None = None,
     torque: str | Path | None = None,
     follow: str | Path | None = None,
-    gains: tuple[float, float] = (150.0, 25.0),
     method: str = "automatic",
     rate: float | None = None,
     sign_width: float = 1e-3,
@@ -97,9 +98,7 @@ def simulate_files(
         at the table's rate, or the least multiple of it that is 1 kHz at least.
     follow : str or Path, optional
         A trajectory (see :func:`steelyard.load_trajectory`) that the robot follows under computed torque with the same
-        parameters, at 1 kHz.
-    gains : (float, float)
-        Of that controller, 1/s² and 1/s.
+        parameters, at 1 kHz, with the gains `GAINS`.
     method, rate, sign_width
         See :func:`steelyard.simulate`.
     stop_at_limits : bool
@@ -142,7 +141,7 @@ def simulate_files(
             raise InputError(f"{follow}: moves {trajectory.dof} joints, but {model.robot.name} has {model.dof}.")
         start = trajectory.motion(np.zeros(1))
         q0, dq0 = start[0][0] if initial is None else q0, start[1][0]
-        kp, kd = gains
+        kp, kd = GAINS
         motors = ComputedTorque(model, parameters, trajectory, kp=kp, kd=kd, base=base, compensate_drives=True)
         if duration is None:
             # Whole samples: the robot rests at the end, and a log with a last interval of its own is an uneven one.
@@ -175,7 +174,7 @@ def simulate_files(
         "initial": initial_positions.tolist(),
         "torque": None if torque is None else str(torque),
         "follow": None if follow is None else str(follow),
-        "gains": list(gains) if follow is not None else None,
+        "gains": list(GAINS) if follow is not None else None,
         "stop_at_limits": stop_at_limits,
         "notes": list(notes),
     }

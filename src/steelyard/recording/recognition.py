@@ -1028,6 +1028,7 @@ def _ends(columns: Sequence[str]) -> str:
     return columns[0] if len(columns) == 1 else f"{columns[0]} … {columns[-1]}"
 
 
-def _listing(names: Sequence[str], most: int = 24) -> str:
+def _listing(names: Sequence[str]) -> str:
+    most = 24
     short = ", ".join(name if len(name) <= _LONGEST_NAME else f"{name[:_LONGEST_NAME]}…" for name in names[:most])
     return short if len(names) <= most else f"{short}, … ({len(names)} in all)"

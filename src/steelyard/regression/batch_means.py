@@ -138,10 +138,10 @@ class _Levels:
         return found
 
 
-def sums_of_all_lengths(sums: Array, first: int = 0) -> Iterator[Array]:
-    """Yield for each of `BATCH_LENGTHS` from the first the sums that are not zero, (batches, c + 1), from its sums."""
-    for level in range(first, len(BATCH_LENGTHS)):
-        if level > first:
+def sums_of_all_lengths(sums: Array) -> Iterator[Array]:
+    """Yield for each of `BATCH_LENGTHS` the sums that are not zero, (batches, c + 1), from its sums."""
+    for level in range(len(BATCH_LENGTHS)):
+        if level:
             sums = summed(sums, 2)
         rows = sums.reshape(-1, sums.shape[-1])
         yield rows[np.any(rows != 0.0, axis=1)]

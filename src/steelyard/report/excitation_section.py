@@ -31,7 +31,7 @@ _MOTIONS = (
 )
 
 
-def weak_combinations(identification: Identification, most: int = _MOST) -> list[tuple[Array, float]]:
+def weak_combinations(identification: Identification) -> list[tuple[Array, float]]:
     """Return the combinations of base parameters that the data tells worst, with their relative standard errors.
 
     They are the eigenvectors of the covariance of the base parameters, each measured in its own size (that of the
@@ -41,7 +41,6 @@ def weak_combinations(identification: Identification, most: int = _MOST) -> list
     Parameters
     ----------
     identification : Identification
-    most : int
 
     Returns
     -------
@@ -56,7 +55,7 @@ def weak_combinations(identification: Identification, most: int = _MOST) -> list
         values, vectors = np.linalg.eigh(covariance.matrix / np.outer(scale, scale))
         for place in np.argsort(values)[::-1]:
             found.append((vectors[:, place], float(np.sqrt(max(values[place], 0.0)))))
-    return [(weights / weights[np.abs(weights).argmax()], error) for weights, error in found[:most]]
+    return [(weights / weights[np.abs(weights).argmax()], error) for weights, error in found[:_MOST]]
 
 
 def _sizes(identification: Identification) -> Array:

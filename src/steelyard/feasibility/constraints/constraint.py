@@ -398,15 +398,15 @@ def scalar_block(
 
 
 def equation(
-    what: str, model: ModelLike, indices: Sequence[int] | npt.NDArray[np.intp], row: npt.ArrayLike, value: float = 0.0
+    what: str, model: ModelLike, indices: Sequence[int] | npt.NDArray[np.intp], row: npt.ArrayLike
 ) -> Equality:
-    """The equation row · δ[indices] = value; its name begins with `what`, and contains the equation."""
+    """The equation row · δ[indices] = 0; its name begins with `what`, and contains the equation."""
     values = np.asarray(row, dtype=float)
     used = np.flatnonzero(values)
     places = np.asarray(indices, dtype=np.intp)[used]
     names = list(model.parameter_names)
     text = lmi.LinearExpression({names[i]: float(f"{v:.6g}") for i, v in zip(places, values[used], strict=True)})
-    return Equality(f"{what}: {text} = {value:g}", places, values[used], float(value))
+    return Equality(f"{what}: {text} = 0", places, values[used], 0.0)
 
 
 def independent_rows(matrix: Matrix) -> Matrix:

@@ -133,8 +133,8 @@ def _proved(verdict: Verdict) -> str:
     return verdict.status if proof is not None and bool(proof.verify()) else f"{verdict.status}, not proved"
 
 
-def _search(key: str, *, learning: bool = True) -> str:
-    return Yoshida2000(learning=learning).check(FeasibleSet(yoshida_model(), "inertia"), column("6.1", key)).status
+def _search(key: str) -> str:
+    return Yoshida2000().check(FeasibleSet(yoshida_model(), "inertia"), column("6.1", key)).status
 
 
 def _verdict_table(verdicts: dict[str, Verdict]) -> Table:
