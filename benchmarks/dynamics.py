@@ -19,32 +19,10 @@ import peers
 
 import steelyard as sy
 
-WAM = [
-    ("-pi/2", 0, 0, "q"),
-    ("pi/2", 0, 0, "q"),
-    ("-pi/2", 0.045, 0.55, "q"),
-    ("pi/2", -0.045, 0, "q"),
-    ("-pi/2", 0, 0.3, "q"),
-    ("pi/2", 0, 0, "q"),
-    (0, 0, 0.06, "q"),
-]
-PUMA = [
-    ("pi/2", 0, 0, "q"),
-    (0, 0.4318, 0, "q"),
-    ("-pi/2", 0.0203, 0.15005, "q"),
-    ("pi/2", 0, 0.4318, "q"),
-    ("-pi/2", 0, 0, "q"),
-    (0, 0, 0, "q"),
-]
-STANFORD = [
-    ("-pi/2", 0, 0.412, "q"),
-    ("pi/2", 0, 0.154, "q"),
-    (0, 0, "q", "-pi/2"),
-    ("-pi/2", 0, 0, "q"),
-    ("pi/2", 0, 0, "q"),
-    (0, 0, 0.263, "q"),
-]
-ARMS = {"WAM": WAM, "Puma 560": PUMA, "Stanford arm": STANFORD}
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests" / "oracles"))
+from published_arms import PUMA_ROWS, STANFORD_ROWS, WAM_ROWS
+
+ARMS = {"WAM": WAM_ROWS, "Puma 560": PUMA_ROWS, "Stanford arm": STANFORD_ROWS}
 # Thesis table 7.1: additions and multiplications of inverse dynamics.
 TABLE_7_1 = {"WAM": (493, 626), "Puma 560": (454, 576), "Stanford arm": (393, 477)}
 # SymPyBotics with these rows: inverse dynamics with all the parameters, with squares; with base parameters, without
@@ -367,7 +345,7 @@ def square_count(function):
 def compile_times(rounds):
     """Print the time from the description to all the compiled kernels, in fresh processes."""
     print(f"\ns from the description to {len(COMPILED) + 1} compiled kernels (imports apart)")
-    robots = {"WAM": (WAM, None)}
+    robots = {"WAM": (WAM_ROWS, None)}
     folder = collection()
     if folder is not None:
         robots["humanoid, 36 joints"] = (None, str(folder / HUMANOID))

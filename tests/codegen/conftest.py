@@ -10,10 +10,10 @@ import pytest
 from compilers import C_FLAGS as C_FLAGS
 from compilers import need as need
 from compilers import run as run
-from exported_functions import WAM_ROWS
 from exported_functions import odd_function as odd_function
 from exported_functions import wam_with_friction as wam_with_friction
 from numpy.typing import NDArray
+from published_arms import WAM_ROWS
 
 import steelyard as sy
 from steelyard.codegen import Constant, Project, generate

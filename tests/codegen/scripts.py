@@ -10,7 +10,7 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from exported_functions import WAM_ROWS
+from published_arms import WAM_ROWS
 from python_file import module_of_file
 
 import steelyard as sy

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from exported_functions import WAM_ROWS
+from published_arms import WAM_ROWS
 
 import steelyard as sy
 from steelyard.codegen import sympy_function

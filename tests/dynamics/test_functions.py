@@ -2,35 +2,19 @@
 
 import numpy as np
 import pytest
-from exported_functions import WAM_ROWS
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from published_arms import PUMA_ROWS, STANFORD_ROWS, WAM_ROWS
 
 import steelyard as sy
 from steelyard.graph import operation_count
 
-PUMA = [
-    ("pi/2", 0, 0, "q"),
-    (0, 0.4318, 0, "q"),
-    ("-pi/2", 0.0203, 0.15005, "q"),
-    ("pi/2", 0, 0.4318, "q"),
-    ("-pi/2", 0, 0, "q"),
-    (0, 0, 0, "q"),
-]
-STANFORD = [
-    ("-pi/2", 0, 0.412, "q"),
-    ("pi/2", 0, 0.154, "q"),
-    (0, 0, "q", "-pi/2"),
-    ("-pi/2", 0, 0, "q"),
-    ("pi/2", 0, 0, "q"),
-    (0, 0, 0.263, "q"),
-]
 # Multiplications and additions that SymPyBotics needs: inverse dynamics (squares counted), inverse dynamics in base
 # parameters (squares not counted), regressor (squares counted); and the shares that are the goal here.
 PUBLISHED = {
     "WAM": (WAM_ROWS, (1051, 879, 2301), (0.66, 0.68, 0.65)),
-    "Puma 560": (PUMA, (904, 548, 1700), (0.66, 0.90, 0.53)),
-    "Stanford": (STANFORD, (810, 466, 1092), (0.66, 0.90, 0.72)),
+    "Puma 560": (PUMA_ROWS, (904, 548, 1700), (0.66, 0.90, 0.53)),
+    "Stanford": (STANFORD_ROWS, (810, 466, 1092), (0.66, 0.90, 0.72)),
 }
 
 
@@ -189,7 +173,7 @@ class Spring(sy.Term):
 
 def test_energy_changes_by_the_power_of_torques_with_springs_and_rotors():
     random = np.random.default_rng(2)
-    model = sy.Model(sy.Robot.from_dh(PUMA).with_terms(Spring(1.0), sy.RotorInertia()))
+    model = sy.Model(sy.Robot.from_dh(PUMA_ROWS).with_terms(Spring(1.0), sy.RotorInertia()))
     delta = random_parameters(random, model)
     q, dq, ddq = random.normal(size=(3, 6))
 
@@ -263,7 +247,7 @@ def test_descriptions_say_what_each_element_is(wam):
 
 
 def test_a_regressor_is_the_same_where_its_kernel_leaves_the_zeros_out(monkeypatch):
-    arm = sy.Robot.from_dh(PUMA, gravity=(0, 0, -9.81)).with_terms(sy.Viscous(), sy.Coulomb())
+    arm = sy.Robot.from_dh(PUMA_ROWS, gravity=(0, 0, -9.81)).with_terms(sy.Viscous(), sy.Coulomb())
     dense, sparse = sy.Model(arm), sy.Model(arm)
     random = np.random.default_rng(7)
     q, dq, ddq = random.normal(size=(3, 20, 6))

@@ -3,21 +3,12 @@
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from published_arms import WAM_ROWS
 
 import steelyard as sy
 from steelyard.graph import Argument, Function, Graph, Kernel, Output, cos, sign, sin
 
 Array = NDArray[np.float64]
-
-WAM_ROWS = [
-    ("-pi/2", 0, 0, "q"),
-    ("pi/2", 0, 0, "q"),
-    ("-pi/2", 0.045, 0.55, "q"),
-    ("pi/2", -0.045, 0, "q"),
-    ("-pi/2", 0, 0.3, "q"),
-    ("pi/2", 0, 0, "q"),
-    (0, 0, 0.06, "q"),
-]
 
 
 @pytest.fixture(scope="session")

@@ -1,57 +1,29 @@
 """``steelyard simulate`` on files."""
 
 import json
-import sys
 
 import numpy as np
 import polars
 import pytest
 
 import steelyard as sy
-from steelyard.cli import main
 from steelyard.excitation import FourierTrajectory
 from steelyard.identification.wam import robot_toml
 
-URDF = """\
-<robot name="pair">
-  <link name="base"/>
-  <link name="upper"><inertial><origin xyz="0.1 0 0"/><mass value="2"/>
-    <inertia ixx="0.02" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.02"/></inertial></link>
-  <link name="fore"><inertial><origin xyz="0.1 0 0"/><mass value="1"/>
-    <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.01"/></inertial></link>
-  <joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/>
-    <limit lower="-1" upper="1" effort="50" velocity="5"/><dynamics damping="0.1" friction="0.2"/></joint>
-  <joint name="elbow" type="revolute"><parent link="upper"/><child link="fore"/><origin xyz="0.4 0 0"/>
-    <axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="50" velocity="5"/></joint>
-</robot>
-"""
-
 
 @pytest.fixture
-def place(tmp_path):
-    (tmp_path / "pair.urdf").write_text(URDF)
-    return tmp_path
-
-
-@pytest.fixture
-def run(monkeypatch, capsys):
-    def run(*arguments):
-        monkeypatch.setattr(sys, "argv", ["steelyard", "simulate", *map(str, arguments)])
-        capsys.readouterr()
-        code = 0
-        try:
-            main()
-        except SystemExit as stop:
-            code = stop.code or 0
-        output = capsys.readouterr()
-        return code, output.out, output.err
-
-    return run
+def place(place):
+    """The first joint ends at 1 rad."""
+    urdf = (place / "pair.urdf").read_text()
+    (place / "pair.urdf").write_text(urdf.replace('lower="-3" upper="3"', 'lower="-1" upper="1"', 1))
+    return place
 
 
 def test_a_fall_leaves_samples_a_record_and_a_page(place, run):
     out = place / "out"
-    code, text, _ = run(place / "pair.urdf", "-o", out, "--duration", 0.5, "--initial", "0,0.5", "--rate", 100)
+    code, text, _ = run(
+        "simulate", place / "pair.urdf", "-o", out, "--duration", 0.5, "--initial", "0,0.5", "--rate", 100
+    )
     assert code == 0
     assert "finished at 0.5 s" in text
     assert sorted(p.name for p in out.iterdir()) == ["simulation.csv", "simulation.html", "simulation.json"]
@@ -73,7 +45,7 @@ def test_a_fall_leaves_samples_a_record_and_a_page(place, run):
 def test_torques_of_a_file_and_limits(place, run):
     t = np.arange(100) / 100
     (place / "torque.csv").write_text("t,tau1,tau2\n" + "\n".join(f"{a},{-5.0},{0.3 * np.sin(9 * a)}" for a in t))
-    code, text, _ = run(place / "pair.urdf", "-o", place / "out", "--torque", place / "torque.csv")
+    code, text, _ = run("simulate", place / "pair.urdf", "-o", place / "out", "--torque", place / "torque.csv")
     assert code == 0
     frame = polars.read_csv(place / "out" / "simulation.csv")
     assert len(frame) == 991  # 100 Hz are sampled at 1 kHz
@@ -81,7 +53,9 @@ def test_torques_of_a_file_and_limits(place, run):
     np.testing.assert_allclose(frame["tau2"].to_numpy(), held, atol=1e-12)
     assert "Note: each row's torques are held until the next, for 0.01 s" in text
     assert "the table" not in text
-    code, text, _ = run(place / "pair.urdf", "-o", place / "out", "--torque", place / "torque.csv", "--stop-at-limits")
+    code, text, _ = run(
+        "simulate", place / "pair.urdf", "-o", place / "out", "--torque", place / "torque.csv", "--stop-at-limits"
+    )
     assert code == 0
     assert "event at" in text
     assert "joint 'shoulder' passed its upper limit 1" in text
@@ -91,7 +65,7 @@ def test_a_slow_table_that_starts_late_and_ends_early(place, run):
     rows = [(2.0, -1.0), (2.5, 3.0), (3.0, -2.0), (3.5, 1.0)]
     (place / "torque.csv").write_text("t,tau1,tau2\n" + "\n".join(f"{t},{x},0" for t, x in rows))
     out, options = place / "out", ["--torque", place / "torque.csv", "--duration", 2.2]
-    code, text, _ = run(place / "pair.urdf", "-o", out, *options)
+    code, text, _ = run("simulate", place / "pair.urdf", "-o", out, *options)
     assert code == 0
     assert "Note: the table's first time, 2 s, is 0 s of the simulation." in text
     assert "Note: the table ends after 1.5 s; the torques of its last row are held from there." in text
@@ -102,16 +76,16 @@ def test_a_slow_table_that_starts_late_and_ends_early(place, run):
     np.testing.assert_array_equal(frame["tau1"].to_numpy(), given[np.clip((t + 1e-9) // 0.5, 0, 3).astype(int)])
     assert len(json.loads((out / "simulation.json").read_text())["options"]["notes"]) == 3
     for rate, count in ((50, 111), (2, 5), (1, 3), (4000, 8801)):
-        assert run(place / "pair.urdf", "-o", out, *options, "--rate", rate)[0] == 0
+        assert run("simulate", place / "pair.urdf", "-o", out, *options, "--rate", rate)[0] == 0
         assert len(polars.read_csv(out / "simulation.csv")) == count
-    code, _, error = run(place / "pair.urdf", "-o", out, *options, "--rate", 3)
+    code, _, error = run("simulate", place / "pair.urdf", "-o", out, *options, "--rate", 3)
     assert code == 2
     assert "--rate must be that of the torques, 2 Hz, times or divided by a whole number, got 3 Hz." in error
 
 
 def test_a_start_beyond_a_limit_ends_there(place, run):
     out = place / "out"
-    code, text, _ = run(place / "pair.urdf", "-o", out, "--initial", "1.5,0", "--stop-at-limits")
+    code, text, _ = run("simulate", place / "pair.urdf", "-o", out, "--initial", "1.5,0", "--stop-at-limits")
     assert code == 0
     assert "event at 0 s: joint 'shoulder' passed its upper limit 1 at 0 s, where it starts" in text
     frame = polars.read_csv(out / "simulation.csv")
@@ -123,7 +97,7 @@ def test_a_trajectory_is_followed(place, run):
         a=np.array([[0.3, -0.2], [0.5, 0.1]]), b=np.array([[0.1, 0.2], [-0.1, 0.3]]), center=np.zeros(2), frequency=0.5
     )
     trajectory.save(place / "motion.json")
-    code, _, _ = run(place / "pair.urdf", "-o", place / "out", "--follow", place / "motion.json")
+    code, _, _ = run("simulate", place / "pair.urdf", "-o", place / "out", "--follow", place / "motion.json")
     assert code == 0
     frame = polars.read_csv(place / "out" / "simulation.csv")
     wanted = trajectory.motion(frame["t"].to_numpy())[0]
@@ -146,7 +120,7 @@ def test_an_impossible_estimate_diverges(place, run, wam, table_4_9):
         condition_number=100.0,
     )
     estimate.save(place / "estimate.json")
-    code, text, _ = run(place / "robot.toml", place / "estimate.json", "-o", place / "out", "--duration", 6)
+    code, text, _ = run("simulate", place / "robot.toml", place / "estimate.json", "-o", place / "out", "--duration", 6)
     assert code == 1
     assert "diverged at 0.0388" in text
     assert "not physically possible" in text
@@ -175,7 +149,7 @@ def test_bad_input_is_one_sentence_and_leaves_nothing(place, run):
         (["none.urdf"], "none.urdf"),
     ]
     for arguments, words in cases:
-        code, _, error = run(place / arguments[0], *arguments[1:], "-o", out)
+        code, _, error = run("simulate", place / arguments[0], *arguments[1:], "-o", out)
         assert code == 2, arguments
         assert words in error, error
         assert len(error.strip().splitlines()[-1]) > 20
