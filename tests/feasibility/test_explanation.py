@@ -52,7 +52,7 @@ def test_change_of_one_parameter_alone(two_links):
     assert alone["Lzz2"] == pytest.approx(0.5 - 0.25, rel=1e-4)
     assert alone["ly2"] == pytest.approx(np.sqrt(0.5 * 0.25 - 0.09) - 0.4, rel=1e-4)
     assert alone["lx2"] == alone["Fvj1"] == alone["Fvj2"] == np.inf
-    assert "ly2 alone would mend it, with a change of -0.2129." in found.sentences()
+    assert "ly2 alone could make it feasible, by a change of -0.2129." in found.sentences()
 
 
 def test_change_of_a_first_moment_alone(two_links):
@@ -73,7 +73,7 @@ def test_reasons_without_a_condition_in_common(two_links):
         BODIES,
     ]
     assert all(degree.alone == np.inf for degree in found.degrees)
-    assert "No base parameter alone can mend it." in found.sentences()
+    assert "No base parameter alone can make it feasible." in found.sentences()
     assert "for 3 reasons" in found.sentences()[0]
 
 

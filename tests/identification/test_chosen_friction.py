@@ -102,7 +102,7 @@ def test_presliding_is_added(tmp_path):
     assert [values[name] for name in ("Fcj1", "Fvj1")] == pytest.approx([1.2, 0.6], rel=0.05)
     assert result.prediction.relative_error < 0.6 * plain.prediction.relative_error
     assert result.friction.presliding == ()
-    assert "the model has it: Dahl's at joint1" in " ".join(result.friction.sentences)
+    assert "the model now has it: Dahl's at joint1" in " ".join(result.friction.sentences)
     assert "Laws that were added" in result.report()
     assert 'kind = "dahl"' in result.friction.toml
     result.estimate.save(tmp_path / "estimate.json")

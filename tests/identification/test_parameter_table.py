@@ -114,7 +114,7 @@ def test_what_the_prior_draws_out_of_its_interval_is_not_measured(found) -> None
     far = [row for row in table if row.name in value and abs(row.value - value[row.name]) > 6.0 * error[row.name]]
     assert len(far) >= 3
     assert "measured" not in {row.basis for row in far}
-    assert "the prior draws the answer that far from what the data tells" in table.sentences[-1]
+    assert "the prior draws the answer that far away from the data" in table.sentences[-1]
 
 
 def test_table_as_text_and_data(found) -> None:

@@ -163,7 +163,7 @@ def test_wrong_arguments_are_told_in_one_sentence(logs, run, arguments, message)
 
 def test_identify_asks_for_the_gains_first(logs):
     folder, _, _ = logs
-    with pytest.raises(InputError, match=r"currents alone tell no torques; .*find them with `steelyard payload"):
+    with pytest.raises(InputError, match=r"currents alone are no torques; .*find them with `steelyard payload"):
         sy.identify(folder / "currents.toml", [folder / "currents_unloaded.csv"])
     text = (folder / "currents.toml").read_text()
     (folder / "matrix.toml").write_text(text + f"torque_matrix = {np.eye(6).tolist()}\n")

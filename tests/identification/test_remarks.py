@@ -147,8 +147,8 @@ def test_a_tool_that_the_description_leaves_out_is_asked_for():
 @pytest.mark.parametrize(
     ("before", "said"),
     [
-        (0.03261, "3.26% of the torques of its own data unexplained, just as much."),
-        (0.0312, "3.26% of the torques of its own data unexplained instead of 3.12%."),
+        (0.03261, "3.26% of the torques of the same data unexplained, just as much."),
+        (0.0312, "3.26% of the torques of the same data unexplained instead of 3.12%."),
     ],
 )
 def test_errors_that_print_alike_are_not_said_to_differ(before, said):

@@ -50,7 +50,7 @@ def test_a_mistake_comes_first_and_alone_where_the_model_is_wrong(identification
     assert tomllib.loads(step.code) == {"log": {"torque_sign": [1, -1]}}
     assert step.reason == f"{SIGN.statement}, in a.csv: mended, {SIGN.evidence}."
     (said,) = found(changed)
-    assert "of no robot that moves like this one" in said
+    assert "does not move like this one" in said
 
 
 def test_other_mistakes_that_explain_as_much_are_named(identification: Identification) -> None:
@@ -131,7 +131,7 @@ def test_what_was_found_has_the_numbers_of_the_result(identification: Identifica
     first, second = found(identification)
     assert identification.parameters is not None
     assert f"weigh {identification.total_mass:.4g} kg in all (assumed, " in first
-    assert f"tells {identification.parameters.count('measured')}, " in first
+    assert f" {identification.parameters.count('measured')} are measured by the data alone, " in first
     assert second.endswith(f"instead of {identification.unconstrained.relative_error:.2%}.")
 
 

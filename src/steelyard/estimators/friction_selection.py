@@ -511,11 +511,11 @@ def select_friction(
     silent = [name for name, joint in zip(names, joints, strict=True) if not joint.tells]
     if silent:
         remarks.append(
-            f"What friction {', '.join(silent)} has cannot be told: it stands still, the log is too short, or its "
+            f"The friction of {', '.join(silent)} cannot be found: it stands still, the log is too short, or its "
             "torques are filtered too much."
         )
         if not chosen and len(silent) < len(names):
-            remarks.append("At the other joints none of the laws that were tried makes the model better beyond doubt.")
+            remarks.append("At the other joints none of the laws that were tried makes the model significantly better.")
     return FrictionSelection(
         names,
         tuple(sorted(chosen, key=lambda one: one.joint)),

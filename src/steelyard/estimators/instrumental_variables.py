@@ -83,12 +83,12 @@ class InstrumentStrength:
         if self.share > ALIKE:
             return (
                 f"The instruments are the measured regressor itself to {self.share:.2%} of its square, in any "
-                "combination of base parameters, so that this is hardly more than least squares."
+                "combination of base parameters: this is hardly more than least squares."
             )
         return (
             f"Of the squared regressor of any combination of base parameters at least {self.share:.2%} is that of the "
-            f"instruments (least near {self.weakest}); the rest is noise, which least squares take for motion, or how "
-            "the robot moved otherwise."
+            f"instruments (least near {self.weakest}); the rest is noise, which least squares takes for motion, or "
+            "motion that the instruments do not have."
         )
 
 

@@ -291,9 +291,10 @@ def _apart(plain: Estimate, base: Matrix) -> tuple[str, ...]:
     if errors[worst] <= APART:
         return ()
     return (
-        f"Whitened rows and the rows themselves differ by {errors[worst]:.0f} standard errors of least squares in "
-        f"{plain.base_expressions[worst]}, which noise does not explain: whitening weights frequencies at which the "
-        'model or the motion errs. Rely on estimator="fit", filter less, or leave out rows near standstill.',
+        f"The answers by whitened rows and by the rows themselves differ by {errors[worst]:.0f} standard errors of "
+        f"least squares in {plain.base_expressions[worst]}, which noise does not explain: whitening gives weight to "
+        'frequencies at which the model or the motion errs. Rely on estimator="fit", filter less, or leave out rows '
+        "near standstill.",
     )
 
 

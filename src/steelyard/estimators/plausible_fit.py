@@ -83,7 +83,8 @@ class PriceOfPlausibility:
             f"Staying near the prior leaves {chosen} of the torques unexplained on the data of the fit, as much as "
             "without a prior"
             if chosen == without
-            else f"Staying near the prior costs {chosen} instead of {without} on the data of the fit (without a prior)"
+            else f"Staying near the prior leaves {chosen} of the torques unexplained on the data of the fit, {without} "
+            "without a prior"
         )
         return (
             f"{training}; on stretches left out, "

@@ -240,9 +240,9 @@ class InfeasibilityExplanation:
         cured = [degree for degree in self.degrees if math.isfinite(degree.alone)]
         if cured:
             best = min(cured, key=lambda degree: abs(degree.alone))
-            found.append(f"{best.name} alone would mend it, with a change of {few_digits(best.alone)}.")
+            found.append(f"{best.name} alone could make it feasible, by a change of {few_digits(best.alone)}.")
         else:
-            found.append("No base parameter alone can mend it.")
+            found.append("No base parameter alone can make it feasible.")
         if self.correlation is not None and not math.isnan(self.correlation):
             found.append(
                 f"Poorly identified parameters are the infeasible ones with a rank correlation of "

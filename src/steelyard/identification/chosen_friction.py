@@ -102,7 +102,8 @@ class FrictionChoice:
         told = (*self.selection.remarks, *self.remarks)
         if not self.selection.chosen and not any("were not added" in one for one in self.remarks):
             kept = (
-                "None of the laws of friction that were tried makes the model surely better; that of the terms stays."
+                "None of the laws of friction that were tried makes the model significantly better; the friction of "
+                "the terms stays."
             )
             told = (*told, kept)
         told = (*told, *self._open)
@@ -122,9 +123,9 @@ class FrictionChoice:
         if not laws:
             return ()
         return (
-            "The logs leave numbers of the friction open, by the largest standard error of each law's, relative: "
-            f"{', '.join(laws)}. The table of the laws has the intervals. A log of a motion that shows friction tells "
-            "more: steelyard excite --criterion friction.",
+            "Some numbers of the friction are open (with the largest relative standard error of each law): "
+            f"{', '.join(laws)}. The table of the laws has the intervals. A motion that shows friction determines them "
+            "better: steelyard excite --criterion friction.",
         )
 
     @property
@@ -219,8 +220,8 @@ def choose_friction(
     if dropped:
         told = dict.fromkeys(f"{_name(one.kind)} at {selection.joint_names[one.joint]}" for one in dropped)
         remarks.append(
-            f"Laws that were not added: {', '.join(told)}. Each joint by itself they lower the error on stretches "
-            "that are left out; in a fit of all joints together they do not do so for sure."
+            f"Laws that were not added: {', '.join(told)}. For each joint by itself they lower the error on "
+            "stretches that are left out, but in a fit of all joints together not significantly."
         )
         selection = selection.with_laws(kept)
     if not kept:
@@ -233,7 +234,7 @@ def choose_friction(
     )
     remarks.insert(
         0,
-        f"The logs call for more than the friction that was stated, and the model has it: {words}. By least squares "
+        f"The logs show more friction than was stated, and the model now has it: {words}. By least squares "
         f"the errors of the joints on stretches that are left out (root mean square of the relative ones) fall from "
         f"{plain:.2%} to {error:.2%}.",
     )
@@ -317,9 +318,9 @@ def _told(presliding: Sequence[ChosenFriction], selection: FrictionSelection) ->
         for one in presliding
     )
     return (
-        f"Friction remembers where joints were before they slid: {laws}. Beside elastic joints no term has such a "
-        "state, so that the model goes without; the report has its numbers, for a simulation or a controller that "
-        "knows it."
+        f"Friction depends on how joints moved before they slid (presliding): {laws}. Beside elastic joints no term "
+        "has such a state, so the model does without it; the report has its numbers, for a simulation or a "
+        "controller that can use them."
     )
 
 

@@ -321,8 +321,8 @@ def compare_estimates(
         )
     springs = [one for first, second in pairs for one in _elastic_differences(first, second, confidence)]
     remarks = [
-        f"{one.name} does not tell what plain least squares made of its data; its own base parameters were compared, "
-        "which physics and priors draw away from the data, so that differences may be theirs."
+        f"{one.name} does not hold the base parameters of plain least squares, so those of its answer were compared. "
+        "Physics and priors draw them away from the data; differences may come from that."
         for one in loaded
         if one.estimate.unconstrained_base is None and one.estimate.consistency is not None
     ]

@@ -79,7 +79,7 @@ class RotorDecision:
         """Say that rotors were taken in, though the source of the robot states none."""
         return (
             f"The model has the inertia of a rotor at every joint, of which {source} says nothing: {self.reason}. "
-            "Without it, links would take on what belongs to rotors; state [[terms]] in a robot.toml to choose."
+            "Without it, links would get inertia that belongs to rotors; state [[terms]] in a robot.toml to choose."
         )
 
 

@@ -803,7 +803,7 @@ class _Patient:
         names = ", ".join(recording.joint_label(int(j)) for j in noisy)
         statement = (
             f"At the cutoff of {cutoff:.4g} Hz noise of the positions makes up to {share[worst]:.0%} of the power of "
-            f"the accelerations ({names}), so that inertias become too small."
+            f"the accelerations ({names}), and inertias become too small."
         )
         if self._states("cutoff"):
             remedy: Settings = {"processing": {"cutoff": "auto"}}
@@ -831,12 +831,12 @@ class _Patient:
         by = "the signals show" if self.model is None else "the model shows"
         width = f"{1e3 * found.delay:.3g} ± {1e3 * found.standard_deviation:.2g} ms"
         if not found.is_sure or fallen < (BLIND_GAIN if self.model is None else DELAY_GAIN):
-            self.facts["delay"] = f"torques are {width} behind the motion, as {by}; that is not told from none"
+            self.facts["delay"] = f"torques are {width} behind the motion, as {by}; that is not significant"
             return
         remedy: Settings = {"processing": {"delay": _significant(np.asarray(stated, dtype=float) + found.delay)}}
         statement = (
             f"Torques are logged {width.removeprefix('-')} {'later' if found.delay > 0 else 'earlier'} than the motion "
-            f"that they belong to, as {by}: without the delay what is unexplained falls by {fallen:.0%}."
+            f"that they belong to, as {by}: without the delay the unexplained part falls by {fallen:.0%}."
         )
         self.add(Finding("delay", statement, "worse", fallen, remedy))
 

@@ -212,7 +212,7 @@ def identify(
     reader = LogReader(file, model, chunk_rows)
     if reader.columns.finds_gains:
         raise InputError(
-            f"{file.path}, [log]: drive gains are to be found, and currents alone tell no torques; state "
+            f"{file.path}, [log]: drive gains are to be found, and currents alone are no torques; state "
             "`gain = [...]`, N·m per A of each joint, or find them with `steelyard payload ROBOT UNLOADED LOADED` and "
             "a payload of known mass."
         )
@@ -285,7 +285,7 @@ def identify(
     unconstrained = unconstrained or least_squares(information, weights)
     if information is not measured:
         reader.remarks.append(
-            "What is called plain least squares beside this answer are those of the rows that the estimator made: "
+            "Plain least squares beside this answer is that of the estimator's own rows: "
             f"{unconstrained.method} without conditions."
         )
     say("is it physically possible?")

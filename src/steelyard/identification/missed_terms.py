@@ -81,7 +81,7 @@ def missed_terms(model: Model, estimate: Estimate, samples: Iterable[Samples]) -
     what = " and ".join([*known, *undescribed_kinds(model.robot)])
     where = "in an extension of ours, which simulators pass over, and " if known else ""
     return (
-        f"The format of {source.name} has no place for {what}: what was found stands {where}in estimate.json. A "
+        f"The format of {source.name} has no place for {what}: their values stand {where}in estimate.json. A "
         f"simulation without it misses {share:.1%} of the torques of these logs, and {each[worst]:.1%} at joint "
         f"{model.robot.joint_names[worst]}.",
     )

@@ -145,7 +145,7 @@ def sentence(hypotheses: Sequence[Hypothesis]) -> str:
     first, *others = told
     if not others:
         return f"{first}."
-    return f"{first}. This log cannot tell it from another mistake: {'; or: '.join(others)}."
+    return f"{first}. This log cannot distinguish it from another mistake: {'; or: '.join(others)}."
 
 
 @dataclass(frozen=True, eq=False)

@@ -80,8 +80,8 @@ def found(identification: Identification) -> tuple[str, ...]:
     prediction, told = identification.prediction, identification.parameters
     if prediction.word == "wrong":
         return (
-            "The numbers are of no robot that moves like this one, though a robot with them can exist: do not use them "
-            "before the cause is found.",
+            "A robot with these numbers can exist, but it does not move like this one: do not use them before the "
+            "cause is found.",
         )
     sentences = []
     if told is not None:
@@ -91,9 +91,9 @@ def found(identification: Identification) -> tuple[str, ...]:
             sentences.append(f"{mass}; no number has an interval, because the torques were filtered.")
         else:
             sentences.append(
-                f"{mass} ({total.basis}, {total.lower:.4g} to {total.upper:.4g} kg): of {len(told)} numbers the data "
-                f"alone tells {told.count('measured')}, with physics it bounds {told.count('bounded')}, and "
-                f"{told.count('assumed')} are assumed."
+                f"{mass} ({total.basis}, {total.lower:.4g} to {total.upper:.4g} kg): of {len(told)} numbers "
+                f"{told.count('measured')} are measured by the data alone, {told.count('bounded')} are bounded by "
+                f"data and physics, and {told.count('assumed')} are assumed."
             )
     verdict = identification.verdict
     before, after = identification.unconstrained.relative_error, identification.estimate.relative_error
@@ -101,10 +101,10 @@ def found(identification: Identification) -> tuple[str, ...]:
         names = [violation.block for violation in verdict.violations]
         more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
         which = f" ({', '.join(names[:MOST_NAMED])}{more})" if names else ""
-        left = f"{after:.2%} of the torques of its own data unexplained"
+        left = f"{after:.2%} of the torques of the same data unexplained"
         compared = f" instead of {before:.2%}" if f"{before:.2%}" != f"{after:.2%}" else ", just as much"
         sentences.append(
-            f"Plain least squares found a robot that cannot exist{which}; one that can leaves {left}{compared}."
+            f"Plain least squares found a robot that cannot exist{which}. One that can exist leaves {left}{compared}."
         )
     return tuple(sentences)
 
@@ -229,7 +229,7 @@ def _other_estimator(identification: Identification) -> Iterator[NextStep]:
         yield NextStep(
             "Take the default estimator.",
             f"Least squares of the rows as measured leave {error:.0%} of their torques unexplained, this answer "
-            f"{said.relative_error:.0%}: the rows that the estimator made weight what the model or the motion errs in.",
+            f"{said.relative_error:.0%}: the estimator's own rows give weight to errors of the model or of the motion.",
             f"steelyard identify {_robot(identification)} {logs} --output DIR",
             "console",
         )
@@ -341,8 +341,8 @@ def _weighing(identification: Identification) -> Iterator[NextStep]:
         names = [link.name for link in table.links]
         yield NextStep(
             "State what the moving links weigh.",
-            f"Their mass, {total.value:.3g} kg, is assumed: the data and physics leave {total.lower:.3g} to "
-            f"{total.upper:.3g} kg. A data sheet or a scale tells it (all from {names[0]} on, without the base).",
+            f"Their mass, {total.value:.3g} kg, is assumed: the data and physics allow {total.lower:.3g} to "
+            f"{total.upper:.3g} kg. A data sheet or a scale gives it (all from {names[0]} on, without the base).",
             "[constraints]\ntotal_mass = { equal = MASS }",
             "toml",
         )
@@ -373,7 +373,8 @@ def _confirmation(identification: Identification) -> Iterator[NextStep]:
     elif not identification.validation_logs:
         yield NextStep(
             "Try the model on another motion.",
-            f"It was judged on {identification.prediction.source}; a log of its own tells whether it holds elsewhere.",
+            f"It was judged on {identification.prediction.source}; a log that it has not seen shows whether it holds "
+            "elsewhere.",
             f"steelyard validate {robot} DIR OTHER_LOG",
             "console",
         )

@@ -37,8 +37,8 @@ MANY_PARAMETERS = 300
 286 parameters (22 joints with friction) and 17 s for 377 (29 joints), growing with the third power of the number."""
 
 TOO_MANY = (
-    "Intervals are those of the data alone, and open where it tells nothing: what physics adds takes too long for more "
-    f"than {MANY_PARAMETERS} parameters; steelyard.feasibility.parameter_intervals finds it for single ones."
+    "Intervals are those of the data alone, and open where the data show nothing: the bounds of physics take too long "
+    f"for more than {MANY_PARAMETERS} parameters; steelyard.feasibility.parameter_intervals finds them for single ones."
 )
 
 EXACT = 1e-5
@@ -387,7 +387,7 @@ def parameter_table(
         more = f" and {len(drawn) - MOST_SENTENCES} more" if len(drawn) > MOST_SENTENCES else ""
         stand = "stands at an end of its interval" if len(drawn) == 1 else "stand at an end of their intervals"
         shown = ", ".join(drawn[:MOST_SENTENCES]) + more
-        sentences = (*sentences, f"{shown} {stand}: the prior draws the answer that far from what the data tells.")
+        sentences = (*sentences, f"{shown} {stand}: the prior draws the answer that far away from the data.")
     if told is not None and feasible_set.parameter_count > MANY_PARAMETERS:
         sentences = (TOO_MANY, *sentences)
     return ParameterTable(table.rows, table.confidence, sentences)
@@ -555,7 +555,7 @@ def _known_together(
     if found:
         shown = "; ".join(text for _, text in found[:MOST_SENTENCES])
         sentences.append(
-            f"Of these only the sum is measured, and no motion of this robot tells the parts apart: {shown}."
+            f"Of these only the sum is measured; no motion of this robot shows the parts by themselves: {shown}."
         )
     if info.unidentifiable:
         shown = ", ".join(info.unidentifiable[:MOST_SENTENCES])

@@ -320,8 +320,8 @@ def said_of(few: Sequence[FewRows]) -> str:
     """
     more = f"; and {len(few) - MOST_SAID} more" if len(few) > MOST_SAID else ""
     return (
-        f"Few rows hold much of the error: {'; '.join(map(str, few[:MOST_SAID]))}{more}. Noise does not do that; an "
-        "arm that meets a stop or another body does, and a sensor with spikes."
+        f"Few rows hold much of the error: {'; '.join(map(str, few[:MOST_SAID]))}{more}. Noise is not "
+        "like that; it happens where an arm meets a stop or another body, or a sensor has spikes."
     )
 
 

@@ -189,7 +189,7 @@ def _with_delay(plan: Plan, recording: Measurements, model: Model | None) -> Pla
         if not found.is_sure:
             remark = (
                 f"Torques were not moved: the delay behind the motion that {by}, {1e3 * found.delay:.3g} ms, is "
-                f"not sure with an uncertainty of {1e3 * found.standard_deviation:.2g} ms; set `delay` in "
+                f"not significant with an uncertainty of {1e3 * found.standard_deviation:.2g} ms; set `delay` in "
                 "[processing] if it is known."
             )
             return replace(plan, remarks=(*plan.remarks, remark))

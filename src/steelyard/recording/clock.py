@@ -158,11 +158,11 @@ class ClockStatistics:
         if self.verdict != "even":
             share = f"{100 * self.share:.0f} ± {100 * self.share_deviation:.0f} %"
             reason = {
-                "stamps": f"the positions follow the stamps ({share} of the deviations show in them), so that the rows "
-                "were taken at uneven times",
-                "even clock": f"the positions follow the even clock ({share} of the deviations show in them), so that "
-                "the rows were taken evenly and only the stamps are unsteady",
-                "unclear": "the positions do not tell which is right, so that it makes no visible difference",
+                "stamps": f"the positions follow the stamps ({share} of the deviations show in them): the rows were "
+                "taken at uneven times",
+                "even clock": f"the positions follow the even clock ({share} of the deviations show in them): the "
+                "rows were taken evenly and only the stamps are unsteady",
+                "unclear": "the positions do not show which is right, and it makes no visible difference",
             }[self.verdict]
             found["jitter"] = (
                 f"Intervals between stamps are off an even clock of {1.0 / self.period:.6g} Hz by up to "

@@ -80,11 +80,11 @@ def parameters(identification: Identification) -> Markup:
     if has_intervals:
         text += (
             "<p>Each interval holds the true value with a probability of 95 %, as far as the model is right: it counts "
-            "noise, and all that the motion does not show, within what is physically possible. "
-            "<strong>Measured</strong>: the data alone tells the value, to about a fifth of its size. "
+            "noise, and everything that the motion does not show, within what is physically possible. "
+            "<strong>Measured</strong>: the data alone determine the value, to about a fifth of its size. "
             "<strong>Bounded</strong>: data and physics together confine it to its size. <strong>Assumed</strong>: "
-            "neither does, and the value was chosen near what is known beforehand; do not take it for that of the real "
-            "robot.</p>"
+            "neither confines it, and the value was chosen near what is known beforehand; do not take it for that of "
+            "the real robot.</p>"
             f'<p class="key">{bar(_KEY, _BAR)} '
             "dot: value, bar: interval, tick: CAD; an arrow says that the interval goes on. Bars of one table share "
             "their scale, but for that of all links together.</p>"

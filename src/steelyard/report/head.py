@@ -98,7 +98,7 @@ def _verdict_of_least_squares(identification: Identification) -> str:
 
 def _figures(identification: Identification) -> list[tuple[str, str, str]]:
     unconstrained, estimate, told = identification.unconstrained, identification.estimate, identification.prediction
-    noise = "white noise could not be told apart"
+    noise = "white noise could not be separated"
     if not np.isnan(told.relative_noise):
         noise = f"noise floor {percent(told.relative_noise)} %; on {told.source}"
     error = Markup(f"{percent(told.relative_error)} <small>%</small>")

@@ -114,7 +114,7 @@ def identified_with_motions(
         # What shows a stiffness then is the fourth derivative of a position, whose noise makes joints look stiffer.
         raise InputError(
             f'{where}: side = "motor" needs the columns of the motors\' encoders, as position = ["motor2"]; from the '
-            "positions of the links alone no stiffness can be told."
+            "positions of the links alone no stiffness can be found."
         )
     if settings.motor_inertia is not None and any(term["kind"] == "motor_side" for term in file.terms):
         raise InputError(
@@ -322,7 +322,7 @@ def _told(joints: Sequence[JointStiffness]) -> list[str]:
             continue
         if not one.motor_inertia_standard_error < 0.5 * one.motor_inertia:
             found.append(
-                f"{one.joint}: the log tells the inertia of its motor poorly, and the stiffness with it; state "
+                f"{one.joint}: the log determines the inertia of its motor poorly, and with it the stiffness; state "
                 "motor_inertia in [elastic] where it is known."
             )
     return found

@@ -86,8 +86,8 @@ class ElasticModel:
             )
         if self.without_inertia:
             return (
-                f"The log tells no motor inertia of {', '.join(self.without_inertia)}, without which they cannot "
-                "be simulated; state motor_inertia in [elastic]."
+                f"The log does not determine the motor inertia of {', '.join(self.without_inertia)}, without which "
+                "they cannot be simulated; state motor_inertia in [elastic]."
             )
         return (
             f"Links and drives are physically possible, but not together with the stiffness, damping and motor inertia "
