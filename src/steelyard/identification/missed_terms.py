@@ -79,9 +79,9 @@ def missed_terms(model: Model, estimate: Estimate, samples: Iterable[Samples]) -
     worst = int(np.argmax(each))
     known = [NAMES[name] for name in NAMES if name not in held and name in described.values()]
     what = " and ".join([*known, *undescribed_kinds(model.robot)])
-    where = "in an extension of ours, which simulators pass over, and " if known else ""
+    beside = f", and {' and '.join(known)} in an extension of ours, which simulators pass over" if known else ""
     return (
-        f"The format of {source.name} has no place for {what}: their values stand {where}in estimate.json. A "
+        f"The format of {source.name} has no place for {what}: their values stand in estimate.json{beside}. A "
         f"simulation without it misses {share:.1%} of the torques of these logs, and {each[worst]:.1%} at joint "
         f"{model.robot.joint_names[worst]}.",
     )
