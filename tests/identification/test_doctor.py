@@ -367,3 +367,16 @@ class TestLongLogs:
         found, kinds = self.examined(arm[2], tmp_path, t=1e3 * T)
         assert kinds["time unit"].remedy == {"log": {"time_unit": "ms"}}
         assert found.facts["rows"].startswith("5000, 19.996 s at 250 Hz")
+
+
+@pytest.mark.slow
+def test_a_log_that_runs_into_a_stop_is_told_with_the_times(arm, tmp_path):
+    path, _, log = arm
+    torque = log["tau"].copy()
+    for row in (1000, 3500):
+        torque[row : row + 6, 1] += 8.0 * np.ptp(torque[:, 1]) * np.array([0.2, 0.7, 1.0, 0.6, 0.3, 0.1])
+    found = examine(written({**log, "tau": torque}, tmp_path / "stop.csv"), path)
+    (event,) = [finding for finding in found.findings if finding.kind == "few rows"]
+    assert "at t = 4.0" in event.statement  # rows 1000 and 3500 at 250 Hz
+    assert "14.0" in event.statement
+    assert 'missing = "fill"' in event.advice

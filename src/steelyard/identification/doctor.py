@@ -45,7 +45,9 @@ from steelyard.robot.description import read_description
 
 from .given import GivenRobot, GivenSamples, One, given_constraints, given_logs, given_robot
 from .log_checks import mistakes_in_logs
-from .log_reader import LogReader, against_limits
+from .log_reader import DrawnRows, LogReader, against_limits
+from .prediction_verdict import said_of
+from .validation import DRAWN_ROWS, few_rows_of
 
 __all__ = ["Examination", "Finding", "examine", "merged"]
 
@@ -318,6 +320,7 @@ class _Fit:
     information: Information
     estimate: Estimate
     samples: Samples
+    drawn: DrawnRows
     stretches: tuple[Information, ...]
 
     def overfitting(self) -> float | None:
@@ -721,6 +724,7 @@ class _Patient:
                 self.add(finding)
             self._beyond_limits(survey)
             self._excitation(fit)
+            self._events(name, fit)
         self.facts["model"] = (
             f"least squares leave {estimate.relative_error:.2%} of the torques; condition number "
             f"{information.condition_number:.4g} with {information.base_count} base parameters"
@@ -734,9 +738,10 @@ class _Patient:
         reader = LogReader(self._file(further), self.model, CHUNK_ROWS)
         reader.decide([self.log], self.say)
         blocks = TimeBlocks(empty_factors(self.model))
-        information, thinned = reader.reduce(self.log, POINTS, None, blocks)
+        drawn = DrawnRows(self.model, DRAWN_ROWS)
+        information, thinned = reader.reduce(self.log, POINTS, None, blocks, drawn=drawn)
         stretches = information.stretches(blocks, STRETCHES)
-        return _Fit(reader, information, least_squares(information, "joint"), thinned.samples, stretches)
+        return _Fit(reader, information, least_squares(information, "joint"), thinned.samples, drawn, stretches)
 
     def _better_with(self, finding: Finding, before: _Fit) -> _Fit | None:
         """Fit the model with the remedy of a finding that the motion alone suggests; None where that does not help."""
@@ -754,6 +759,14 @@ class _Patient:
         for sentence in against_limits(survey, self.model.robot):
             advice = "Check the limits of the description, the zero of the joint, and the order of the columns."
             self.add(Finding("limits", sentence, "worse", 0.0, advice=advice))
+
+    def _events(self, name: str, fit: _Fit) -> None:
+        """Tell of few rows that hold much of the error, as where the arm ran into a stop."""
+        assert self.model is not None
+        few = few_rows_of(name, "identification", fit.information, self.model, fit.estimate.base, fit.drawn.kept)
+        if few:
+            advice = 'Empty the torques of these moments in the log, and state missing = "fill" in [log].'
+            self.add(Finding("few rows", said_of(few), "worse", few[0].relative_error, advice=advice))
 
     def _excitation(self, fit: _Fit) -> None:
         """Say whether the motion shows the robot: by the error on stretches that are left out, and by what is weak."""

@@ -38,7 +38,7 @@ FEWEST_ROWS = FEWEST_BATCHES * BATCH_LENGTHS[0]
 """The fewest rows of a joint, all logs together: fewer do not tell noise from errors, and most of them are near the
 ends, which filters spoil. A third of a second of a UR5 at 250 Hz, without a mistake, was called poor or wrong."""
 
-_DRAWN_ROWS = 20_000  # of each log that are kept, to see short events; of a longer one its extremes
+DRAWN_ROWS = 20_000  # of each log that are kept, to see short events; of a longer one its extremes
 _POINTS = 1200  # of each log that are kept, to look for mistakes where it is predicted poorly
 
 
@@ -219,7 +219,7 @@ def validate_estimate(
         few_rows=[
             few
             for log, part, drawn in zip(given, parts, read.drawn, strict=True)
-            for few in _few_rows(str(log), part, model, loaded.base, drawn)
+            for few in few_rows_of(str(log), "validation", part, model, loaded.base, drawn)
         ],
     )
     each = []
@@ -258,7 +258,11 @@ def total(parts: Sequence[Information]) -> Information:
     return replace(Information.total(parts), batch_means=parts[-1].batch_means)
 
 
-def _few_rows(log: str, information: Information, model: Model, base: Array, drawn: DrawnLog) -> tuple[FewRows, ...]:
+def few_rows_of(
+    log: str, role: str, information: Information, model: Model, base: Array, drawn: DrawnLog
+) -> tuple[FewRows, ...]:
+    """Return what `few_rows` finds in a log, by the rows of it that are drawn."""
+
     def errors(samples: Samples) -> Array:
         left = np.vstack([part for _, part in residuals(model, samples, base)])
         return left if samples.mask is None else np.where(samples.mask, left, np.nan)
@@ -266,7 +270,7 @@ def _few_rows(log: str, information: Information, model: Model, base: Array, dra
     assert drawn.samples.t is not None
     stretches = [errors(window) for window in drawn.windows]
     own = (drawn.samples.t, errors(drawn.samples), stretches, drawn.seen)
-    return few_rows(log, "validation", model.robot.joint_names, information, base, *own)
+    return few_rows(log, role, model.robot.joint_names, information, base, *own)
 
 
 @dataclass(frozen=True, eq=False)
@@ -333,7 +337,7 @@ def read_as_fitted(
     parts, samples, drawn = [], {}, []
     for log in logs:
         say(f"reading {log}")
-        rows = DrawnRows(model, _DRAWN_ROWS)
+        rows = DrawnRows(model, DRAWN_ROWS)
         information, thinned = reader.reduce(log, _POINTS, sums, drawn=rows)
         if information.count == 0:
             raise InputError(
