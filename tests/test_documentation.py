@@ -242,21 +242,26 @@ def place(workshop: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Pa
 # What pages take for granted: names that the reader has at this point, or files of another robot.
 
 
-def _identified(place: Path) -> dict[str, Any]:
-    """The names of somebody who has identified a robot."""
-    model = sy.Model.load(place / "robot.toml")
-    info = sy.Information.from_samples(model, sy.Recording.read(place / "run1.csv", joints=6).process(cutoff=10.0))
-    feasible_set = sy.FeasibleSet(model)
-    estimate = sy.fit(info, feasible_set)
-    found = {
+def _names(model: sy.Model, info: sy.Information, estimate: sy.Estimate, parameters: Any) -> dict[str, Any]:
+    return {
         "sy": sy,
         "model": model,
         "info": info,
         "information": info,
-        "feasible_set": feasible_set,
+        "feasible_set": sy.FeasibleSet(model),
         "estimate": estimate,
+        "delta": parameters,
+        "beta": estimate.base,
+        "base": estimate.base,
     }
-    return found | {"delta": estimate.parameters, "beta": estimate.base, "base": estimate.base}
+
+
+def _identified(place: Path) -> dict[str, Any]:
+    """The names of somebody who has identified a robot."""
+    model = sy.Model.load(place / "robot.toml")
+    info = sy.Information.from_samples(model, sy.Recording.read(place / "run1.csv", joints=6).process(cutoff=10.0))
+    estimate = sy.fit(info, sy.FeasibleSet(model))
+    return _names(model, info, estimate, estimate.parameters)
 
 
 def _small(place: Path) -> dict[str, Any]:
@@ -268,18 +273,7 @@ def _small(place: Path) -> dict[str, Any]:
     truth = np.array([0.1, 0, 0, 0.1, 0, 0.1, -0.2, 0, 0, 2.0, 0.1] * 2)
     torque = model.inverse_dynamics(q, dq, ddq, truth) + random.normal(size=q.shape) * 0.1
     info = sy.Information.from_samples(model, sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque))
-    feasible_set = sy.FeasibleSet(model)
-    estimate = sy.least_squares(info)
-    found = {
-        "sy": sy,
-        "model": model,
-        "info": info,
-        "information": info,
-        "feasible_set": feasible_set,
-        "estimate": estimate,
-    }
-    parameters = sy.fit(info, feasible_set).parameters
-    return found | {"delta": parameters, "beta": estimate.base, "base": estimate.base}
+    return _names(model, info, sy.least_squares(info), sy.fit(info, sy.FeasibleSet(model)).parameters)
 
 
 def _mass_four(place: Path) -> dict[str, Any]:
