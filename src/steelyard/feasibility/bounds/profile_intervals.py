@@ -56,9 +56,9 @@ MOST_DISTANCE = 1e-2
 times the rows of all blocks, less than 1, and so widens intervals by less than an eighth."""
 
 FIRST_DISTANCE, FIRST_ACCURACY = 0.3, 0.1
-"""The same at first, and how near to its least the search goes with it. In all that takes 23, 25, 15 and 21 Newton steps
-for a WAM, an xArm7, a Panda and a UR5, in place of 41, 43, 21 and 19 from an estimate that a prior draws to a boundary;
-for the WAM 24 and 25 with 0.1 and 1, and 28 to 35 with more values."""
+"""The same at first, and how near to its least the search goes with it. In all that takes 23, 25, 15 and 21 Newton
+steps for a WAM, an xArm7, a Panda and a UR5, in place of 41, 43, 21 and 19 from an estimate that a prior draws to a
+boundary; for the WAM 24 and 25 with 0.1 and 1, and 28 to 35 with more values."""
 
 
 @dataclass(frozen=True, eq=False)
