@@ -417,9 +417,6 @@ def _resting(recording: Measurements, tolerance: Array, lengths: Array) -> NDArr
         if size >= recording.count:
             continue
         q, half = recording.q[:, j], size // 2
-        # Each window holds one of these pieces: of most joints none is short enough, and the windows need no look.
-        if np.ptp(q[: len(q) // half * half].reshape(-1, half), axis=1).min() > tolerance[j]:
-            continue
         travel = _largest_around(q, size) + _largest_around(-q, size)
         centre = travel <= tolerance[j]
         centre[:half] = centre[recording.count - half :] = False
