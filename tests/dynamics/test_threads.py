@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
-from steelyard.dynamics.threads import in_threads, one_thread
+from steelyard.dynamics.threads import in_threads, one_thread, serial
 
 
 @pytest.mark.parametrize("threads", [1, 2, 3])
@@ -44,6 +44,15 @@ def test_shared_work_may_share_work() -> None:
 
     with threadpool_limits(2, "blas"):
         assert in_threads(outer, range(6)) == [[item + k for k in range(5)] for item in range(6)]
+
+
+def test_work_stays_in_its_thread_where_others_have_the_processors() -> None:
+    def where(_: int) -> int:
+        time.sleep(0.002)
+        return threading.get_ident()
+
+    with threadpool_limits(2, "blas"), serial():
+        assert set(in_threads(where, range(6))) == {threading.get_ident()}
 
 
 def test_two_callers_share_the_threads() -> None:

@@ -8,6 +8,29 @@ from steelyard.regression.batch_means import BATCH_LENGTHS, BatchSums
 from steelyard.regression.reduction import empty_factors
 
 
+def test_factors_are_those_of_sums_in_plain_numpy():
+    rng = np.random.default_rng(5)
+    robot = sy.Robot.from_dh([("pi/2", 0, 0.3, "q"), (0, 0.5, 0, "q")])
+    empty = empty_factors(sy.Model(robot.with_terms(sy.Viscous(), sy.Offset())))
+    sums, parts = BatchSums(empty), []
+    for count in (4096, 1024, 1500):
+        mask = rng.random((count, 2)) > 0.3
+        mask[200:900, 1] = False  # some batches of the second joint are empty
+        drift = np.linspace(0.0, 1.0, count)[:, None]  # neighbouring sums differ little
+        rows = [drift + 1e-3 * rng.standard_normal((count, len(one.columns) + 1)) for one in empty]
+        for own in rows:
+            own[:, 0] = 1.0
+        sums.add(rows, mask)
+        parts.append([own * mask[:, k, None] for k, own in enumerate(rows)])
+    for length, level in zip(BATCH_LENGTHS, sums.factors(), strict=True):
+        for k, factor in enumerate(level):
+            own = np.concatenate([part[k] for part in parts])
+            direct = np.add.reduceat(own, np.arange(0, len(own), length), axis=0)
+            assert factor.count == np.count_nonzero(direct.any(axis=1))
+            square = direct.T @ direct
+            np.testing.assert_allclose(factor.triangle.T @ factor.triangle, square, atol=1e-12 * square.max())
+
+
 def test_block_sums_of_many_logs_are_those_of_each():
     robot = sy.Robot.from_dh([("pi/2", 0, 0.3, "q"), (0, 0.5, 0, "q")])
     model = sy.Model(robot)
