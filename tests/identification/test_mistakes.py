@@ -112,6 +112,7 @@ MISTAKES = [
     "missing offsets",
     "missing friction",
     "payload",
+    "tilted base",
 ]
 
 

@@ -161,7 +161,9 @@ class Planted:
             return False
         if found.terms != wanted.terms or (found.gravity is None) != (wanted.gravity is None):
             return False
-        if wanted.gravity is not None and not np.allclose(found.gravity, wanted.gravity):
+        # Two degrees; an axis of the base is told exactly.
+        near = 0.035 * 9.81 * (np.count_nonzero(wanted.gravity) > 1) if wanted.gravity is not None else 0.0
+        if wanted.gravity is not None and not np.allclose(found.gravity, wanted.gravity, atol=max(near, 1e-8)):
             return False
         if abs(found.delay - wanted.delay) > 0.005 + 0.1 * abs(wanted.delay):
             return False
@@ -211,6 +213,11 @@ def plant(arm, mistake, seed, kind):
         case "gravity":
             directions = [(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, 0)]
             wanted = Correction(gravity=9.81 * np.array(directions[random.integers(6)], dtype=float))
+            options["gravity"] = wanted.gravity
+        case "tilted base":
+            angle, side = np.radians(random.uniform(10.0, 50.0)), random.uniform(0.0, 2.0 * np.pi)
+            tilted = np.sin(angle) * np.cos(side), np.sin(angle) * np.sin(side), -np.cos(angle)
+            wanted = Correction(gravity=9.81 * np.array(tilted))
             options["gravity"] = wanted.gravity
         case "payload":
             mass = random.uniform(0.1, 0.25) * sum(link.inertia.mass for link in arm.robot.links)
@@ -336,6 +343,7 @@ MISTAKES = {
     "missing offsets": "missing term",
     "missing friction": "missing term",
     "payload": "payload",
+    "tilted base": "gravity",
 }
 """Names of mistakes, and the kind of hypothesis that finds each."""
 

@@ -76,6 +76,9 @@ NEARBY_DELAYS = (0.002, 0.01)
 likelihoods of the log with such a delay, earlier and later, tell by a parabola what any delay would gain. Where that is
 next to nothing by both, the others are not tried, which take most of the time of a look at a sound log. One step does
 not do: with the second alone a gain of 13 at 2 ms was passed by."""
+TILT, TILTS = 0.3, 1e3
+"""rad by which the search for the direction of gravity steps aside first, and how many directions count as told apart:
+logs tell them to within some three degrees, and a sphere has so many patches of that size."""
 RATIOS = np.geomspace(1.5, 1000.0, 105)
 """The ratios of gears that are tried: positions that are 6 % off over two radians are 0.12 rad off, from which the best
 can be found."""
@@ -788,15 +791,46 @@ class _Search:
         directions = {
             f"{'+-'[sign < 0]}{axis}": sign * np.eye(3)[k] for k, axis in enumerate("xyz") for sign in (1, -1)
         }
+        costs = [self.base.cost]
         for name, direction in directions.items():
             if not np.allclose(size * direction, own):
                 statement = f"Gravity looks to act along {name} of the base frame: the robot is mounted otherwise"
-                self._try("gravity", statement, Correction(gravity=size * direction), 6.0)
+                costs.append(self._try("gravity", statement, Correction(gravity=size * direction), 6.0))
+            else:
+                costs.append(self.base.cost)
+        if own.any():
+            costs[0] += float(np.log(6.0))  # so that all the starts count alike
+            starts = np.array([own / size, *directions.values()])
+            self._tilt(own, starts[int(np.argmin(costs))])
         if own.any():
             statement = (
                 "The torques look to be without those of gravity (compensated, or a robot that moves in a plane)"
             )
             self._try("gravity", statement, Correction(gravity=np.zeros(3)), 6.0)
+
+    def _tilt(self, own: Array, start: Array) -> None:
+        """A base that is not level: gravity along any direction, downhill from the best of those that were tried."""
+        from scipy.optimize import minimize
+
+        size = float(np.linalg.norm(own))
+        across = np.linalg.svd(start[None, :])[2][1:]
+
+        def gravity(tilt: Array) -> Array:
+            angle = float(np.linalg.norm(tilt))
+            aside = tilt @ across / angle if angle > 0.0 else np.zeros(3)
+            return size * (np.cos(angle) * start + np.sin(angle) * aside)
+
+        def cost(tilt: Array) -> float:
+            return self._fit(self._moments(Correction(gravity=gravity(tilt)))).cost
+
+        corners = TILT * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+        options = {"initial_simplex": corners, "xatol": 2e-3, "fatol": 0.1, "maxfev": 80}
+        tilted = np.round(gravity(minimize(cost, np.zeros(2), method="Nelder-Mead", options=options).x), 3)
+        angle = np.degrees(np.arccos(np.clip(tilted @ own / (size * np.linalg.norm(tilted)), -1.0, 1.0)))
+        statement = (
+            f"Gravity looks to act at {angle:.2g} degrees to the description's: the base is tilted, or mounted otherwise"
+        )
+        self._try("gravity", statement, Correction(gravity=tilted), TILTS)
 
     def _delays(self) -> None:
         samples: Samples | None = self.source
