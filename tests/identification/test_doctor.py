@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import steelyard as sy
-from steelyard.identification import examine
+from steelyard.identification import examine, next_steps
 from steelyard.robot import RobotFile
 
 T = np.arange(5000) / 250
@@ -380,3 +380,29 @@ def test_a_log_that_runs_into_a_stop_is_told_with_the_times(arm, tmp_path):
     assert "at t = 4.0" in event.statement  # rows 1000 and 3500 at 250 Hz
     assert "14.0" in event.statement
     assert 'missing = "fill"' in event.advice
+
+
+def test_a_joint_of_which_no_torque_was_logged_is_excluded(arm, tmp_path):
+    """As drivers leave the effort of a single joint NaN. What its torque alone tells asks for no better motion."""
+    path, model, log = arm
+    torque = log["tau"].copy()
+    torque[:, 1] = np.nan
+    examination = examine(written({**log, "tau": torque}, tmp_path / "silent.csv"), path)
+    assert examination.remedies["log"]["missing"] == "fill"
+    assert examination.remedies["processing"]["exclude_joints"] == [2]
+    assert not any("Fvj2" in one.statement for one in examination.findings), examination
+    result = sy.identify(mended(path, examination), [tmp_path / "silent.csv"])
+    own = [name for name in result.unconstrained.base_names if name in ("Fvj2", "Fcj2", "Foj2", "Ia2")]
+    assert own
+    assert all(result.unconstrained.base[result.unconstrained.base_names.index(name)] == 0.0 for name in own)
+    assert not any("Fvj2" in step.reason for step in next_steps(result))
+    (told,) = (one for one in result.parameters.sentences if one.startswith("No motion shows"))
+    assert f"the logs have no torque of {model.robot.joint_names[1]}, which alone tells them" in told
+
+
+def test_what_to_do_about_a_missing_torque_is_said_by_those_who_ask_no_doctor(arm, tmp_path):
+    path, _, log = arm
+    torque = log["tau"].copy()
+    torque[:, 1] = np.nan
+    with pytest.raises(sy.InputError, match=r'`missing = "fill"` in \[log\] and `exclude_joints = \[2\]` in'):
+        sy.identify(path, [written({**log, "tau": torque}, tmp_path / "silent.csv")])

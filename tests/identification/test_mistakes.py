@@ -281,6 +281,7 @@ def test_other_lines_of_robot_toml(tmp_path):
     assert lines(delay=0.02) == {"processing": {"delay": 0.03}}
     assert lines(gravity=np.array([9.81, 0.0, 0.0])) == {"description": {"gravity": [9.81, 0, 0]}}
     assert lines(time=1e-3) == {"log": {"time_unit": "ms"}}
+    assert lines(time=1e3) == {}  # nobody logs thousands of s
     assert [term["kind"] for term in lines(terms=("rotor_inertia",))["terms"]] == [
         "viscous",
         "coulomb",

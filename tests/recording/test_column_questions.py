@@ -341,3 +341,12 @@ def test_only_a_matrix_keeps_the_units_of_sliding_joints_open() -> None:
     coupled = find(["t", "q1", "q2", "tau1", "tau2"], 2, {"position_matrix": [[1, 0], [1, 1]]})
     assert coupled.has_matrix
     assert coupled.with_sliding([True, False]) == coupled
+
+
+def test_forces_of_joints_that_slide_stand_beside_torques_of_those_that_turn() -> None:
+    """A gantry with a head: one word for what is in N, another for what is in N·m."""
+    found = find(["t", "x_pos [mm]", "y_pos [mm]", "c_pos [deg]", "x_force [N]", "y_force [N]", "c_torque [Nm]"], "xyc")
+    assert found.torque == ("x_force [N]", "y_force [N]", "c_torque [Nm]")
+    assert found.units["torque"] == ("N", "N", "N·m")
+    with pytest.raises(InputError, match=r"torques for x, y, but has c_torque"):  # a sensor at the tool
+        find(["t", "x_pos", "y_pos", "c_pos", "force_x", "force_y", "c_torque"], "xyc")

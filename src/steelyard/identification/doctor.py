@@ -47,6 +47,7 @@ from .given import GivenRobot, GivenSamples, One, given_constraints, given_logs,
 from .log_checks import mistakes_in_logs
 from .log_reader import DrawnRows, LogReader, against_limits
 from .prediction_verdict import said_of
+from .unlogged_torques import told_by_unlogged_torques
 from .validation import DRAWN_ROWS, few_rows_of
 
 __all__ = ["Examination", "Finding", "examine", "merged"]
@@ -770,8 +771,10 @@ class _Patient:
 
     def _excitation(self, fit: _Fit) -> None:
         """Say whether the motion shows the robot: by the error on stretches that are left out, and by what is weak."""
-        information, weak = fit.information, fit.estimate.weak
-        count, unseen = information.base_count, information.unidentifiable
+        information = fit.information
+        unlogged = told_by_unlogged_torques(fit.reader.model, information)  # no motion shows these
+        weak = [name for name in fit.estimate.weak if name not in unlogged]
+        count, unseen = information.base_count, [name for name in information.unidentifiable if name not in unlogged]
         reasons = []
         if unseen:
             reasons.append(f"{len(unseen)} of {count} base parameters are not determined at all")

@@ -101,9 +101,10 @@ def mistakes_in_logs(
             continue
         shared.extend(hypothesis for hypothesis in mistakes if hypothesis not in shared)
         layout = _layout(logs[log], reader.columns, model)
-        found[log] = tuple(
-            replace(one, settings=correction_settings(one.correction, file, names, layout)) for one in mistakes
-        )
+        mended = [replace(one, settings=correction_settings(one.correction, file, names, layout)) for one in mistakes]
+        stated = tuple(one for one in mended if one.settings)  # what no line mends is no mistake that anybody makes
+        if stated:
+            found[log] = stated
     return {log: found[log] for log in errors if log in found}
 
 

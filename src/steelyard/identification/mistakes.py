@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import combinations
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -824,12 +824,11 @@ class _Search:
             return self._fit(self._moments(Correction(gravity=gravity(tilt)))).cost
 
         corners = TILT * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-        options = {"initial_simplex": corners, "xatol": 2e-3, "fatol": 0.1, "maxfev": 80}
-        tilted = np.round(gravity(minimize(cost, np.zeros(2), method="Nelder-Mead", options=options).x), 3)
+        options: Any = {"initial_simplex": corners, "xatol": 2e-3, "fatol": 0.1, "maxfev": 80}
+        found = minimize(cost, np.zeros(2), method="Nelder-Mead", options=options)
+        tilted: Array = np.round(gravity(np.asarray(found.x, dtype=np.float64)), 3)
         angle = np.degrees(np.arccos(np.clip(tilted @ own / (size * np.linalg.norm(tilted)), -1.0, 1.0)))
-        statement = (
-            f"Gravity looks to act at {angle:.2g} degrees to the description's: the base is tilted, or mounted otherwise"
-        )
+        statement = f"Gravity looks to act at {angle:.2g} degrees to the description's: the base is tilted or turned"
         self._try("gravity", statement, Correction(gravity=tilted), TILTS)
 
     def _delays(self) -> None:

@@ -16,6 +16,7 @@ from steelyard.regression import Information, least_squares
 from .parameter_table import parameter_sizes
 from .prediction_verdict import UNTESTED, said_of
 from .result import Identification
+from .unlogged_torques import told_by_unlogged_torques
 
 __all__ = ["NextStep", "excite_command", "found", "next_steps"]
 
@@ -237,9 +238,10 @@ def _other_estimator(identification: Identification) -> Iterator[NextStep]:
 
 def _weak(identification: Identification) -> Iterator[str]:
     """Return what the motion hides, a clause each."""
-    hidden = identification.information.unidentifiable
+    unlogged = told_by_unlogged_torques(identification.model, identification.information)
+    hidden = tuple(name for name in identification.information.unidentifiable if name not in unlogged)
     shown = _shown_to_be_small(identification)
-    weak = [name for name in identification.weak if name not in hidden and name not in shown]
+    weak = [name for name in identification.weak if name not in (*hidden, *unlogged) and name not in shown]
     count = len(identification.unconstrained.base)
     if hidden:
         yield f"the logs do not show {len(hidden)} of {count} base parameters at all, {_named(hidden)}"

@@ -22,6 +22,8 @@ from steelyard.regression import Estimate, Information, ParameterCovariance
 from steelyard.robot import Inertia
 from steelyard.robot.inertia import moment_row
 
+from .unlogged_torques import told_by_unlogged_torques
+
 __all__ = ["Basis", "LinkRows", "ParameterRow", "ParameterTable", "parameter_table", "weakest"]
 
 Array = NDArray[np.float64]
@@ -557,12 +559,20 @@ def _known_together(
         sentences.append(
             f"Of these only the sum is measured; no motion of this robot shows the parts by themselves: {shown}."
         )
-    if info.unidentifiable:
-        shown = ", ".join(info.unidentifiable[:MOST_SENTENCES])
-        more = (
-            f" and {len(info.unidentifiable) - MOST_SENTENCES} more"
-            if len(info.unidentifiable) > MOST_SENTENCES
-            else ""
+    unlogged = told_by_unlogged_torques(feasible_set.model, info)
+    hidden = [name for name in info.unidentifiable if name not in unlogged]
+    if hidden:
+        sentences.append(
+            f"These logs do not show {_first_of(hidden)}: joints that stood still, or moved alone, hide them."
         )
-        sentences.append(f"These logs do not show {shown}{more}: joints that stood still, or moved alone, hide them.")
+    if unlogged:
+        joints = ", ".join(dict.fromkeys(unlogged.values()))
+        sentences.append(
+            f"No motion shows {_first_of(list(unlogged))}: the logs have no torque of {joints}, which alone tells them."
+        )
     return tuple(sentences)
+
+
+def _first_of(names: list[str]) -> str:
+    more = len(names) - MOST_SENTENCES
+    return ", ".join(names[:MOST_SENTENCES]) + (f" and {more} more" if more > 0 else "")

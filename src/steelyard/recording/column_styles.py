@@ -97,6 +97,7 @@ POSITION = _measured("q", "pos", "position", "positions", "angle", "angles", "th
 VELOCITY = _measured("dq", "qd", "qdot", "q_dot", "vel", "velocity", "velocities", "speed", "speeds")
 ACCELERATION = _measured("ddq", "qdd", "qddot", "q_ddot", "acc", "accel", "acceleration", "accelerations")
 TORQUE = _measured("tau", "τ", "torque", "torques", "effort", "efforts", "moment", "moments")
+FORCE = _measured("force", "forces")
 CURRENT = _measured("i", "current", "currents", "motor_current", "motor_currents")
 
 NAMED = (
@@ -182,6 +183,8 @@ STYLES: tuple[ColumnStyle, ...] = (
             ("current", CURRENT),
         )
     ),
+    # Of joints that slide; `force_x` is as a rule that of a sensor at the tool.
+    ColumnStyle("", "torque", tuple(pattern for pattern in NAMED if pattern.startswith("{name}")), FORCE),
     ColumnStyle("", "label", ("{word}{number}", "{word}_{number}", "{word}[{number}]", "{word}.{number}"), LABELS),
 )
 """The ways of naming that are known. Of two that fit the same columns the earlier one counts."""

@@ -82,7 +82,8 @@ def convert(raw: Columns, layout: Layout, columns: LogColumns, where: Callable[[
             name: values if name in needed else np.where(np.isfinite(values), values, np.nan)
             for name, values in raw.items()
         }
-    require_numbers(raw, needed, where, source, {"velocity": layout.velocity, "acceleration": layout.acceleration})
+    spare = {"velocity": layout.velocity, "acceleration": layout.acceleration}
+    require_numbers(raw, needed, where, source, spare, layout.torque)
     q = _motion(raw, layout.position, POSITION_UNITS, layout.units["position"], columns)
     if columns.position_offset is not None:
         q += _list_of(columns.position_offset, q.shape[1], "position_offset", source)
@@ -111,8 +112,12 @@ def require_numbers(
     where: Callable[[int], str],
     source: str,
     spare: Mapping[str, Sequence[str] | None] | None = None,
+    torque: Sequence[str] = (),
 ) -> None:
-    """Refuse values of the columns `names` that are missing, NaN or infinite; those of `spare` can be left out."""
+    """Refuse values of the columns `names` that are missing, NaN or infinite.
+
+    Those of `spare` can be left out, and joints of which no torque is there, of the columns `torque`, be excluded.
+    """
     bad = {name: ~np.isfinite(raw[name]) for name in names if not np.isfinite(raw[name]).all()}
     if not bad:
         return
@@ -122,6 +127,13 @@ def require_numbers(
     others = f" and {len(bad) - 1} other column{'s' * (len(bad) > 2)}" if len(bad) > 1 else ""
     remedy = 'remove those rows, split the log there, or state `missing = "fill"` in [log].'
     kind = next((kind for kind, own in (spare or {}).items() if bad.keys() <= set(own or ())), None)
+    empty = [column for column in torque if column in bad and bad[column].all()]
+    if empty and len(empty) == len(bad) < len(torque):  # drivers that report no torque of a joint
+        joints = [k + 1 for k, column in enumerate(torque) if column in empty]
+        remedy = (
+            f"no torque of {'this joint was' if len(joints) == 1 else 'these joints was'} logged: state "
+            f'`missing = "fill"` in [log] and `exclude_joints = {joints}` in [processing], which use the rest.'
+        )
     if kind is not None:  # drivers that measure no velocities write NaN
         remedy = f'leave out what was measured of this kind with `{kind} = "none"` in [log], or remove those rows.'
     raise InputError(

@@ -124,8 +124,8 @@ def correction_settings(
     Returns
     -------
     dict
-        Keys to add or to replace, by section. Tables under `constraints` are further ones of their kind, and `terms`
-        are all the terms.
+        Keys to add or to replace, by section; none where no key says it, as of times in thousands of s. Tables under
+        `constraints` are further ones of their kind, and `terms` are all the terms.
     """
     columns = LogColumns.from_dict(file.section("log"), "[log]")
     log: Settings = {}
@@ -203,7 +203,8 @@ def _time_settings(factor: float, columns: LogColumns, layout: Layout | None) ->
         return {"rate": _rounded(columns.rate / factor, 9)}
     unit = columns.time_unit or ("s" if layout is None else layout.time_unit)
     wanted = TIME_UNITS[unit] * factor
-    return {"time_unit": next(name for name, scale in TIME_UNITS.items() if abs(scale / wanted - 1.0) < 0.01)}
+    units = [name for name, scale in TIME_UNITS.items() if abs(scale / wanted - 1.0) < 0.01]
+    return {"time_unit": units[0]} if units else {}
 
 
 def _order(matrix: Array) -> list[int] | None:

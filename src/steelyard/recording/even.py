@@ -311,7 +311,8 @@ def filled(
     Raises
     ------
     InputError
-        Where a column has fewer than two numbers.
+        Where a column other than a torque has fewer than two numbers. A torque may be missing throughout, as drivers
+        leave it out of single joints: it is 0 then, and none of its rows counts.
     """
     if values is None:
         return None, None
@@ -323,6 +324,9 @@ def filled(
     result = values.copy()
     for j in map(int, np.flatnonzero(missing.any(axis=0))):
         good = ~missing[:, j]
+        if np.count_nonzero(good) < 2 and what == "torque":
+            result[~good, j] = values[good, j].sum()
+            continue
         if np.count_nonzero(good) < 2:
             raise InputError(
                 f"{source}: the {what} of joint {j + 1} has {np.count_nonzero(good)} numbers in {len(t)} rows, too "

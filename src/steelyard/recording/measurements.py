@@ -156,6 +156,10 @@ class Measurements:
         """Name joint `index` (from 0) for messages."""
         return f"joint {index + 1}" if self.joint_names is None else f"joint {index + 1} ({self.joint_names[index]})"
 
+    def lacks_torque(self, index: int) -> bool:
+        """Return whether no row has a torque of joint `index` (from 0)."""
+        return self.torque_missing is not None and bool(self.torque_missing[:, index].all())
+
     @property
     def column_labels(self) -> tuple[str, ...]:
         """The joints' names, or "joint 1", "joint 2" and so on, for tables and pictures."""

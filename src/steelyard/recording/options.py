@@ -252,8 +252,9 @@ class Processing(TomlSection):
         stuck = [int(j) for j in stuck_torques(lowest, highest, travel) if j not in excluded]
         if stuck:
             j = stuck[0]
+            value = "missing" if recording.lacks_torque(j) else f"{lowest[j]:.6g}"
             raise InputError(
-                f"{recording.source}: the torque of {recording.joint_label(j)} is {lowest[j]:.6g} throughout while the "
+                f"{recording.source}: the torque of {recording.joint_label(j)} is {value} throughout while the "
                 f"joint moves; name another column with `torque` in [log], or leave its rows out with "
                 f"`exclude_joints = [{j + 1}]` in [processing]."
             )

@@ -6,6 +6,7 @@ import json
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from itertools import permutations
 from math import pi
 from typing import Any
 
@@ -946,7 +947,23 @@ def _groups(names: Sequence[str], joints: Sequence[str] = ()) -> dict[str, list[
                 result.setdefault(kind, []).append(
                     _Group(columns, units, styles[group], by, shape, topic, first, missing)
                 )
-    return result
+    whole = list(_forces_and_torques(result.get("part of torque", ()), joints))
+    return {**result, "torque": [*result.get("torque", ()), *whole]} if whole else result
+
+
+def _forces_and_torques(parts: Sequence[_Group], joints: Sequence[str]) -> Iterator[_Group]:
+    """Join the forces of joints that slide with the torques of those that turn, which the word alone tells apart."""
+    for forces, torques in permutations(parts, 2):
+        if "force" in torques.shape or torques.shape != forces.shape.replace("force", "torque"):
+            continue
+        if forces.topic != torques.topic or set(forces.labels) & set(torques.labels):
+            continue
+        found = {}
+        for group in (forces, torques):
+            own = [joint for joint in joints if joint not in group.labels]
+            found.update(zip(own, zip(group.columns, group.units, strict=True), strict=True))
+        columns, units = zip(*(found[joint] for joint in joints), strict=True)
+        yield replace(torques, columns=columns, units=units, labels=())
 
 
 def _split(members: Mapping[int, list[tuple[str, str | None]]]) -> list[dict[int, tuple[str, str | None]]]:

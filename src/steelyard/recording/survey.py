@@ -234,7 +234,9 @@ class LogSurvey:
                 remarks.append(
                     f"The position of {label} is {low + 0.0:.6g} throughout: it is held, or its sensor is stuck."
                 )
-            if self.count > 1 and self.torque[0, j] == self.torque[1, j]:
+            if self.count > 1 and self.torque[0, j] == self.torque[1, j] and self.first_row.lacks_torque(j):
+                remarks.append(f"The torque of {label} is missing throughout: its drive reports none.")
+            elif self.count > 1 and self.torque[0, j] == self.torque[1, j]:
                 remarks.append(
                     f"The torque of {label} is {self.torque[0, j]:.6g} throughout: its sensor is stuck or not "
                     "connected."

@@ -428,11 +428,20 @@ def eigenvectors(matrix: Array) -> tuple[Array, Array]:
 
 
 def solve(problem: Reduced) -> Array:
-    """Return the base parameters of least squared residual, (n_b,); of least norm where there are several."""
+    """Return the base parameters of least squared residual, (n_b,); of least norm where there are several.
+
+    What has no column is exactly 0: by rounding it would be friction of -1e-12, which no robot has.
+    """
     lengths = column_lengths(problem.R)
-    scale = np.where(lengths > 0.0, lengths, 1.0)
-    solution = np.linalg.lstsq(problem.R / scale, problem.rho, rcond=RANK)[0]
-    return np.asarray(solution / scale)
+    present = ~_missing(lengths)
+    solution = np.zeros(len(lengths))
+    scaled = problem.R[:, present] / lengths[present]
+    solution[present] = np.linalg.lstsq(scaled, problem.rho, rcond=RANK)[0] / lengths[present]
+    return solution
+
+
+def _missing(lengths: Array) -> NDArray[np.bool_]:
+    return np.asarray(lengths <= 1e-12 * (lengths.max(initial=0.0) or 1.0))
 
 
 def unidentifiable_columns(R: Array) -> NDArray[np.bool_]:
@@ -442,7 +451,7 @@ def unidentifiable_columns(R: Array) -> NDArray[np.bool_]:
     combination that R does not show.
     """
     lengths = column_lengths(R)
-    unidentifiable = np.asarray(lengths <= 1e-12 * (lengths.max(initial=0.0) or 1.0))
+    unidentifiable = _missing(lengths)
     if not unidentifiable.any() and is_well_conditioned(R / lengths):
         return unidentifiable
     present = np.flatnonzero(~unidentifiable)
