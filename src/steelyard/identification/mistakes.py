@@ -813,12 +813,12 @@ class _Search:
         from scipy.optimize import minimize
 
         size = float(np.linalg.norm(own))
-        across = np.linalg.svd(start[None, :])[2][1:]
+        across = np.asarray(np.linalg.svd(start[None, :])[2], dtype=np.float64)[1:]
 
         def gravity(tilt: Array) -> Array:
             angle = float(np.linalg.norm(tilt))
             aside = tilt @ across / angle if angle > 0.0 else np.zeros(3)
-            return size * (np.cos(angle) * start + np.sin(angle) * aside)
+            return np.asarray(size * (np.cos(angle) * start + np.sin(angle) * aside), dtype=np.float64)
 
         def cost(tilt: Array) -> float:
             return self._fit(self._moments(Correction(gravity=gravity(tilt)))).cost

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.display import few_digits, html_table, outward, text_table
+from steelyard.dynamics import Model
 from steelyard.errors import InputError, MissingExtraError
 from steelyard.feasibility import FeasibleSet
 from steelyard.feasibility.bounds.profile_intervals import profile_intervals
@@ -559,7 +560,8 @@ def _known_together(
         sentences.append(
             f"Of these only the sum is measured; no motion of this robot shows the parts by themselves: {shown}."
         )
-    unlogged = told_by_unlogged_torques(feasible_set.model, info)
+    model = feasible_set.model
+    unlogged = told_by_unlogged_torques(model, info) if isinstance(model, Model) else {}
     hidden = [name for name in info.unidentifiable if name not in unlogged]
     if hidden:
         sentences.append(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from .formats import Columns, LogFiles
 from .measurements import check_order
 from .recognition import Layout
 from .samples import cut_channels, joined_channels
+from .turns import turned_on
 
 __all__ = [
     "Signals",
@@ -187,8 +188,9 @@ def names_of(joints: int | Sequence[str] | None) -> tuple[str, ...] | None:
 
 
 def signals_fields(signals: Signals, t: NDArray[np.float64], source: str) -> dict[str, Any]:
-    """Return the arrays of a Recording by the names of its fields, with missing values filled."""
+    """Return the arrays of a Recording by the names of its fields, with values filled and turns put together."""
     fields: dict[str, Any] = {"t": t, "position_missing": None, "torque_missing": None}
+    signals = replace(signals, q=turned_on(signals.q)[0])
     for name in ("q", "torque", "velocity", "acceleration"):
         values, missing = filled(t, getattr(signals, name), "position" if name == "q" else name, source)
         fields[name] = values

@@ -958,7 +958,7 @@ def _forces_and_torques(parts: Sequence[_Group], joints: Sequence[str]) -> Itera
             continue
         if forces.topic != torques.topic or set(forces.labels) & set(torques.labels):
             continue
-        found = {}
+        found: dict[str, tuple[str, str | None]] = {}
         for group in (forces, torques):
             own = [joint for joint in joints if joint not in group.labels]
             found.update(zip(own, zip(group.columns, group.units, strict=True), strict=True))

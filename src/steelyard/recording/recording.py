@@ -27,6 +27,7 @@ from .measurements import Measurements, check_period
 from .options import Processing
 from .samples import Samples
 from .survey import LogSurvey
+from .turns import turn_remarks
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -128,7 +129,7 @@ class Recording(Measurements):
         fields = signals_fields(signals, t, files.name)
         recording = cls(
             **fields,
-            remarks=layout.guesses,
+            remarks=(*layout.guesses, *turn_remarks(signals.q, names_of(joints))),
             source=files.name,
             joint_names=names_of(joints),
             stated_rate=rate,
