@@ -23,8 +23,6 @@ from steelyard.regression import Estimate, Information, ParameterCovariance
 from steelyard.robot import Inertia
 from steelyard.robot.inertia import moment_row
 
-from .unlogged_torques import told_by_unlogged_torques
-
 __all__ = ["Basis", "LinkRows", "ParameterRow", "ParameterTable", "parameter_table", "weakest"]
 
 Array = NDArray[np.float64]
@@ -561,7 +559,11 @@ def _known_together(
             f"Of these only the sum is measured; no motion of this robot shows the parts by themselves: {shown}."
         )
     model = feasible_set.model
-    unlogged = told_by_unlogged_torques(model, info) if isinstance(model, Model) else {}
+    unlogged: dict[str, str] = {}
+    if info.unidentifiable and isinstance(model, Model):
+        from .unlogged_torques import told_by_unlogged_torques  # of few logs
+
+        unlogged = told_by_unlogged_torques(model, info)
     hidden = [name for name in info.unidentifiable if name not in unlogged]
     if hidden:
         sentences.append(
