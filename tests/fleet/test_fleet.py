@@ -144,6 +144,29 @@ def test_what_is_wrong_with_one_robot_is_its_row(arms: Arms) -> None:
 
 
 @pytest.mark.slow
+def test_an_arm_that_met_a_stop_is_not_said_to_predict_as_well_as_its_noise(arms: Arms) -> None:
+    random = np.random.default_rng(2)
+    t = np.arange(0.0, 20.0, 0.01)
+    w = 2 * np.pi * np.array([0.2, 0.31, 0.43])
+    q = np.sin(w * t[:, None])
+    torque = arms.model.inverse_dynamics(q, w * np.cos(w * t[:, None]), -(w**2) * q, arms.usual)
+    torque = torque + 0.002 * torque.std(axis=0) * random.normal(size=torque.shape)
+    impact = np.zeros_like(torque)
+    for row in (500, 1400):
+        impact[row : row + 4, 1] = np.ptp(torque[:, 1]) * np.array([0.8, 1.6, 1.2, 0.6])
+    for name, own in (("sound", torque), ("struck", torque + impact)):
+        sy.Recording(t=t, q=q, torque=own, source="log").save(arms.folder / f"{name}.csv")
+    path: Path = arms.folder / "fleet.toml"
+    text = "".join(f'[[robots]]\nid = "{name}"\nlogs = ["{name}.csv"]\n' for name in ("sound", "struck"))
+    path.write_text('robot = "robot.toml"\n' + text, encoding="utf-8")
+    sound, struck = (row.values for row in identify_fleet(path).rows)
+    assert sound["model_error"] < 0.01
+    part = float(np.sqrt(np.sum(impact**2) / np.sum((torque + impact) ** 2)))
+    assert struck["model_error"] == pytest.approx(part, rel=0.2)
+    assert any("at t = 5.0" in remark and "14.0" in remark for remark in struck["remarks"])
+
+
+@pytest.mark.slow
 def test_logs_are_reduced_on_the_way(arms: Arms) -> None:
     """From logs of three robots; the estimate is that of their reduction by hand."""
     random = np.random.default_rng(1)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -11,7 +11,8 @@ from steelyard.dynamics import Model
 from steelyard.files import plain
 from steelyard.identification.default_terms import wider_model
 from steelyard.identification.given import GivenLog, given_logs, given_robot, given_settings
-from steelyard.identification.log_reader import LogReader, LogTask, one_by_one
+from steelyard.identification.log_reader import LogReader, LogTask, ReducedLog, one_by_one
+from steelyard.identification.validation import DRAWN_ROWS
 from steelyard.recording.formats import content_hash, hashed_log
 from steelyard.regression import Information
 from steelyard.regression.batch_means import BatchMeansTree
@@ -28,7 +29,7 @@ __all__ = ["DataSet", "ReducedDataSet", "reduce_data_sets", "reduced_logs"]
 
 CHUNK_ROWS = 200_000
 FEW = 100
-"""Rows that are kept of a log to be drawn, which nobody draws."""
+"""Rows that are kept of a log to be drawn, where nobody draws them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,14 +89,21 @@ class _Task:
         return (wider_model(self.file, model) or model) if self.rotors else model
 
 
-def reduced_logs(file: RobotFile, model: Model, logs: Sequence[GivenLog]) -> ReducedDataSet:
-    """Reduce the logs of one robot in this process, in the base parameters of a model."""
+def reduced_logs(
+    file: RobotFile, model: Model, logs: Sequence[GivenLog], each: Callable[[ReducedLog], None] | None = None
+) -> ReducedDataSet:
+    """Reduce the logs of one robot in this process, in the base parameters of a model.
+
+    `each` is given each log by itself, with the rows in which short events show.
+    """
     reader = LogReader(file, model, CHUNK_ROWS)
     reader.decide(logs, lambda _: None)
     tree, blocks, parts = BatchMeansTree(), TimeBlocks(empty_factors(model)), []
-    tasks = [LogTask(log, FEW, FEW, len(logs), True) for log in logs]
+    tasks = [LogTask(log, FEW, FEW if each is None else DRAWN_ROWS, len(logs), True) for log in logs]
     for (one,), means in one_by_one(reader, tasks, model, lambda _: None):
         reader.note(one)
+        if each is not None:
+            each(one)
         tree.add(means)
         blocks.append(TimeBlocks.of_held(blocks.empty, one.blocks))
         parts.append(one.information)

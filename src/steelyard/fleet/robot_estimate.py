@@ -23,8 +23,10 @@ from steelyard.feasibility import FeasibleSet, check
 from steelyard.files import file_hash
 from steelyard.identification.default_terms import wider_model
 from steelyard.identification.given import given_constraints, given_logs
+from steelyard.identification.log_reader import ReducedLog
 from steelyard.identification.parameter_table import parameter_table
-from steelyard.identification.prediction_verdict import prediction_verdict
+from steelyard.identification.prediction_verdict import prediction_verdict, said_of
+from steelyard.identification.validation import few_rows_of
 from steelyard.recording.formats import content_hash, hashed_log
 from steelyard.regression import Information, ParameterCovariance, least_squares
 from steelyard.robot import RobotFile
@@ -127,8 +129,9 @@ def _estimate(task: dict[str, Any]) -> dict[str, Any]:
         information, stretches, remarks = Information.total(parts), tuple(parts), list(parts[0].remarks)
         if len(parts) < FEWEST_FOLDS:
             stretches = ()
+        own: list[ReducedLog] = []  # whose rows are not known
     else:
-        known, information, stretches, remarks = _reduced(robot, task["logs"])
+        known, information, stretches, remarks, own = _reduced(robot, task["logs"])
     model, feasible_set = known.model, known.feasible_set
     if information.count <= information.base_count:
         raise InputError(
@@ -142,13 +145,23 @@ def _estimate(task: dict[str, Any]) -> dict[str, Any]:
     plausible = plausible_fit(information, feasible_set, unconstrained, tried)
     estimate = plausible.estimate
     assert estimate.parameters is not None
+    validation, others = _validation(known, task["validate"])
+    few = [
+        rows
+        for role, logs in (("identification", own), ("validation", others))
+        for log in logs
+        for rows in few_rows_of(log.name, role, log.information, model, estimate.base, log.drawn)
+    ]
     prediction = prediction_verdict(
         information,
         estimate.base,
-        validation=_validation(known, task["validate"]),
+        validation=validation,
         held_out_error=plausible.held_out_error,
         fold_count=len(stretches),
+        few_rows=few,
     )
+    if few:
+        remarks.append(said_of(few))
     rows: list[dict[str, Any]] = []
     if task["intervals"] == "all":
         table = parameter_table(
@@ -206,24 +219,28 @@ def _other_model(path: str, model: Model, information: Information) -> InputErro
     )
 
 
-def _reduced(robot: str, logs: Sequence[str]) -> tuple[Known, Information, tuple[Information, ...], list[str]]:
+def _reduced(
+    robot: str, logs: Sequence[str]
+) -> tuple[Known, Information, tuple[Information, ...], list[str], list[ReducedLog]]:
     """Reduce logs; the rotors of robots whose terms nobody states belong to the model, as siblings have the same."""
     known = known_of(robot, True)
-    found = reduced_logs(known.file, known.model, given_logs(list(logs), None)[0])
-    return known, found.information, found.stretches, list(found.remarks)
+    each: list[ReducedLog] = []
+    found = reduced_logs(known.file, known.model, given_logs(list(logs), None)[0], each.append)
+    return known, found.information, found.stretches, list(found.remarks), each
 
 
-def _validation(known: Known, paths: Sequence[str]) -> list[Information]:
-    """Informations, or logs that are reduced, of what the fit does not see."""
-    found = []
+def _validation(known: Known, paths: Sequence[str]) -> tuple[list[Information], list[ReducedLog]]:
+    """Informations, or logs that are reduced, of what the fit does not see, and these logs one by one."""
+    found: list[Information] = []
+    each: list[ReducedLog] = []
     for path in paths:
         if path.lower().endswith(".json"):
             information = Information.load(path)
         else:
-            information = reduced_logs(known.file, known.model, given_logs([path], None)[0]).information
+            information = reduced_logs(known.file, known.model, given_logs([path], None)[0], each.append).information
         _require_model(information, known.model, path)
         found.append(information)
-    return found
+    return found, each
 
 
 def inputs_of(task: dict[str, Any]) -> list[Any]:
