@@ -127,3 +127,16 @@ def test_init_takes_the_line_that_its_message_asks_for(stranger, run):
     code, _, err = run("init", place / "pair.urdf", place / "log.csv", "--force", "--set", "payload.mass=2")
     assert code == 2
     assert "[payload] is not guessed by a log" in err
+
+
+def test_init_says_where_the_line_that_mends_a_log_stands(stranger, run):
+    """The doctor prints it below the finding, and `init` has written it."""
+    place, q, torque = stranger
+    plain(place / "sign.csv", q, torque * [1.0, -1.0])
+    code, out, _ = run("init", place / "pair.urdf", place / "sign.csv", "--output", place / "robot.toml")
+    assert code == 0
+    told = next(
+        line for line in " ".join(out.split()).split("Of the log: ") if line.startswith("The sign of the torque")
+    )
+    assert "with what robot.toml says now the error" in told
+    assert "torque_sign = [1, -1]" in (place / "robot.toml").read_text()

@@ -53,6 +53,9 @@ def init(
     echo(made)
     if made.examination is not None:
         for finding in made.examination.findings:
-            echo(f"Of the log: {finding.statement}{f' {finding.advice}' if finding.advice else ''}")
+            statement = finding.statement
+            if "constraints" not in finding.remedy:  # these are left to the user, other lines are in the file
+                statement = statement.replace("with the line below", f"with what {output.name} says now")
+            echo(f"Of the log: {statement}{f' {finding.advice}' if finding.advice else ''}")
     next_step = "Then go on" if incomplete else "Go on"
     echo(f"Wrote {output}.{incomplete} {next_step} with: steelyard identify {output} {log or 'LOG'} --output result")

@@ -200,7 +200,8 @@ class Examination:
 
     def __repr__(self) -> str:
         count = len(self.findings)
-        return f"Examination({self.source!r}: {f'{count} findings' if count else 'nothing is wrong'})"
+        found = f"{count} finding{'s' * (count > 1)}" if count else "nothing is wrong"
+        return f"Examination({self.source!r}: {found})"
 
     def __str__(self) -> str:
         parts = [repr(self)]
