@@ -180,6 +180,7 @@ def test_states_are_asked_for_where_they_are_missing():
         ({"kind": "dahl", "displacement": 0.0}, "must be positive"),
         ({"kind": "dahl", "displacement": 0.1, "sliding": "yes"}, "must be true or false"),
         ({"kind": "lugre", "displacement": 0.1, "ratio": -0.1, "velocity": 0.1}, "must not be negative"),
+        ({"kind": "friction_by_channel", "channel": "presliding", "range": [-1.0, 1.0]}, "another name"),
     ],
 )
 def test_numbers_that_no_bristle_has_are_refused(table, said):

@@ -21,6 +21,7 @@ from steelyard.errors import InputError
 from steelyard.files import shown
 from steelyard.graph.expression import is_zero
 from steelyard.robot import Condition, Joint, Robot, TermParameter
+from steelyard.robot.robot import PRESLIDING
 
 from .terms import JointNumbers, PerJoint, ShapedTerm
 
@@ -593,6 +594,11 @@ class ChannelFriction(ShapedTerm):
         if not isinstance(channel, str) or not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", channel):
             raise InputError(
                 f"The channel of a friction by a channel must be a name of letters, digits and _, got {shown(channel)}."
+            )
+        if channel == PRESLIDING:
+            raise InputError(
+                f"The channel {channel!r} is the state of Dahl's and LuGre's friction, which follows from the motion; "
+                "give the column another name in [log] and in the term."
             )
         if not isinstance(ends, tuple) or len(ends) != 2 or not ends[0] < ends[1]:
             raise InputError(
