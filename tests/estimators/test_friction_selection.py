@@ -1,6 +1,7 @@
 """Laws of friction that are chosen on pendulums with torques in closed form."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from scipy.signal import lfilter
 
 import steelyard as sy
 from steelyard.estimators.friction_candidates import CANDIDATES, lugre_is_passive
-from steelyard.estimators.friction_selection import FrictionData, select_friction
+from steelyard.estimators.friction_selection import FrictionData, _fall, select_friction
 
 FEW = tuple(one for one in CANDIDATES if one.kind in ("viscous_by_direction", "stribeck", "friction_polynomial"))
 
@@ -73,6 +74,14 @@ def test_a_law_with_a_state_that_is_refused_changes_nothing():
     assert beside.chosen[0].shape == alone.chosen[0].shape
     assert beside.chosen[0].coefficients == alone.chosen[0].coefficients
     assert (beside.errors, beside.plain_errors) == (alone.errors, alone.plain_errors)
+
+
+@pytest.mark.parametrize("ratio", [0.25, 1.0, 1.05])
+def test_what_a_law_gains_is_negative_where_the_error_rises(ratio):
+    """The rise at one joint of a knee counted as a gain of 1e9, before which LuGre's friction had to stand back."""
+    before = np.array([1.0, 2.0, 0.5, 4.0])
+    trial = SimpleNamespace(before=before, losses=ratio * before, gain=1.0 - np.sqrt(ratio))
+    assert _fall(trial).sum() == pytest.approx(-np.log(ratio), abs=1e-12)
 
 
 def test_a_short_log_tells_nothing_and_says_so():

@@ -678,9 +678,11 @@ def falls_surely(before: Array, after: Array) -> bool:
 def _fall(trial: _Trial) -> Array:
     """Return by how much the logarithm of the held-out loss of a joint falls, shared out over the folds."""
     total = float(trial.before.sum())
-    share = max(1.0 - float(trial.losses.sum()) / total, 1e-12)
+    share = 1.0 - float(trial.losses.sum()) / total
     whole = -2.0 * np.log(max(1.0 - trial.gain, 1e-12))
-    return np.asarray((trial.before - trial.losses) / total * (whole / share))
+    # Both are negative where the loss rises, as it may by rows other than those by which a law was taken.
+    scale = whole / share if abs(share) > 1e-12 else 1.0
+    return np.asarray((trial.before - trial.losses) / total * scale)
 
 
 def _best(told: Sequence[_Told], least_gain: float) -> _Told | None:
