@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from xml.sax.saxutils import escape
 
 import pytest
 
@@ -60,6 +61,30 @@ def test_the_description_itself_is_never_replaced(identification: Identification
     with pytest.raises(InputError, match=r"robot.urdf: is read, and the results would replace it"):
         save_results(replace(identification, model=type(identification.model)(robot)), tmp_path)
     assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [("robot.urdf", text)]
+
+
+def test_a_description_that_cannot_take_the_estimate_costs_no_other_result(
+    identification: Identification, tmp_path: Path
+) -> None:
+    """As where what hangs on a locked joint is heavier by CAD than all that the link carries by the data."""
+    source = identification.model.robot.source
+    assert source is not None
+    last = escape(identification.model.robot.link_names[-1])
+    anvil = (
+        '<link name="anvil"><inertial><mass value="50"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+        f'</inertial></link><joint name="hinge" type="continuous"><parent link="{last}"/><child link="anvil"/></joint>'
+        "</robot>"
+    )
+    heavy = tmp_path / "heavy.urdf"
+    heavy.write_text(source.read_text().replace("</robot>", anvil))
+    model = type(identification.model)(replace(identification.model.robot, source=heavy))
+    estimate = replace(identification.estimate, description={"tip": None, "locked": ["hinge"]})
+    folder = tmp_path / "results"
+    with pytest.raises(InputError, match=r'without "anvil".*; all other results are in'):
+        save_results(replace(identification, model=model, estimate=estimate), folder)
+    names = {"estimate.json", "parameters.csv", "report.html", "run.json"}
+    assert {path.name for path in folder.iterdir()} == names
+    assert set(json.loads((folder / "run.json").read_text())["files"]) == names
 
 
 def test_a_failure_leaves_the_results_of_before(

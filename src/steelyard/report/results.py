@@ -104,8 +104,10 @@ def save_results(
     Raises
     ------
     InputError
-        If the folder cannot be written, one of the files is that of the robot, or the URDF cannot take the estimate.
+        If the folder cannot be written, or one of the files is that of the robot; and, when all other files have been
+        written, if the description cannot take the estimate.
     """
+    refused: InputError | None = None
     source = identification.model.robot.source
     require_apart(folder, (identification.robot_file, source))
     with replaced_folder(folder, record=RECORD, stale={*_earlier(folder), *stale}) as made:
@@ -115,13 +117,19 @@ def save_results(
         if source is not None and (force or identification.prediction.word != "wrong"):
             name = _described(source, identification.model.robot)
             if name is not None:
-                identification.estimate.write_description(source, made / name)
-                elastic = identification.elastic_model
-                if elastic is not None and elastic.is_proved and _is_mjcf(source):
-                    elastic.write_mjcf(identification.estimate, source, made / ELASTIC)
+                try:
+                    identification.estimate.write_description(source, made / name)
+                    elastic = identification.elastic_model
+                    if elastic is not None and elastic.is_proved and _is_mjcf(source):
+                        elastic.write_mjcf(identification.estimate, source, made / ELASTIC)
+                except InputError as error:  # such as of links behind a locked joint; nothing else depends on it
+                    refused = error
         write_report(identification, made / "report.html")
         names = sorted([RECORD, *(path.name for path in made.iterdir())])
         write_json({**run_record(identification), "files": names}, made / RECORD)
+    if refused is not None:
+        why = str(refused).rstrip(".")
+        raise InputError(f"{why}. No robot description was written; all other results are in {folder}.") from refused
     return tuple(folder / name for name in names)
 
 
