@@ -111,16 +111,17 @@ def shortened(text: str, most: int) -> str:
 
 
 def few_digits(value: float, digits: int = 4) -> str:
-    """A number with a few digits; infinity as ∞.
+    """A number with a few digits, below ten million without a power of ten; infinity as ∞.
 
     Examples
     --------
-    >>> few_digits(0.000123456), few_digits(float("-inf"))
-    ('0.0001235', '-∞')
+    >>> few_digits(0.000123456), few_digits(12634.2), few_digits(float("-inf"))
+    ('0.0001235', '12630', '-∞')
     """
     if math.isinf(value):
         return "∞" if value > 0 else "-∞"
-    return f"{value + 0.0:.{digits}g}"
+    text = f"{value + 0.0:.{digits}g}"
+    return f"{float(text):.0f}" if "e+0" in text and abs(value) < 1e7 else text
 
 
 def percent(share: float, digits: int = 3) -> str:

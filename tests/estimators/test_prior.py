@@ -214,9 +214,12 @@ def test_bad_preferences_are_refused(two_links, data):
         TieBreak.closest([1.0, np.nan], np.ones(2))
 
 
-@pytest.mark.parametrize(("without", "said"), [(0.02011, "as much as without"), (0.0195, "2.01% instead of 1.95%")])
+@pytest.mark.parametrize(
+    ("without", "said"), [(0.02011, "as much as without"), (0.0195, "2.01% of the torques unexplained on the data")]
+)
 def test_the_price_of_a_prior_is_one_where_it_shows(without: float, said: str) -> None:
     one = np.ones(1)
     price = PriceOfPlausibility(one, 0.02013 * one, 0.03 * one, 0, 0, without, 0.019, 0.04)
     assert said in price.sentence
-    assert "2.01% instead of 2.01%" not in price.sentence
+    assert ("1.95% without a prior" in price.sentence) == (without < 0.02)
+    assert price.sentence.count("2.01%") == 1

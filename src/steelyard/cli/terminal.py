@@ -396,6 +396,7 @@ def _and_more(names: Sequence[str]) -> str:
 
 def _show_more(result: Identification, console: Console, remarks: Sequence[str]) -> None:
     """Print what the first screen leaves out."""
+    from steelyard.display import few_digits
     from steelyard.report.extent import gathered, shared_words, short_names, shown_logs
 
     for sentence in (*gathered(result.mistake_sentences, _all_logs(result)), *result.prediction.sentences[1:]):
@@ -417,8 +418,12 @@ def _show_more(result: Identification, console: Console, remarks: Sequence[str])
     if table is not None:
         _bounded(console, *table.link_table(), "parameters.csv has all")
         total = table["total mass"]
-        spread = "" if table.confidence is None else f", {total.basis}: {total.lower:.4g} to {total.upper:.4g} kg"
-        _say(console, f"Total moving mass {total.value:.4g} kg{spread}. {table.counts}")
+        spread = (
+            ""
+            if table.confidence is None
+            else f", {total.basis}: {few_digits(total.lower)} to {few_digits(total.upper)} kg"
+        )
+        _say(console, f"Total moving mass {few_digits(total.value)} kg{spread}. {table.counts}")
         for sentence in table.sentences:
             _say(console, sentence)
     if result.plausible is not None:

@@ -319,7 +319,7 @@ def write_example(name: str, folder: str | Path, *, progress: Callable[[str], No
         For an unknown name, or where the package is not installed.
     """
     if name not in EXAMPLES:
-        raise InputError(f"There is no example {name!r}{suggestion(name, EXAMPLES)}; there are {', '.join(EXAMPLES)}.")
+        raise InputError(f"There is no example {name!r}; {suggestion(name, EXAMPLES)}.")
     say = progress or (lambda _: None)
     example = EXAMPLES[name]
     experiment = _Experiment(example, example.robot())

@@ -9,6 +9,7 @@ from typing import Literal
 
 import numpy as np
 
+from steelyard.display import few_digits
 from steelyard.excitation.motion_limits import MotionLimits
 from steelyard.feasibility.constraints import MeasuredMass, TotalMass
 from steelyard.regression import Information, least_squares
@@ -87,14 +88,15 @@ def found(identification: Identification) -> tuple[str, ...]:
     sentences = []
     if told is not None:
         total = told["total mass"]
-        mass = f"The moving links weigh {total.value:.4g} kg in all"
+        mass = f"The moving links weigh {few_digits(total.value)} kg in all"
         if told.confidence is None:
             sentences.append(f"{mass}; no number has an interval, because the torques were filtered.")
         else:
+            ends = f"{few_digits(total.lower)} to {few_digits(total.upper)} kg"
             sentences.append(
-                f"{mass} ({total.basis}, {total.lower:.4g} to {total.upper:.4g} kg): of {len(told)} numbers "
-                f"{told.count('measured')} are measured by the data alone, {told.count('bounded')} are bounded by "
-                f"data and physics, and {told.count('assumed')} are assumed."
+                f"{mass} ({total.basis}, {ends}): of {len(told)} numbers {told.count('measured')} are measured by the "
+                f"data alone, {told.count('bounded')} are bounded by data and physics, and {told.count('assumed')} are "
+                "assumed."
             )
     verdict = identification.verdict
     before, after = identification.unconstrained.relative_error, identification.estimate.relative_error

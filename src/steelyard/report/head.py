@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from steelyard.display import few_digits
 from steelyard.identification import Identification
 from steelyard.identification.next_steps import NextStep, found, next_steps
 
@@ -115,8 +116,8 @@ def _figures(identification: Identification) -> list[tuple[str, str, str]]:
         total = table["total mass"]
         note = "of all moving links"
         if table.confidence is not None:
-            note = f"{total.basis}; {total.lower:.4g} to {total.upper:.4g} kg at 95 %"
-        entries.append(("Total mass", Markup(f"{total.value:.4g} <small>kg</small>"), note))
+            note = f"{total.basis}; {few_digits(total.lower)} to {few_digits(total.upper)} kg at 95 %"
+        entries.append(("Total mass", Markup(f"{few_digits(total.value)} <small>kg</small>"), note))
         if table.confidence is not None:
             note = f"of {len(table)} numbers; {table.count('bounded')} bounded, {table.count('assumed')} assumed"
             entries.append(("Measured", Markup(str(table.count("measured"))), note))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from steelyard.display import few_digits
 from steelyard.identification import Identification
 
 from .drawing import LOOKS, turnable
@@ -62,9 +63,9 @@ def _item(link: DrawnLink) -> str:
     if link.body is not None:
         basis = "" if link.rows is None or link.rows.mass.basis == "unknown" else link.rows.mass.basis
         badge = f' <span class="basis {basis}">{basis}</span>' if basis else ""
-        found.append(f"{link.body.mass:.4g} kg{badge}")
+        found.append(f"{few_digits(link.body.mass)} kg{badge}")
     if not np.isnan(link.cad_mass):
-        found.append(f"CAD {link.cad_mass:.4g} kg{', impossible' if link.cad_is_impossible else ''}")
+        found.append(f"CAD {few_digits(link.cad_mass)} kg{', impossible' if link.cad_is_impossible else ''}")
     return (
         f'<button type="button" data-number="{link.number}" aria-pressed="false">'
         f'<span class="number-of-link">{link.number}</span><span>{escape(link.name)}</span>'

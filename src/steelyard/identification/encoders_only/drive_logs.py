@@ -135,6 +135,8 @@ def _read(
     except InputError:
         _refuse_uncommanded(robot, files, command, name)
         raise
+    if any(recording.lacks_torque(joint) for joint in range(robot.dof)):
+        _refuse_uncommanded(robot, files, command, name)
     survey = LogSurvey.of(recording)
     against_limits(survey, robot)  # what is sure to be wrong is refused
     remarks.update(dict.fromkeys(f"{name}: {one}" for one in survey.unit_remarks()))
