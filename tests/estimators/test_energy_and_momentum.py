@@ -200,7 +200,7 @@ def test_identify_tells_errors_of_samples(elbow, moved, estimator):
     found = sy.identify(elbow, samples, estimator=estimator)
     assert np.allclose(found.prediction.joint_error, noise.std(axis=0), rtol=0.05)
     assert found.estimate.method == f"feasible balance of {estimator}"
-    assert any(f"the estimator made: balance of {estimator} without" in remark for remark in found.remarks)
+    assert any(f"the estimator's own rows: balance of {estimator} without" in remark for remark in found.remarks)
 
 
 @pytest.mark.slow
