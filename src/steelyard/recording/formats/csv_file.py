@@ -420,10 +420,7 @@ class CsvFile(LogFile):
             odd = next((row for row, line in enumerate(lines) if line.count(b'"') % 2), None)
             if odd is None:
                 raise
-            raise InputError(
-                f"{self.path}, {self.where(first_row + odd)}, has a quotation mark that nothing closes; mend or remove "
-                "that line."
-            ) from None
+            raise self._open_quote(first_row + odd) from None
         columns = {}
         for name in names:
             text = frame[str(self.names.index(name))].fill_null("").str.strip_chars()
@@ -441,12 +438,20 @@ class CsvFile(LogFile):
             wrong = (unread & values.is_null()).to_numpy()
             if wrong.any():
                 row = int(np.argmax(wrong))
+                # Older versions of Polars take such a mark for a part of the field.
+                if text[row].count('"') % 2:
+                    raise self._open_quote(first_row + row)
                 raise InputError(
                     f"{self.path}, {self.where(first_row + row)}, holds {shown(text[row])} in column {name!r}; "
                     "expected a number: mend that line, or name another column in [log]."
                 )
             columns[name] = values.fill_null(float("nan")).to_numpy()
         return columns
+
+    def _open_quote(self, row: int) -> InputError:
+        return InputError(
+            f"{self.path}, {self.where(row)}, has a quotation mark that nothing closes; mend or remove that line."
+        )
 
 
 class _ParsedColumns(DecodedColumns):
