@@ -56,7 +56,7 @@ def work(kind: str, folder: Path, first: int, last: int, seed: int) -> None:
                 read(*places)
             except* SteelyardError as refused:
                 for message in map(str, leaves(refused)):
-                    if "\n" in message or len(message) > 2000:
+                    if "\n" in message or len(message) > 1000:
                         print("!", f"a message of {len(message)} characters: {message[:100]!r}", flush=True)
             except* (KeyboardInterrupt, SystemExit):
                 raise

@@ -25,8 +25,24 @@ __all__ = [
 ]
 
 
+LONGEST_MESSAGE, LONGEST_WORD = 1000, 200
+"""Characters. The longest sentence of ours has 600, with a path of 150; a name in a damaged file may have a million."""
+
+
 class SteelyardError(Exception):
-    """Base class of all the errors that Steelyard raises on purpose."""
+    """Base class of all the errors that Steelyard raises on purpose.
+
+    A message stays a sentence, whatever it quotes: above 1000 characters its long words are shortened, and then its
+    middle, because it begins with the place of the fault and ends with the remedy.
+
+    Examples
+    --------
+    >>> len(str(InputError(f"robot.toml: there is no joint {'9' * 5000!r}; name one of the robot.")))
+    253
+    """
+
+    def __init__(self, *arguments: object) -> None:
+        super().__init__(*(_sentence(one) if isinstance(one, str) else one for one in arguments))
 
 
 class InputError(SteelyardError, ValueError):
@@ -39,6 +55,19 @@ class MissingExtraError(SteelyardError, ImportError):
 
 class SolverError(SteelyardError, RuntimeError):
     """A numerical solver ended without a usable answer; the message says with which status."""
+
+
+def _sentence(message: str) -> str:
+    """Return a message without the middle of what makes it too long."""
+    if len(message) > LONGEST_MESSAGE:
+        long_word = rf"\S{{{LONGEST_WORD + 1},}}"
+        message = re.sub(long_word, lambda found: _without_middle(found[0], LONGEST_WORD), message)
+    return _without_middle(message, LONGEST_MESSAGE)
+
+
+def _without_middle(text: str, longest: int) -> str:
+    end = longest // 4
+    return text if len(text) <= longest else f"{text[: longest - end - 1]}…{text[-end:]}"
 
 
 @contextmanager

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from steelyard.dynamics import Model
 from steelyard.errors import InputError
+from steelyard.files import listed, shown
 from steelyard.regression.factor import eigenvectors
 from steelyard.robot import INERTIA_SYMBOLS
 
@@ -137,7 +138,7 @@ def make_subset(model: Model, subset: str | Sequence[str] | None, nuisance: str 
     present = np.flatnonzero(np.abs(effects).max(axis=0, initial=0.0) > 0.0)
     if not len(present):
         raise InputError(
-            f"The subset {', '.join(names)} has no effect on the torques, so that no motion shows it; choose others."
+            f"The subset {listed(names)} has no effect on the torques, so that no motion shows it; choose others."
         )
     if nuisance == "unknown":
         rows = np.flatnonzero(np.abs(effects).max(axis=1) > 0.0)
@@ -163,8 +164,8 @@ def _columns(model: Model, name: str) -> list[int]:
         symbols = [*INERTIA_SYMBOLS, *(p.symbol for term in robot.terms for p in term.parameters)]
         return [names.index(f"{symbol}{index + 1}") for symbol in symbols]
     raise InputError(
-        f"subset: {name!r} is no parameter, link or joint of {robot.name}; it has the joints "
-        f"{', '.join(robot.joint_names)}, the links {', '.join(robot.link_names)}, and parameters such as {names[0]}."
+        f"subset: {shown(name)} is no parameter, link or joint of {robot.name}; it has the joints "
+        f"{listed(robot.joint_names)}, the links {listed(robot.link_names)}, and parameters such as {names[0]}."
     )
 
 

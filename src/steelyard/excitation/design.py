@@ -14,7 +14,7 @@ from steelyard.display import html_table
 from steelyard.dynamics import Model
 from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError, SolverError
-from steelyard.files import replaced_folder, write_json, write_text
+from steelyard.files import listed, replaced_folder, write_json, write_text
 from steelyard.recording import Samples
 from steelyard.regression import Information
 
@@ -333,7 +333,7 @@ def _limits(
         if len(limits.joint_names) != len(names):
             raise InputError(
                 f"The limits are of {len(limits.joint_names)} joints, but {model.robot.name} has {len(names)}: "
-                f"{', '.join(names)}."
+                f"{listed(names)}."
             )
         bounds = limits
     else:

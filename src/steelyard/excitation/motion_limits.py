@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from steelyard.display import html_table
 from steelyard.errors import InputError
-from steelyard.files import TomlTable, read_number, read_toml, shown
+from steelyard.files import TomlTable, listed, read_number, read_toml, shown
 from steelyard.robot import Robot
 
 from .trajectory import Trajectory
@@ -181,7 +181,7 @@ class MotionLimits:
             row = getattr(self, key).copy()
             for name, number in value.items():
                 if name not in names:
-                    raise InputError(f"{where}: {key} names a joint {name!r}; the joints are {', '.join(names)}.")
+                    raise InputError(f"{where}: {key} names a joint {shown(name)}; the joints are {listed(names)}.")
                 row[names.index(name)] = read_number(number, f"{where}: {key} of {name}", infinite=True)
             return np.asarray(row)
         if not isinstance(value, list | tuple | np.ndarray) or (isinstance(value, np.ndarray) and value.ndim == 0):
@@ -189,7 +189,7 @@ class MotionLimits:
         values: list[Any] = list(value)
         if len(values) != len(names):
             raise InputError(
-                f"{where}: {key} has {len(values)} values, but there are {len(names)} joints: {', '.join(names)}."
+                f"{where}: {key} has {len(values)} values, but there are {len(names)} joints: {listed(names)}."
             )
         return np.array(
             [read_number(v, f"{where}: {key} of {n}", infinite=True) for n, v in zip(names, values, strict=True)]

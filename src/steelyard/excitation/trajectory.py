@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
-from steelyard.files import replaced_file, write_json, write_text
+from steelyard.files import listed, replaced_file, write_json, write_text
 
 from .ros import joint_trajectory_text
 
@@ -139,7 +139,7 @@ def save_trajectory(
         raise InputError(f"{target}: a trajectory is saved as {', '.join(SUFFIXES)}, got the suffix {target.suffix!r}.")
     names = tuple(joint_names or (f"joint{k + 1}" for k in range(trajectory.dof)))
     if len(names) != trajectory.dof or len(set(names)) < len(names):
-        raise InputError(f"{target}: {trajectory.dof} different joint names are needed, got {', '.join(names)}.")
+        raise InputError(f"{target}: {trajectory.dof} different joint names are needed, got {listed(names)}.")
     if suffix == ".json":
         write_json({"format": FORMAT, "joint_names": list(names), **_coefficients(trajectory)}, target, indent=None)
         return

@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from .advance import watched as watched
     from .arguments import is_number as is_number
     from .arguments import is_real as is_real
+    from .arguments import listed as listed
     from .arguments import read_number as read_number
     from .arguments import read_whole as read_whole
     from .arguments import suggestion as suggestion

@@ -20,6 +20,7 @@ __all__ = [
     "closest",
     "is_number",
     "is_real",
+    "listed",
     "per_joint",
     "positive",
     "read_number",
@@ -151,6 +152,19 @@ def suggestion(name: object, known: Iterable[str]) -> str:
         return "there are none."
     listed = ", ".join(f'"{candidate}"' for candidate in candidates[:8])
     return f"known are {listed}" + (f" and {len(candidates) - 8} more." if len(candidates) > 8 else ".")
+
+
+def listed(names: Iterable[object], most: int = 20) -> str:
+    """Return names with commas between them, of which a message shows the first ones and counts the others.
+
+    Examples
+    --------
+    >>> listed(["shoulder", "elbow"]), listed(range(100), 3), listed([])
+    ('shoulder, elbow', '0, 1, 2 and 97 more', 'none')
+    """
+    words = [str(name) for name in names]
+    more = f" and {len(words) - most} more" if len(words) > most else ""
+    return f"{', '.join(words[:most])}{more}" if words else "none"
 
 
 def per_joint(

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from steelyard.dynamics import Model
 from steelyard.dynamics.threads import one_thread, serial
 from steelyard.errors import InputError
+from steelyard.files import listed
 from steelyard.files.advance import ahead, watched
 from steelyard.recording import (
     CutoffChoice,
@@ -452,7 +453,7 @@ class LogReader:
         if count != robot.dof:
             raise InputError(
                 f"{given} has samples of {count} joints, but {robot.name} has {robot.dof} "
-                f"({', '.join(robot.joint_names)}); give one column for each of them, in this order."
+                f"({listed(robot.joint_names)}); give one column for each of them, in this order."
             )
 
     def middle(self, log: GivenLog, rows: int) -> Recording | Samples:

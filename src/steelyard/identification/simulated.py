@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from steelyard.dynamics import Model
 from steelyard.errors import InputError
-from steelyard.files import read_table, reading_table
+from steelyard.files import listed, read_table, reading_table
 from steelyard.regression import Estimate
 from steelyard.robot import RobotFile
 from steelyard.simulation import (
@@ -123,7 +123,7 @@ def simulate_files(
     if initial is not None and len(initial) != model.dof:
         raise InputError(
             f"--initial gives {len(initial)} positions, but {model.robot.name} has {model.dof} joints: "
-            f"{', '.join(model.robot.joint_names)}."
+            f"{listed(model.robot.joint_names)}."
         )
     q0, dq0 = np.zeros(model.dof) if initial is None else np.array(initial), np.zeros(model.dof)
     motors: Any = None
@@ -295,7 +295,7 @@ class TorqueTable:
         names = ["t", *(f"tau{k + 1}" for k in range(count))]
         missing = [name for name in names if name not in frame.columns]
         if missing:
-            raise InputError(f"{source}: has no column {missing[0]!r}; needed are {', '.join(names)}.")
+            raise InputError(f"{source}: has no column {missing[0]!r}; needed are {listed(names)}.")
         with reading_table(source, "numbers"):
             table = frame.select(polars.col(names).cast(polars.Float64)).to_numpy()
         if len(table) < 2 or not np.isfinite(table).all():

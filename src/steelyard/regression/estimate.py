@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from steelyard.display import html_table
 from steelyard.errors import InputError, faults_told
-from steelyard.files import plain, read_json, shown, write_json
+from steelyard.files import listed, plain, read_json, shown, write_json
 from steelyard.robot.description import URDF, DescriptionFormat, UrdfFormat, description_format
 from steelyard.robot.joint import Drives
 
@@ -386,7 +386,7 @@ class Estimate:
             if missing or tuple(robot.joint_names) != self.joint_names:
                 raise InputError(
                     f"{source}: does not describe the robot of this estimate, whose joints are "
-                    f"{', '.join(self.joint_names)}; it has {', '.join(robot.joint_names)}."
+                    f"{listed(self.joint_names)}; it has {listed(robot.joint_names)}."
                 )
             index = {name: k for k, name in enumerate(self.parameter_names)}
             links = self.parameters[[index[name] for name in names]]

@@ -13,6 +13,7 @@ from steelyard.collision.self_collision import SelfCollision
 from steelyard.collision.surroundings import Surroundings
 from steelyard.errors import InputError
 from steelyard.excitation import load_trajectory
+from steelyard.files import listed
 from steelyard.identification.log_reader import LogReader
 
 from .viewed_robot import ViewedRobot
@@ -136,7 +137,7 @@ def play_trajectory(viewed: ViewedRobot, path: str | Path) -> Playback:
     if trajectory.dof != robot.dof:
         raise InputError(
             f"{place}: is a motion of {trajectory.dof} joints, but {robot.name} has {robot.dof} "
-            f"({', '.join(robot.joint_names)}); give a motion of this robot."
+            f"({listed(robot.joint_names)}); give a motion of this robot."
         )
     rate = (POINTS - 1) / trajectory.duration
     t = np.arange(POINTS) / rate

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from steelyard.errors import InputError
-from steelyard.files import suggestion
+from steelyard.files import listed, suggestion
 from steelyard.identification import Identification, Prediction
 
 from .extent import default_log, short_names
@@ -58,7 +58,7 @@ def torque_plot(
         if joint not in known:
             raise InputError(f"{identification.model.robot.name} has no joint {joint!r}; {suggestion(joint, known)}")
     if not shown:
-        raise InputError(f"no joint is to be shown; name some of {', '.join(known)}.")
+        raise InputError(f"no joint is to be shown; name some of {listed(known)}.")
     robot = identification.model.robot
     indices = [known.index(joint) for joint in shown]
     before, after = prediction.joint_unconstrained_error, prediction.joint_feasible_error

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from steelyard.errors import InputError
-from steelyard.files import TomlTable, is_number, read_toml, shown, suggestion
+from steelyard.files import TomlTable, is_number, listed, read_toml, shown, suggestion
 
 from .description import STANDARD_GRAVITY, URDF, read_description
 from .robot import Robot
@@ -215,7 +215,7 @@ def _describe(path: Path, description: dict[str, Any]) -> Robot:
     if len(given) > 1:
         raise InputError(f"{where}: it has both {given[0]} and {given[1]}; keep one")
     if not given:
-        found = ", ".join(description) or "nothing"
+        found = listed(description) if description else "nothing"
         raise InputError(f"{where}: urdf = ... or rows = ... is needed, found {found}")
     names = {"urdf": "a URDF", "file": "a file of a description", "rows": "DH rows"}
     keys, kind = DH_KEYS if given == ["rows"] else (*given, *FILE_KEYS), names[given[0]]

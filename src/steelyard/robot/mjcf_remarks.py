@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
+from steelyard.files import listed
+
 from .mjcf_classes import DefaultClasses
 from .mjcf_compiled import HINGE, ON_JOINT, SLIDE, CompiledMjcf
 from .mjcf_document import MjcfDocument
@@ -35,8 +37,7 @@ def mjcf_remarks(
 
 
 def _listed(names: Iterable[str]) -> str:
-    found = list(dict.fromkeys(names))
-    return ", ".join(found[:MOST]) + (f" and {len(found) - MOST} more" if len(found) > MOST else "")
+    return listed(dict.fromkeys(names), MOST)
 
 
 def _inertias(document: MjcfDocument, model: CompiledMjcf, names: Sequence[str]) -> list[str]:
@@ -93,7 +94,7 @@ def _actuators(model: CompiledMjcf, joints: Sequence[str]) -> list[str]:
     other = sum(row["trntype"] not in ON_JOINT.values() for row in model.actuators)
     said = []
     if parts:
-        shown = ", ".join(parts[:MOST]) + (f" and {len(parts) - MOST} more" if len(parts) > MOST else "")
+        shown = listed(parts, MOST)
         said.append(
             f"Actuators, with the torque of a control of 1: {shown}; a log must hold torques of joints, or [log] the "
             "gains."

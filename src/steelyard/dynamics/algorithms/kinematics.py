@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
+from steelyard.files import listed
 from steelyard.robot import Joint, Robot
 
 __all__ = ["JointFrame", "Matrix3", "Vector3", "add", "cross", "dot", "joint_frames", "link_poses", "scale", "times"]
@@ -168,7 +169,7 @@ def joint_frames(
     missing = [name for name in robot.lengths if lengths is None or name not in lengths]
     if missing:
         raise InputError(
-            f"{robot.name} has lengths without a value: {', '.join(missing)}; give them with robot.with_lengths, or as "
+            f"{robot.name} has lengths without a value: {listed(missing)}; give them with robot.with_lengths, or as "
             "lengths in [description] of robot.toml."
         )
     return [_joint_frame(joint, q, algebra, lengths or {}) for joint in robot.joints]

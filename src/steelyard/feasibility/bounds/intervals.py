@@ -11,7 +11,7 @@ import numpy.typing as npt
 from steelyard.display import few_digits, html_table, outward, percent, text_table
 from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
-from steelyard.files import tell
+from steelyard.files import listed, shown, tell
 from steelyard.regression import ParameterCovariance
 
 from ..feasible_set import FeasibleSet
@@ -135,7 +135,7 @@ class ParameterIntervals:
         for interval in self.intervals:
             if interval.name == name:
                 return interval
-        raise InputError(f"there is no interval of {name!r}; these are {', '.join(i.name for i in self.intervals)}.")
+        raise InputError(f"there is no interval of {shown(name)}; these are {listed(i.name for i in self.intervals)}.")
 
     def __iter__(self) -> Iterator[ParameterInterval]:
         return iter(self.intervals)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from steelyard.display import few_digits, html_table, text_table
 from steelyard.errors import InputError
-from steelyard.files import replaced_folder, write_json
+from steelyard.files import listed, replaced_folder, write_json
 from steelyard.robot import Drives, Robot
 from steelyard.robot.description import URDF, DescriptionFormat, description_format
 from steelyard.simulation.driven_joints import COULOMB, DRIVE_PARAMETERS
@@ -327,7 +327,7 @@ def described_alike(own: Robot, source: Path) -> tuple[DescriptionFormat, Robot]
     robot = kind.read(source, read.get("tip"), read.get("locked") or (), (0, 0, -9.81))
     if sorted(robot.joint_names) != sorted(own.joint_names) or len(robot.links) != len(own.links):
         raise InputError(
-            f"{source}: does not describe this robot, whose joints are {', '.join(own.joint_names)}; it has "
-            f"{', '.join(robot.joint_names)}."
+            f"{source}: does not describe this robot, whose joints are {listed(own.joint_names)}; it has "
+            f"{listed(robot.joint_names)}."
         )
     return kind, robot
