@@ -26,7 +26,12 @@ _KINDS: dict[str, type[Any]] = {
 """What may stand in packed bytes beside numbers, texts, lists, mappings and arrays."""
 _PASSED_OVER = {"regressor_model", "cutoff_choice"}
 """Fields of samples that are not packed: the model, which is known where they are unpacked, and a chart."""
-_ARRAYS = "fiub"
+_ARRAYS = {
+    kind.str: kind
+    for kind in (np.dtype(order + one) for order in "<>" for one in ("?", *"bhilqBHILQ", *"efdg"))
+    if kind.kind in "fiub"
+}
+"""Arrays that may stand there, by the names that NumPy writes; it would take any text for a description to parse."""
 _START = len(_MARK) + 32
 
 
@@ -84,9 +89,7 @@ def unpacked(data: bytes) -> Any:
 
     def taken(kind: str, shape: list[int]) -> np.ndarray[Any, Any]:
         nonlocal place
-        dtype = np.dtype(kind)
-        if dtype.kind not in _ARRAYS:
-            raise ValueError(kind)
+        dtype = _ARRAYS[kind]
         count = int(np.prod(shape, dtype=np.int64))
         array = np.frombuffer(content, dtype, count, place).reshape(shape)
         place += array.nbytes
@@ -94,7 +97,7 @@ def unpacked(data: bytes) -> Any:
 
     try:
         return _value(json.loads(bytes(content[8 : 8 + size]).decode("utf-8", "surrogatepass")), taken)
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except (ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RecursionError) as error:
         raise InputError(f"The bytes of a reduction were made by another version ({error}); reduce anew.") from None
 
 
@@ -113,7 +116,7 @@ def _plain(value: Any, arrays: list[bytes]) -> Any:
         if not all(isinstance(key, str) for key in value):
             raise TypeError("a mapping that is packed must have texts for keys")
         return {"m": [[key, _plain(item, arrays)] for key, item in value.items()]}
-    if isinstance(value, np.ndarray) and value.dtype.kind in _ARRAYS:
+    if isinstance(value, np.ndarray) and value.dtype.str in _ARRAYS:
         array = np.ascontiguousarray(value)
         arrays.append(array.tobytes())
         return {"a": [array.dtype.str, list(value.shape)]}
