@@ -127,7 +127,7 @@ def test_without_intervals_prior_or_standard_parameters(
     table = result.parameters
     assert table is not None
     rows = tuple(replace(row, lower=np.nan, upper=np.nan, basis="unknown") for row in table)
-    blind = replace(result, parameters=ParameterTable(rows, None), plausible=None)
+    blind = replace(result, parameters=ParameterTable(rows), plausible=None)
     text = shown(blind, capsys)
     assert "nan" not in text
     assert "rests on" not in text
@@ -158,7 +158,7 @@ def test_many_links_and_joints_stay_on_a_screen_or_two(
         noise_floor=size,
         whiteness=size,
     )
-    many = replace(result, parameters=ParameterTable((*rows, table["total mass"]), 0.95), prediction=verdict)
+    many = replace(result, parameters=ParameterTable((*rows, table["total mass"])), prediction=verdict)
     assert len(shown(many, capsys).splitlines()) < 50
     text = shown(many, capsys, verbose=True)
     assert len(text.splitlines()) < 110
@@ -179,5 +179,5 @@ def test_notebook_shows_both_verdicts_and_the_links(result: Identification) -> N
 def test_row_of_a_link_without_mass() -> None:
     names = ("m1", "cx1", "cy1", "cz1", "J1_1", "J2_1", "J3_1")
     row = ParameterRow("", "mass of rod", "kg", float("nan"), -np.inf, np.inf, float("nan"), "assumed")
-    table = ParameterTable(tuple(replace(row, name=name) for name in names), 0.95)
+    table = ParameterTable(tuple(replace(row, name=name) for name in names))
     assert table.link_table()[1] == [("rod", "", "open", "open", "assumed", "-, -, -", "assumed")]

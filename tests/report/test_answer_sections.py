@@ -94,9 +94,7 @@ def test_parts_that_are_not_known_are_left_out(identification: Identification) -
     table = identification.parameters
     assert table is not None
     blind = tuple(replace(row, lower=np.nan, upper=np.nan, basis="unknown") for row in table)
-    page = lxml.html.fromstring(
-        report_html(replace(identification, plausible=None, parameters=ParameterTable(blind, None)))
-    )
+    page = lxml.html.fromstring(report_html(replace(identification, plausible=None, parameters=ParameterTable(blind))))
     assert not page.xpath("//table//svg")
     assert not page.xpath("//*[@id='price' or @id='beforehand' or @href='#price']")
     assert "nan" not in page.get_element_by_id("masses").text_content()

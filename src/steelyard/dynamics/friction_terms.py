@@ -44,7 +44,25 @@ _NEAR = 1e-16
 tangent is exact to 5e-17."""
 
 
-class CoulombByDirection(ShapedTerm):
+class _ByDirection(ShapedTerm):
+    """Friction with two parameters, forward and backward, which the description has as one."""
+
+    def __init__(self, joints: JointNumbers = None) -> None:
+        super().__init__(joints=joints)
+
+    def values(self, k: int, q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any], algebra: Any) -> tuple[Any, ...]:
+        """Return the law where the speed is positive, and where it is negative."""
+        sign = algebra.sign(dq[k])
+        law = sign if self.parameters[0].described_as == "friction" else dq[k]
+        return (0.5 * (law + law * sign), 0.5 * (law - law * sign))
+
+    def nominal(self, joint: Joint) -> tuple[float, ...]:
+        """Return the friction of the description, in both directions."""
+        value = joint.friction if self.parameters[0].described_as == "friction" else joint.damping
+        return (value, value)
+
+
+class CoulombByDirection(_ByDirection):
     """Coulomb friction that differs by direction, ``Fcp`` forward and ``Fcn`` backward.
 
     In motion it is a Coulomb friction of their mean and an offset of half their difference, so that beside the term
@@ -70,20 +88,8 @@ class CoulombByDirection(ShapedTerm):
         TermParameter("Fcnj", "N·m", "N", "Coulomb friction backward", nonnegative=True, described_as="friction"),
     )
 
-    def __init__(self, joints: JointNumbers = None) -> None:
-        super().__init__(joints=joints)
 
-    def values(self, k: int, q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any], algebra: Any) -> tuple[Any, ...]:
-        """Return the sign of the speed where it is positive, and where it is negative."""
-        sign = algebra.sign(dq[k])
-        return (0.5 * (sign + sign * sign), 0.5 * (sign - sign * sign))
-
-    def nominal(self, joint: Joint) -> tuple[float, ...]:
-        """Return the friction of the description, in both directions."""
-        return (joint.friction, joint.friction)
-
-
-class ViscousByDirection(ShapedTerm):
+class ViscousByDirection(_ByDirection):
     """Viscous friction that differs by direction, ``Fvp dq`` forward and ``Fvn dq`` backward.
 
     Parameters
@@ -108,18 +114,6 @@ class ViscousByDirection(ShapedTerm):
             "Fvnj", "N·m·s/rad", "N·s/m", "viscous friction backward", nonnegative=True, described_as="damping"
         ),
     )
-
-    def __init__(self, joints: JointNumbers = None) -> None:
-        super().__init__(joints=joints)
-
-    def values(self, k: int, q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any], algebra: Any) -> tuple[Any, ...]:
-        """Return the speed where it is positive, and where it is negative."""
-        size = dq[k] * algebra.sign(dq[k])
-        return (0.5 * (dq[k] + size), 0.5 * (dq[k] - size))
-
-    def nominal(self, joint: Joint) -> tuple[float, ...]:
-        """Return the damping of the description, in both directions."""
-        return (joint.damping, joint.damping)
 
 
 class Stribeck(ShapedTerm):

@@ -27,6 +27,7 @@ __all__ = ["Basis", "LinkRows", "ParameterRow", "ParameterTable", "parameter_tab
 
 Array = NDArray[np.float64]
 Basis = Literal["measured", "bounded", "assumed", "unknown"]
+CONFIDENCE = 0.95
 BASES: tuple[Basis, ...] = ("measured", "bounded", "assumed", "unknown")  # the surest first
 
 MEASURED, BOUNDED = 0.2, 1.0
@@ -131,15 +132,17 @@ class ParameterTable:
     Attributes
     ----------
     rows : tuple of ParameterRow
-    confidence : float or None
-        Of the intervals; None where there are none.
     sentences : tuple of str
         Which numbers are known only together.
     """
 
     rows: tuple[ParameterRow, ...]
-    confidence: float | None
     sentences: tuple[str, ...] = field(default=(), repr=False)
+
+    @property
+    def confidence(self) -> float | None:
+        """Of the intervals, 0.95; None where there are none."""
+        return None if all(row.basis == "unknown" for row in self.rows) else CONFIDENCE
 
     def __getitem__(self, name: str) -> ParameterRow:
         for row in self.rows:
@@ -219,7 +222,7 @@ class ParameterTable:
         return out.getvalue()
 
     @classmethod
-    def from_list(cls, rows: Sequence[Mapping[str, Any]], where: str, confidence: float = 0.95) -> ParameterTable:
+    def from_list(cls, rows: Sequence[Mapping[str, Any]], where: str) -> ParameterTable:
         """Return the table that `to_list` made plain, as ``estimate.json`` holds it.
 
         Parameters
@@ -227,8 +230,6 @@ class ParameterTable:
         rows : sequence of mapping
         where : str
             For messages.
-        confidence : float
-            Of its intervals, which the rows do not name.
 
         Raises
         ------
@@ -249,8 +250,7 @@ class ParameterTable:
             except (KeyError, TypeError, ValueError):
                 raise InputError(f"{where}: row {number} is none of a table of parameters; identify anew.") from None
             found.append(ParameterRow(texts[0], texts[1], texts[2], value, ends[0], ends[1], cad, basis))
-        told = any(row.basis != "unknown" for row in found)
-        return cls(tuple(found), confidence if told else None)
+        return cls(tuple(found))
 
     def to_frame(self, library: Literal["polars", "pandas"] = "polars") -> Any:
         """The table as a data frame, a row for each number, with NaN where there is none.
@@ -312,7 +312,6 @@ def parameter_table(
     *,
     cad: ArrayLike | None = None,
     term_scales: ArrayLike | None = None,
-    confidence: float = 0.95,
 ) -> ParameterTable:
     """Tell what every parameter, mass, centre of mass, principal moment and friction of an answer rests on.
 
@@ -332,7 +331,6 @@ def parameter_table(
         Standard parameters of the description; those of the model's robot where absent.
     term_scales : (n,), optional
         Parameters of terms that would make the whole torque of their joints, such as `term_deviations` tells.
-    confidence : float
 
     Returns
     -------
@@ -348,12 +346,12 @@ def parameter_table(
     source = feasible_set.model.robot.parameters if cad is None else cad
     described = _described(feasible_set, np.asarray(source, dtype=float), asked, about)
     told: tuple[Array, Array] | None = None
-    centers, alone = _intervals_of_data(feasible_set, covariance, asked, parameters, unconstrained.base, confidence)
+    centers, alone = _intervals_of_data(feasible_set, covariance, asked, parameters, unconstrained.base, CONFIDENCE)
     if not covariance.filtered_torque and feasible_set.parameter_count > MANY_PARAMETERS:
         positive = np.array([quantity.never_negative for quantity in asked])
         told = np.where(positive, np.maximum(centers - alone, 0.0), centers - alone), centers + alone
     elif not covariance.filtered_torque:
-        found = profile_intervals(feasible_set, unconstrained.base, covariance, asked, parameters, confidence)
+        found = profile_intervals(feasible_set, unconstrained.base, covariance, asked, parameters, CONFIDENCE)
         told = found.lower, found.upper
     scales = _scales(feasible_set, parameters, values, asked, about, term_scales)
     rows, drawn = [], []
@@ -382,8 +380,7 @@ def parameter_table(
                 basis,  # type: ignore[arg-type]
             )
         )
-    table = ParameterTable(tuple(rows), None if told is None else confidence)
-    sentences = _known_together(info, feasible_set, unconstrained, table)
+    sentences = _known_together(info, feasible_set, unconstrained, ParameterTable(tuple(rows)))
     if drawn:
         more = f" and {len(drawn) - MOST_SENTENCES} more" if len(drawn) > MOST_SENTENCES else ""
         stand = "stands at an end of its interval" if len(drawn) == 1 else "stand at an end of their intervals"
@@ -391,7 +388,7 @@ def parameter_table(
         sentences = (*sentences, f"{shown} {stand}: the prior draws the answer that far away from the data.")
     if told is not None and feasible_set.parameter_count > MANY_PARAMETERS:
         sentences = (TOO_MANY, *sentences)
-    return ParameterTable(table.rows, table.confidence, sentences)
+    return ParameterTable(tuple(rows), sentences)
 
 
 def _of_a_sensor(covariance: ParameterCovariance, unconstrained: Estimate) -> ParameterCovariance:

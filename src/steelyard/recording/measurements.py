@@ -29,34 +29,7 @@ class Measurements:
 
     Everything that looks at a log works on this class; `Recording` adds reading, processing and writing to it.
 
-    Parameters
-    ----------
-    t
-        (S,) times in s, increasing.
-    q, torque
-        (S, N) joint positions (rad or m) and torques (N·m or N).
-    velocity, acceleration
-        (S, N) as measured, or None.
-    source
-        Where it comes from, for messages.
-    joint_names
-        N names, or None.
-    remarks
-        What was noticed about the log, one sentence each.
-    stated_rate
-        Sample rate in Hz where it is known better than from the stamps.
-    first_row
-        Number of rows of the log that come before the first row here, for messages.
-    position_missing, torque_missing
-        (S, N) booleans, true where the log had no value and one was filled in; such rows are left out of samples. None
-        where all are there.
-    layout
-        Which columns of a log these are, where they were read from one.
-
-    Raises
-    ------
-    InputError
-        Where shapes do not fit, a value is not finite, or the times do not increase.
+    The parameters are those of `Recording`, which explains them.
 
     Examples
     --------

@@ -95,19 +95,19 @@ def find_reference(
     raise InputError(f"the {what} {named} is not found (looked for {looked}); {remedy}")
 
 
-def find_package(name: str, description: Path, packages: Iterable[str | Path] = ()) -> Path:
+def find_package(name: str, description: Path) -> Path:
     """Return the folder of a package.
+
+    It is looked for in the folders of ``ROS_PACKAGE_PATH``, of ``AMENT_PREFIX_PATH`` (its ``share``) and of the
+    variables of Gazebo, then in those above the description. A folder belongs to the package where it has its name, or
+    a package.xml with it; where there is none, a folder counts whose name differs by the ending ``_description`` or
+    ``_support`` alone.
 
     Parameters
     ----------
     name : str
     description : Path
         The file that names it.
-    packages : iterable of path
-        Folders of packages, or folders that contain packages. Those of ``ROS_PACKAGE_PATH``, of ``AMENT_PREFIX_PATH``
-        (its ``share``) and of the variables of Gazebo follow, then the folders above the description. A folder belongs
-        to the package where it has its name, or a package.xml with it; where there is none, a folder counts whose name
-        differs by the ending ``_description`` or ``_support`` alone.
 
     Raises
     ------
@@ -116,12 +116,12 @@ def find_package(name: str, description: Path, packages: Iterable[str | Path] = 
     """
     if not _is_name(name):
         raise InputError(f"{shown(name)} cannot be the name of a package, which is one word without slashes")
-    for folder in package_folders(name, description, packages):
+    for folder in package_folders(name, description, ()):
         if folder.is_dir():
             return folder
     raise InputError(
         f'the package "{name}" is not found in the folders above {description}, nor in ROS_PACKAGE_PATH or '
-        f"AMENT_PREFIX_PATH; set ROS_PACKAGE_PATH to the folder that holds {name}, or name it in packages"
+        f"AMENT_PREFIX_PATH; set ROS_PACKAGE_PATH to the folder that holds {name}"
     )
 
 

@@ -77,20 +77,7 @@ class NakanishiCorrected(FactoredMethod):
     Known flaws: stationary points that are not the best remain (θ = 0 is one), as does the missing proof of optimality;
     where masses can grow without end the descent follows them until it is stopped.
 
-    Attributes
-    ----------
-    solver : {"newton", "gauss-newton", "levenberg-marquardt"}
-        The papers name none. ``"newton"`` has exact second derivatives and the damping of Levenberg and Marquardt; it
-        needs the fewest and cheapest steps. The others are SciPy's least squares.
-    iterations : int
-        Limit.
-    tolerance : float
-        On the gradient, in units of the squared residual of least squares.
-
-    References
-    ----------
-    J. Nakanishi, R. Cory, M. Mistry, J. Peters, S. Schaal, "Operational space control: a theoretical and empirical
-    comparison", International Journal of Robotics Research 27(6), 2008.
+    Attributes and references are those of `Nakanishi2008`.
 
     Examples
     --------
