@@ -40,7 +40,7 @@ def test_robot_functions_agree(name: str, wam_with_friction: sy.Model, random: n
         assert difference(np.asarray(found), of_kernel(function, values, sample)[output.name]) < 1e-12
 
 
-@pytest.mark.parametrize("lowering", LOWERINGS)
+@pytest.mark.parametrize("lowering", [pytest.param("scalars", marks=slow), "vectors"])
 def test_several_outputs_and_names(lowering: str, odd_function: Function, random: np.random.Generator) -> None:
     exported = jax_function(odd_function, lowering=lowering)
     assert exported.__name__ == "odd__"
@@ -81,7 +81,7 @@ def test_transformations_go_together(lowering: str, odd_function: Function, rand
     ("transformation", "lowering"),
     [
         ("jacfwd", "scalars"),
-        ("jacrev", "vectors"),
+        pytest.param("jacrev", "vectors", marks=slow),
         pytest.param("jacfwd", "vectors", marks=slow),
         pytest.param("jacrev", "scalars", marks=slow),
     ],

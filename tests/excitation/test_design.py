@@ -36,7 +36,10 @@ def plain(arm, arm_limits):
     return designed(arm, arm_limits)
 
 
-@pytest.mark.parametrize("family", ["fourier", "spline", "quintic"])
+@pytest.mark.parametrize(
+    "family",
+    ["fourier", pytest.param("spline", marks=pytest.mark.slow), pytest.param("quintic", marks=pytest.mark.slow)],
+)
 def test_every_limit_is_kept_between_the_samples_too(arm, arm_limits, arm_parameters, family):
     limits = arm_limits | {"torque": [30.0, 60.0, 14.0], "power": 60.0, "total_power": 70.0}
     design = designed(arm, limits, family=family, parameters=arm_parameters)

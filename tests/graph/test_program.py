@@ -35,7 +35,13 @@ def random_program(operations, outputs, seed):
 
 @pytest.mark.parametrize(
     ("operations", "outputs", "seed"),
-    [(5, 4, 1), (200, 11, 2), (1000, 70, 3), (3000, 40, 4), pytest.param(5000, 300, 5, marks=pytest.mark.slow)],
+    [
+        (5, 4, 1),
+        (200, 11, 2),
+        (1000, 70, 3),
+        pytest.param(3000, 40, 4, marks=pytest.mark.slow),
+        pytest.param(5000, 300, 5, marks=pytest.mark.slow),
+    ],
 )
 def test_programs_agree_with_numpy_and_lanes_with_each_other(operations, outputs, seed):
     function = random_program(operations, outputs, seed)

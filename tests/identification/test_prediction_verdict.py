@@ -98,7 +98,9 @@ def test_planted_mistakes_are_wrong_where_they_cost_a_fifth(mistake, seed: int) 
     assert mistake is flipped or found.word == "wrong"
 
 
-@pytest.mark.parametrize(("mistake", "seed"), [(flipped, 15), (flipped, 16), (swapped, 15)])
+@pytest.mark.parametrize(
+    ("mistake", "seed"), [(flipped, 15), pytest.param(flipped, 16, marks=pytest.mark.slow), (swapped, 15)]
+)
 def test_mistakes_that_are_found_are_wrong_where_they_cost_a_fifth(mistake, seed: int) -> None:
     """Of one joint as well: a body whose other side hangs down explains most of a flipped sign, but not all."""
     sound = simulated_arm(seed, seconds=20.0)

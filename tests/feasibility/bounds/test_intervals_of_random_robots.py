@@ -57,7 +57,7 @@ def length_inside(feasible, point, line):
     return length if length > 1e-9 else 0.0
 
 
-@pytest.mark.parametrize("consistency", ["full", "inertia"])
+@pytest.mark.parametrize("consistency", ["full", pytest.param("inertia", marks=pytest.mark.slow)])
 def test_samples_lie_within(consistency, point_cloud_parameters):
     """Hit and run: from a point of the set along a random line to another one."""
     rng = np.random.default_rng(31)

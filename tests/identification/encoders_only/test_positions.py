@@ -316,7 +316,11 @@ def test_what_spoils_values_at_times_is_told_with_its_time(tmp_path):
 
 @pytest.mark.parametrize(
     ("law", "load", "loss"),
-    [(FrictionLaw.mujoco(), 0.3, 0.0), (FrictionLaw.coulomb(), 0.0, 0.0), (FrictionLaw.mujoco(), 0.3, 0.01)],
+    [
+        pytest.param(FrictionLaw.mujoco(), 0.3, 0.0, marks=pytest.mark.slow),
+        (FrictionLaw.coulomb(), 0.0, 0.0),
+        pytest.param(FrictionLaw.mujoco(), 0.3, 0.01, marks=pytest.mark.slow),
+    ],
 )
 def test_sensitivities_to_all_that_is_found_are_those_of_differences(arm, law, load, loss):
     """Of positions, by every parameter of the drives, encoders and links, while joints slip."""
