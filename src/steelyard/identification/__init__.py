@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from .comparison import Comparison as Comparison
     from .comparison import compare_estimates as compare_estimates
     from .default_terms import model_of_estimate as model_of_estimate
-    from .doctor import Examination as Examination
-    from .doctor import Finding as Finding
     from .doctor import examine as examine
     from .elastic import Deflections as Deflections
     from .elastic import LogDeflections as LogDeflections
@@ -25,6 +23,8 @@ if TYPE_CHECKING:
     from .encoders_only import DriveValue as DriveValue
     from .encoders_only import PositionIdentification as PositionIdentification
     from .encoders_only import identify_from_positions as identify_from_positions
+    from .examination import Examination as Examination
+    from .examination import Finding as Finding
     from .excite import excite as excite
     from .first_robot_file import FirstRobotFile as FirstRobotFile
     from .first_robot_file import first_robot_file as first_robot_file

@@ -30,7 +30,8 @@ from steelyard.robot import RobotFile
 from steelyard.robot.description import URDF, description_format
 
 from .default_terms import decide_rotors, with_rotors
-from .doctor import CHUNK_ROWS, POINTS, Examination, examine, merged
+from .doctor import CHUNK_ROWS, POINTS, examine
+from .examination import Examination, merged
 from .log_reader import LogReader
 
 __all__ = ["FirstRobotFile", "Guess", "first_robot_file"]
