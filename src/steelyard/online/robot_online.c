@@ -9,64 +9,6 @@
  * ROBOT_ONLINE_LARGEST rows. All are stored row by row.
  * ------------------------------------------------------------------------------------------- */
 
-/* The Cholesky factor L of a matrix, in the lower triangle; false where it is not definite. */
-static bool cholesky(int32_t size, const double *matrix, double *factor)
-{
-    bool definite = true;
-    for (int32_t j = 0; j < size; ++j) {
-        double pivot = matrix[(j * size) + j];
-        for (int32_t k = 0; k < j; ++k) {
-            pivot -= factor[(j * size) + k] * factor[(j * size) + k];
-        }
-        /* Also false for what is not a number. */
-        if (!(pivot > 0.0)) {
-            definite = false;
-            break;
-        }
-        const double root = sqrt(pivot);
-        const double inverse = 1.0 / root;
-        factor[(j * size) + j] = root;
-        for (int32_t i = j + 1; i < size; ++i) {
-            double sum = matrix[(i * size) + j];
-            for (int32_t k = 0; k < j; ++k) {
-                sum -= factor[(i * size) + k] * factor[(j * size) + k];
-            }
-            factor[(i * size) + j] = sum * inverse;
-        }
-    }
-    return definite;
-}
-
-/* The inverse of a lower triangular matrix, in the lower triangle. */
-static void inverse_of_triangle(int32_t size, const double *factor, double *inverse)
-{
-    for (int32_t j = 0; j < size; ++j) {
-        inverse[(j * size) + j] = 1.0 / factor[(j * size) + j];
-        for (int32_t i = j + 1; i < size; ++i) {
-            double sum = 0.0;
-            for (int32_t k = j; k < i; ++k) {
-                sum -= factor[(i * size) + k] * inverse[(k * size) + j];
-            }
-            inverse[(i * size) + j] = sum / factor[(i * size) + i];
-        }
-    }
-}
-
-/* The inverse of L L' from that of L. */
-static void inverse_of_product(int32_t size, const double *inverse, double *product)
-{
-    for (int32_t i = 0; i < size; ++i) {
-        for (int32_t j = 0; j <= i; ++j) {
-            double sum = 0.0;
-            for (int32_t k = i; k < size; ++k) {
-                sum += inverse[(k * size) + i] * inverse[(k * size) + j];
-            }
-            product[(i * size) + j] = sum;
-            product[(j * size) + i] = sum;
-        }
-    }
-}
-
 /* A lower bound, close by, of the smallest eigenvalue of a symmetric matrix, which is overwritten:
  * Householder's reflections make it tridiagonal, and Newton's method climbs from below, where the
  * characteristic polynomial is convex, so that it never passes the eigenvalue. */
@@ -159,66 +101,6 @@ static double smallest_eigenvalue(int32_t size, double *matrix)
 }
 
 /* ---------------------------------------------------------------------------------------------
- * The conditions as functions of the unknowns: scalars first, then matrices.
- * ------------------------------------------------------------------------------------------- */
-
-/* Their values at the unknowns y; constants count `constant` times, the margin is subtracted. */
-static void conditions(const double *unknowns, double constant, double margin, double *scalars,
-                       double *matrices)
-{
-    for (int32_t b = 0; b < ROBOT_ONLINE_SCALARS; ++b) {
-        double sum = (scalar_constant[b] * constant) - margin;
-        for (int32_t k = scalar_start[b]; k < scalar_start[b + 1]; ++k) {
-            sum += scalar_value[k] * unknowns[scalar_variable[k]];
-        }
-        scalars[b] = sum;
-    }
-    for (int32_t b = 0; b < ROBOT_ONLINE_MATRICES; ++b) {
-        const int32_t size = matrix_size[b];
-        double *matrix = &matrices[matrix_place[b]];
-        for (int32_t i = 0; i < (size * size); ++i) {
-            matrix[i] = matrix_constant[matrix_place[b] + i] * constant;
-        }
-        for (int32_t i = 0; i < size; ++i) {
-            matrix[(i * size) + i] -= margin;
-        }
-        for (int32_t v = matrix_start[b]; v < matrix_start[b + 1]; ++v) {
-            const double value = unknowns[matrix_variable[v]];
-            for (int32_t e = element_start[v]; e < element_start[v + 1]; ++e) {
-                matrix[element_place[e]] += element_value[e] * value;
-                if (element_place[e] != element_mirror[e]) {
-                    matrix[element_mirror[e]] += element_value[e] * value;
-                }
-            }
-        }
-    }
-}
-
-/* Add `factor` times the products of the coefficients with matrices, by unknown. */
-static void add_adjoint(double factor, const double *scalars, const double *matrices, double *sums)
-{
-    for (int32_t b = 0; b < ROBOT_ONLINE_SCALARS; ++b) {
-        const double scalar = factor * scalars[b];
-        for (int32_t k = scalar_start[b]; k < scalar_start[b + 1]; ++k) {
-            sums[scalar_variable[k]] += scalar_value[k] * scalar;
-        }
-    }
-    for (int32_t b = 0; b < ROBOT_ONLINE_MATRICES; ++b) {
-        const double *matrix = &matrices[matrix_place[b]];
-        for (int32_t v = matrix_start[b]; v < matrix_start[b + 1]; ++v) {
-            double sum = 0.0;
-            for (int32_t e = element_start[v]; e < element_start[v + 1]; ++e) {
-                const double both = (element_place[e] == element_mirror[e])
-                                        ? matrix[element_place[e]]
-                                        : (matrix[element_place[e]] + matrix[element_mirror[e]]);
-                sum += element_value[e] * both;
-            }
-            sums[matrix_variable[v]] += factor * sum;
-        }
-    }
-}
-
-/* ---------------------------------------------------------------------------------------------
  * The Newton system: a sparse matrix whose factor has the same places in every step.
  * ------------------------------------------------------------------------------------------- */
 
@@ -241,6 +123,11 @@ static double rounded_pair(robot_online_pair value)
 
 static robot_online_pair pair_product(double first, double second)
 {
+    robot_online_pair product;
+    product.high = first * second;
+#ifdef FP_FAST_FMA /* the processor rounds the sum of a product and a number once */
+    product.low = fma(first, second, -product.high);
+#else
     const double split = 134217729.0; /* 2^27 + 1 */
     const double first_scaled = split * first;
     const double first_high = first_scaled - (first_scaled - first);
@@ -248,11 +135,10 @@ static robot_online_pair pair_product(double first, double second)
     const double second_scaled = split * second;
     const double second_high = second_scaled - (second_scaled - second);
     const double second_low = second - second_high;
-    robot_online_pair product;
-    product.high = first * second;
     product.low = (((first_high * second_high) - product.high) + (first_high * second_low) +
                    (first_low * second_high)) +
                   (first_low * second_low);
+#endif
     return product;
 }
 
@@ -337,6 +223,276 @@ static double inverse_root_of_double(double pivot, double diagonal)
 }
 
 /*TWICE*/
+/* In pairs: the Cholesky factor of a matrix, in the lower triangle, with the inverses of its
+ * elements on the diagonal; false where the matrix is not definite. */
+static bool cholesky_in_pairs(int32_t size, const double *matrix, robot_online_pair *factor)
+{
+    bool definite = true;
+    for (int32_t j = 0; (j < size) && definite; ++j) {
+        robot_online_pair pivot = pair_of(matrix[(j * size) + j]);
+        for (int32_t k = 0; k < j; ++k) {
+            const robot_online_pair value = factor[(j * size) + k];
+            add_pair(&pivot, negative_pair(pair_times(value, value)));
+        }
+        /* Also false for what is not a number. */
+        definite = rounded_pair(pivot) > 0.0;
+        if (definite) {
+            const robot_online_pair inverse = inverse_root_of_pair(pivot, pair_of(0.0));
+            factor[(j * size) + j] = inverse;
+            for (int32_t i = j + 1; i < size; ++i) {
+                robot_online_pair sum = pair_of(matrix[(i * size) + j]);
+                for (int32_t k = 0; k < j; ++k) {
+                    add_pair(&sum, negative_pair(pair_times(factor[(i * size) + k],
+                                                            factor[(j * size) + k])));
+                }
+                factor[(i * size) + j] = pair_times(sum, inverse);
+            }
+        }
+    }
+    return definite;
+}
+
+/* The inverse of a lower triangular matrix, in the lower triangle. */
+static void inverse_of_triangle_in_pairs(int32_t size, const robot_online_pair *factor,
+                                         double *inverse)
+{
+    robot_online_pair column[ROBOT_ONLINE_LARGEST];
+    for (int32_t j = 0; j < size; ++j) {
+        column[j] = factor[(j * size) + j];
+        inverse[(j * size) + j] = rounded_pair(column[j]);
+        for (int32_t i = j + 1; i < size; ++i) {
+            robot_online_pair sum = pair_of(0.0);
+            for (int32_t k = j; k < i; ++k) {
+                add_pair(&sum, negative_pair(pair_times(factor[(i * size) + k], column[k])));
+            }
+            column[i] = pair_times(sum, factor[(i * size) + i]);
+            inverse[(i * size) + j] = rounded_pair(column[i]);
+        }
+    }
+}
+
+/* The inverse of L L' from that of L. */
+static void inverse_of_product_in_pairs(int32_t size, const double *inverse, double *product)
+{
+    for (int32_t i = 0; i < size; ++i) {
+        for (int32_t j = 0; j <= i; ++j) {
+            robot_online_pair sum = pair_of(0.0);
+            for (int32_t k = i; k < size; ++k) {
+                add_pair(&sum, pair_product(inverse[(k * size) + i], inverse[(k * size) + j]));
+            }
+            product[(i * size) + j] = rounded_pair(sum);
+            product[(j * size) + i] = rounded_pair(sum);
+        }
+    }
+}
+
+/* The inverse Cholesky factors of matrices; false where one is not positive definite. */
+static bool invert_matrices_in_pairs(const double *matrices, double *roots)
+{
+    bool inside = true;
+    for (int32_t b = 0; (b < ROBOT_ONLINE_MATRICES) && inside; ++b) {
+        const int32_t at = matrix_place[b];
+        robot_online_pair factor[ROBOT_ONLINE_LARGEST * ROBOT_ONLINE_LARGEST];
+        inside = cholesky_in_pairs(matrix_size[b], &matrices[at], factor);
+        if (inside) {
+            inverse_of_triangle_in_pairs(matrix_size[b], factor, &roots[at]);
+        }
+    }
+    return inside;
+}
+
+/* The inverses of the conditions from those of their Cholesky factors. */
+static void invert_roots_in_pairs(const double *roots, double *inverses)
+{
+    for (int32_t b = 0; b < ROBOT_ONLINE_MATRICES; ++b) {
+        const int32_t at = matrix_place[b];
+        inverse_of_product_in_pairs(matrix_size[b], &roots[at], &inverses[at]);
+    }
+}
+
+/* The values of the conditions at the unknowns y, scalars first, then matrices; constants count
+ * `constant` times, the margin is subtracted. */
+static void conditions_in_pairs(const double *unknowns, double constant, double margin,
+                                double *scalars, double *matrices)
+{
+    for (int32_t b = 0; b < ROBOT_ONLINE_SCALARS; ++b) {
+        robot_online_pair sum = pair_product(scalar_constant[b], constant);
+        add_pair(&sum, pair_of(-margin));
+        for (int32_t k = scalar_start[b]; k < scalar_start[b + 1]; ++k) {
+            add_pair(&sum, pair_product(scalar_value[k], unknowns[scalar_variable[k]]));
+        }
+        scalars[b] = rounded_pair(sum);
+    }
+    for (int32_t b = 0; b < ROBOT_ONLINE_MATRICES; ++b) {
+        const int32_t size = matrix_size[b];
+        robot_online_pair matrix[ROBOT_ONLINE_LARGEST * ROBOT_ONLINE_LARGEST];
+        for (int32_t i = 0; i < (size * size); ++i) {
+            matrix[i] = pair_product(matrix_constant[matrix_place[b] + i], constant);
+        }
+        for (int32_t i = 0; i < size; ++i) {
+            add_pair(&matrix[(i * size) + i], pair_of(-margin));
+        }
+        for (int32_t v = matrix_start[b]; v < matrix_start[b + 1]; ++v) {
+            const double value = unknowns[matrix_variable[v]];
+            for (int32_t e = element_start[v]; e < element_start[v + 1]; ++e) {
+                const robot_online_pair product = pair_product(element_value[e], value);
+                add_pair(&matrix[element_place[e]], product);
+                if (element_place[e] != element_mirror[e]) {
+                    add_pair(&matrix[element_mirror[e]], product);
+                }
+            }
+        }
+        for (int32_t i = 0; i < (size * size); ++i) {
+            matrices[matrix_place[b] + i] = rounded_pair(matrix[i]);
+        }
+    }
+}
+
+/* Add the products of the coefficients with matrices, by unknown. */
+static void add_adjoint_in_pairs(const double *scalars, const double *matrices,
+                                 robot_online_pair *sums)
+{
+    for (int32_t b = 0; b < ROBOT_ONLINE_SCALARS; ++b) {
+        for (int32_t k = scalar_start[b]; k < scalar_start[b + 1]; ++k) {
+            add_pair(&sums[scalar_variable[k]], pair_product(scalar_value[k], scalars[b]));
+        }
+    }
+    for (int32_t b = 0; b < ROBOT_ONLINE_MATRICES; ++b) {
+        const double *matrix = &matrices[matrix_place[b]];
+        for (int32_t v = matrix_start[b]; v < matrix_start[b + 1]; ++v) {
+            robot_online_pair *sum = &sums[matrix_variable[v]];
+            for (int32_t e = element_start[v]; e < element_start[v + 1]; ++e) {
+                add_pair(sum, pair_product(element_value[e], matrix[element_place[e]]));
+                if (element_place[e] != element_mirror[e]) {
+                    add_pair(sum, pair_product(element_value[e], matrix[element_mirror[e]]));
+                }
+            }
+        }
+    }
+}
+
+/* What is left of the dual equation: the products of the coefficients with the multipliers, with
+ * their steps, or with both, less the gradient of the objective (curvature times unknowns plus the
+ * linear part). */
+static void balance_in_pairs(const structure *known, robot_online_workspace *work,
+                             const double *unknowns, bool multipliers, bool steps, double *rest)
+{
+    robot_online_pair *sums = work->column_pairs;
+    for (int32_t j = 0; j < ROBOT_ONLINE_VARIABLES; ++j) {
+        sums[j] = pair_of(-work->linear[j]);
+    }
+    for (int32_t j = 0; j < ROBOT_ONLINE_VARIABLES; ++j) {
+        const int32_t column = known->order[j];
+        const int32_t start = known->column_start[j];
+        add_pair(&sums[column], pair_product(-work->curvature[start], unknowns[column]));
+        for (int32_t p = start + 1; p < known->column_start[j + 1]; ++p) {
+            const double value = -work->curvature[p];
+            if (value != 0.0) {
+                const int32_t row = known->order[known->row[p]];
+                add_pair(&sums[row], pair_product(value, unknowns[column]));
+                add_pair(&sums[column], pair_product(value, unknowns[row]));
+            }
+        }
+    }
+    if (multipliers) {
+        add_adjoint_in_pairs(work->scalar_multipliers, work->multipliers, sums);
+    }
+    if (steps) {
+        add_adjoint_in_pairs(work->scalar_multiplier_steps, work->multiplier_steps, sums);
+    }
+    for (int32_t j = 0; j < ROBOT_ONLINE_VARIABLES; ++j) {
+        rest[j] = rounded_pair(sums[j]);
+    }
+}
+
+/* Subtract sym(Z dS S^-1) from the steps of the multipliers: what steps of the conditions bring. */
+static void add_response_in_pairs(robot_online_workspace *work, const double *scalar_steps,
+                                  const double *steps)
+{
+    for (int32_t b = 0; b < ROBOT_ONLINE_SCALARS; ++b) {
+        work->scalar_multiplier_steps[b] -=
+            (work->scalar_multipliers[b] * scalar_steps[b]) / work->scalars[b];
+    }
+    for (int32_t b = 0; b < ROBOT_ONLINE_MATRICES; ++b) {
+        const int32_t size = matrix_size[b];
+        const int32_t at = matrix_place[b];
+        const double *z = &work->multipliers[at];
+        const double *s = &work->inverses[at];
+        robot_online_pair product[ROBOT_ONLINE_LARGEST * ROBOT_ONLINE_LARGEST];
+        for (int32_t i = 0; i < size; ++i) {
+            robot_online_pair row[ROBOT_ONLINE_LARGEST];
+            for (int32_t j = 0; j < size; ++j) {
+                row[j] = pair_of(0.0);
+                for (int32_t k = 0; k < size; ++k) {
+                    add_pair(&row[j], pair_product(z[(i * size) + k], steps[at + (k * size) + j]));
+                }
+            }
+            for (int32_t j = 0; j < size; ++j) {
+                robot_online_pair sum = pair_of(0.0);
+                for (int32_t k = 0; k < size; ++k) {
+                    add_pair(&sum, pair_times(row[k], pair_of(s[(k * size) + j])));
+                }
+                product[(i * size) + j] = sum;
+            }
+        }
+        for (int32_t i = 0; i < size; ++i) {
+            for (int32_t j = 0; j <= i; ++j) {
+                robot_online_pair sum = product[(i * size) + j];
+                add_pair(&sum, product[(j * size) + i]);
+                const double half = 0.5 * rounded_pair(sum);
+                work->multiplier_steps[at + (i * size) + j] -= half;
+                if (i != j) {
+                    work->multiplier_steps[at + (j * size) + i] -= half;
+                }
+            }
+        }
+    }
+}
+
+/* (target - correction) S^-1 of the conditions, made symmetric, as the steps of multipliers. */
+static void centering_in_pairs(robot_online_workspace *work, double target)
+{
+    for (int32_t b = 0; b < ROBOT_ONLINE_SCALARS; ++b) {
+        work->scalar_multiplier_steps[b] =
+            (target - work->scalar_corrections[b]) / work->scalars[b];
+    }
+    for (int32_t b = 0; b < ROBOT_ONLINE_MATRICES; ++b) {
+        const int32_t size = matrix_size[b];
+        const int32_t at = matrix_place[b];
+        const double *correction = &work->corrections[at];
+        const double *s = &work->inverses[at];
+        for (int32_t i = 0; i < size; ++i) {
+            for (int32_t j = 0; j <= i; ++j) {
+                robot_online_pair sum = pair_product(2.0 * target, s[(i * size) + j]);
+                for (int32_t k = 0; k < size; ++k) {
+                    add_pair(&sum, pair_product(-correction[(i * size) + k], s[(k * size) + j]));
+                    add_pair(&sum, pair_product(-correction[(j * size) + k], s[(k * size) + i]));
+                }
+                work->multiplier_steps[at + (i * size) + j] = 0.5 * rounded_pair(sum);
+                work->multiplier_steps[at + (j * size) + i] = 0.5 * rounded_pair(sum);
+            }
+        }
+    }
+}
+
+/* The sum of the products of conditions and multipliers, after steps of the given lengths. */
+static double gap_after_in_pairs(const robot_online_workspace *work, double length,
+                                 double dual_length)
+{
+    robot_online_pair sum = pair_of(0.0);
+    for (int32_t b = 0; b < ROBOT_ONLINE_SCALARS; ++b) {
+        add_pair(&sum, pair_product(work->scalars[b] + (length * work->scalar_steps[b]),
+                                    work->scalar_multipliers[b] +
+                                        (dual_length * work->scalar_multiplier_steps[b])));
+    }
+    for (int32_t i = 0; i < ROBOT_ONLINE_ELEMENTS; ++i) {
+        add_pair(&sum, pair_product(work->matrices[i] + (length * work->steps[i]),
+                                    work->multipliers[i] +
+                                        (dual_length * work->multiplier_steps[i])));
+    }
+    return rounded_pair(sum);
+}
+
 /* In pairs: add the curvature of the conditions: for unknowns v and w of a condition,
  * tr(A_w Z A_v S^-1), from the same for single elements of the condition. */
 static void add_curvature_in_pairs(const structure *known, robot_online_workspace *work)
@@ -488,48 +644,62 @@ static void newton(const structure *known, robot_online_workspace *work, double 
     }
 }
 
-/* The gradient of the objective: curvature times unknowns plus the linear part. */
-static void gradient_of(const structure *known, const robot_online_workspace *work,
-                        const double *unknowns, double *gradient)
+static void balance(const structure *known, robot_online_workspace *work, const double *unknowns,
+                    bool multipliers, bool steps, double *rest)
 {
-    for (int32_t j = 0; j < ROBOT_ONLINE_VARIABLES; ++j) {
-        gradient[j] = work->linear[j];
-    }
-    for (int32_t j = 0; j < ROBOT_ONLINE_VARIABLES; ++j) {
-        const int32_t column = known->order[j];
-        const int32_t start = known->column_start[j];
-        gradient[column] += work->curvature[start] * unknowns[column];
-        for (int32_t p = start + 1; p < known->column_start[j + 1]; ++p) {
-            const double value = work->curvature[p];
-            if (value != 0.0) {
-                const int32_t row = known->order[known->row[p]];
-                gradient[row] += value * unknowns[column];
-                gradient[column] += value * unknowns[row];
-            }
-        }
+    if (work->in_pairs) {
+        balance_in_pairs(known, work, unknowns, multipliers, steps, rest);
+    } else {
+        balance_in_doubles(known, work, unknowns, multipliers, steps, rest);
     }
 }
 
-/* ---------------------------------------------------------------------------------------------
- * The interior-point method: primal-dual, with the direction of Helmberg, Rendl, Vanderbei and
- * Wolkowicz, Kojima, Shindoh and Hara, and Monteiro, and Mehrotra's predictor. Every iterate is
- * strictly feasible, so that it can stop at any time.
- * ------------------------------------------------------------------------------------------- */
+static void conditions(const robot_online_workspace *work, const double *unknowns, double constant,
+                       double margin, double *scalars, double *matrices)
+{
+    if (work->in_pairs) {
+        conditions_in_pairs(unknowns, constant, margin, scalars, matrices);
+    } else {
+        conditions_in_doubles(unknowns, constant, margin, scalars, matrices);
+    }
+}
+
+static void add_response(robot_online_workspace *work, const double *scalar_steps,
+                         const double *steps)
+{
+    if (work->in_pairs) {
+        add_response_in_pairs(work, scalar_steps, steps);
+    } else {
+        add_response_in_doubles(work, scalar_steps, steps);
+    }
+}
+
+static void centering(robot_online_workspace *work, double target)
+{
+    if (work->in_pairs) {
+        centering_in_pairs(work, target);
+    } else {
+        centering_in_doubles(work, target);
+    }
+}
+
+static double gap_after(const robot_online_workspace *work, double length, double dual_length)
+{
+    return work->in_pairs ? gap_after_in_pairs(work, length, dual_length)
+                          : gap_after_in_doubles(work, length, dual_length);
+}
 
 /* The inverse Cholesky factors of scalars and matrices; false where one is not positive definite. */
-static bool invert_factors(const double *scalars, const double *matrices, double *roots)
+static bool invert_factors(const robot_online_workspace *work, const double *scalars,
+                           const double *matrices, double *roots)
 {
     bool inside = true;
     for (int32_t b = 0; b < ROBOT_ONLINE_SCALARS; ++b) {
         inside = inside && (scalars[b] > 0.0);
     }
-    for (int32_t b = 0; (b < ROBOT_ONLINE_MATRICES) && inside; ++b) {
-        const int32_t at = matrix_place[b];
-        double factor[ROBOT_ONLINE_LARGEST * ROBOT_ONLINE_LARGEST];
-        inside = cholesky(matrix_size[b], &matrices[at], factor);
-        if (inside) {
-            inverse_of_triangle(matrix_size[b], factor, &roots[at]);
-        }
+    if (inside) {
+        inside = work->in_pairs ? invert_matrices_in_pairs(matrices, roots)
+                                : invert_matrices_in_doubles(matrices, roots);
     }
     return inside;
 }
@@ -537,13 +707,22 @@ static bool invert_factors(const double *scalars, const double *matrices, double
 /* These and the inverses of the conditions; false where one is not positive definite. */
 static bool invert_conditions(robot_online_workspace *work)
 {
-    const bool inside = invert_factors(work->scalars, work->matrices, work->roots);
-    for (int32_t b = 0; (b < ROBOT_ONLINE_MATRICES) && inside; ++b) {
-        const int32_t at = matrix_place[b];
-        inverse_of_product(matrix_size[b], &work->roots[at], &work->inverses[at]);
+    const bool inside = invert_factors(work, work->scalars, work->matrices, work->roots);
+    if (inside) {
+        if (work->in_pairs) {
+            invert_roots_in_pairs(work->roots, work->inverses);
+        } else {
+            invert_roots_in_doubles(work->roots, work->inverses);
+        }
     }
     return inside;
 }
+
+/* ---------------------------------------------------------------------------------------------
+ * The interior-point method: primal-dual, with the direction of Helmberg, Rendl, Vanderbei and
+ * Wolkowicz, Kojima, Shindoh and Hara, and Monteiro, and Mehrotra's predictor. Every iterate is
+ * strictly feasible, so that it can stop at any time.
+ * ------------------------------------------------------------------------------------------- */
 
 /* How many times a step may be taken before a condition or multiplier reaches the boundary. */
 static double longest_step(const double *scalars, const double *scalar_steps, const double *roots,
@@ -585,44 +764,6 @@ static double longest_step(const double *scalars, const double *scalar_steps, co
     return (inverse > 1e-12) ? (1.0 / inverse) : 1e12;
 }
 
-/* The product of two square matrices. */
-static void multiply(int32_t size, const double *left, const double *right, double *product)
-{
-    for (int32_t i = 0; i < size; ++i) {
-        for (int32_t j = 0; j < size; ++j) {
-            double sum = 0.0;
-            for (int32_t k = 0; k < size; ++k) {
-                sum += left[(i * size) + k] * right[(k * size) + j];
-            }
-            product[(i * size) + j] = sum;
-        }
-    }
-}
-
-/* Subtract sym(Z dS S^-1) from the steps of the multipliers: what steps of the conditions bring. */
-static void add_response(robot_online_workspace *work, const double *scalar_steps,
-                         const double *steps)
-{
-    for (int32_t b = 0; b < ROBOT_ONLINE_SCALARS; ++b) {
-        work->scalar_multiplier_steps[b] -=
-            (work->scalar_multipliers[b] * scalar_steps[b]) / work->scalars[b];
-    }
-    for (int32_t b = 0; b < ROBOT_ONLINE_MATRICES; ++b) {
-        const int32_t size = matrix_size[b];
-        const int32_t at = matrix_place[b];
-        double left[ROBOT_ONLINE_LARGEST * ROBOT_ONLINE_LARGEST];
-        double product[ROBOT_ONLINE_LARGEST * ROBOT_ONLINE_LARGEST];
-        multiply(size, &work->multipliers[at], &steps[at], left);
-        multiply(size, left, &work->inverses[at], product);
-        for (int32_t i = 0; i < size; ++i) {
-            for (int32_t j = 0; j < size; ++j) {
-                work->multiplier_steps[at + (i * size) + j] -=
-                    0.5 * (product[(i * size) + j] + product[(j * size) + i]);
-            }
-        }
-    }
-}
-
 /* Let the corrections be zero. */
 static void clear_corrections(robot_online_workspace *work)
 {
@@ -656,6 +797,20 @@ static void subtract_multipliers(robot_online_workspace *work)
     }
 }
 
+/* The product of two square matrices. */
+static void multiply(int32_t size, const double *left, const double *right, double *product)
+{
+    for (int32_t i = 0; i < size; ++i) {
+        for (int32_t j = 0; j < size; ++j) {
+            double sum = 0.0;
+            for (int32_t k = 0; k < size; ++k) {
+                sum += left[(i * size) + k] * right[(k * size) + j];
+            }
+            product[(i * size) + j] = sum;
+        }
+    }
+}
+
 /* dZ dS of the predictor, which its linear model leaves out. */
 static void second_order(robot_online_workspace *work)
 {
@@ -669,65 +824,25 @@ static void second_order(robot_online_workspace *work)
     }
 }
 
-/* (target - correction) S^-1 of the conditions, made symmetric, as the steps of multipliers. */
-static void centering(robot_online_workspace *work, double target)
-{
-    for (int32_t b = 0; b < ROBOT_ONLINE_SCALARS; ++b) {
-        work->scalar_multiplier_steps[b] =
-            (target - work->scalar_corrections[b]) / work->scalars[b];
-    }
-    for (int32_t b = 0; b < ROBOT_ONLINE_MATRICES; ++b) {
-        const int32_t size = matrix_size[b];
-        const int32_t at = matrix_place[b];
-        double product[ROBOT_ONLINE_LARGEST * ROBOT_ONLINE_LARGEST];
-        multiply(size, &work->corrections[at], &work->inverses[at], product);
-        for (int32_t i = 0; i < size; ++i) {
-            for (int32_t j = 0; j < size; ++j) {
-                const int32_t here = at + (i * size) + j;
-                work->multiplier_steps[here] =
-                    (target * work->inverses[here]) -
-                    (0.5 * (product[(i * size) + j] + product[(j * size) + i]));
-            }
-        }
-    }
-}
-
-/* The sum of the products of conditions and multipliers, after steps of the given lengths. */
-static double gap_after(const robot_online_workspace *work, double length, double dual_length)
-{
-    double sum = 0.0;
-    for (int32_t b = 0; b < ROBOT_ONLINE_SCALARS; ++b) {
-        sum += (work->scalars[b] + (length * work->scalar_steps[b])) *
-               (work->scalar_multipliers[b] + (dual_length * work->scalar_multiplier_steps[b]));
-    }
-    for (int32_t i = 0; i < ROBOT_ONLINE_ELEMENTS; ++i) {
-        sum += (work->matrices[i] + (length * work->steps[i])) *
-               (work->multipliers[i] + (dual_length * work->multiplier_steps[i]));
-    }
-    return sum;
-}
-
 /* Take the unknowns as the start, with multipliers on the central path; false where these are not
  * strictly feasible. */
 static bool begin_search(const structure *known, robot_online_workspace *work)
 {
-    conditions(work->unknowns, work->constant, work->margin, work->scalars, work->matrices);
+    conditions(work, work->unknowns, work->constant, work->margin, work->scalars, work->matrices);
     const bool inside = invert_conditions(work);
     if (inside) {
         /* The complementarity for which the multipliers balance the gradient best. */
         clear_corrections(work);
         work->length = 1.0;
         centering(work, 1.0);
-        gradient_of(known, work, work->unknowns, work->gradient);
-        for (int32_t i = 0; i < ROBOT_ONLINE_VARIABLES; ++i) {
-            work->direction[i] = 0.0;
-        }
-        add_adjoint(1.0, work->scalar_multiplier_steps, work->multiplier_steps, work->direction);
+        balance(known, work, work->unknowns, false, false, work->before);
+        balance(known, work, work->unknowns, false, true, work->direction);
         double product = 0.0;
         double square = 0.0;
         for (int32_t i = 0; i < ROBOT_ONLINE_VARIABLES; ++i) {
-            product += work->gradient[i] * work->direction[i];
-            square += work->direction[i] * work->direction[i];
+            const double slope = work->direction[i] - work->before[i];
+            product -= work->before[i] * slope;
+            square += slope * slope;
         }
         const double balance = product / fmax(square, 1e-300);
         const double target = fmax(balance, ROBOT_ONLINE_LEAST_START);
@@ -758,14 +873,9 @@ static void refine(const structure *known, robot_online_workspace *work)
     for (int32_t i = 0; i < ROBOT_ONLINE_VARIABLES; ++i) {
         work->before[i] = work->unknowns[i] + work->direction[i];
     }
-    gradient_of(known, work, work->before, work->residual);
-    for (int32_t i = 0; i < ROBOT_ONLINE_VARIABLES; ++i) {
-        work->residual[i] = -work->residual[i];
-    }
-    add_adjoint(1.0, work->scalar_multipliers, work->multipliers, work->residual);
-    add_adjoint(1.0, work->scalar_multiplier_steps, work->multiplier_steps, work->residual);
+    balance(known, work, work->before, true, true, work->residual);
     newton(known, work, work->residual);
-    conditions(work->residual, 0.0, 0.0, work->scalar_corrections, work->corrections);
+    conditions(work, work->residual, 0.0, 0.0, work->scalar_corrections, work->corrections);
     add_response(work, work->scalar_corrections, work->corrections);
     for (int32_t i = 0; i < ROBOT_ONLINE_VARIABLES; ++i) {
         work->direction[i] += work->residual[i];
@@ -775,18 +885,15 @@ static void refine(const structure *known, robot_online_workspace *work)
 /* One step of the method; false where it moves no further. */
 static bool search_step(const structure *known, robot_online_workspace *work)
 {
-    bool moves = invert_factors(work->scalar_multipliers, work->multipliers,
+    bool moves = invert_factors(work, work->scalar_multipliers, work->multipliers,
                                 work->multiplier_roots);
     if (moves) {
-        gradient_of(known, work, work->unknowns, work->gradient);
         prepare_newton(known, work);
 
         /* Predictor: as if the multipliers could vanish at once. */
-        for (int32_t i = 0; i < ROBOT_ONLINE_VARIABLES; ++i) {
-            work->direction[i] = -work->gradient[i];
-        }
+        balance(known, work, work->unknowns, false, false, work->direction);
         newton(known, work, work->direction);
-        conditions(work->direction, 0.0, 0.0, work->scalar_steps, work->steps);
+        conditions(work, work->direction, 0.0, 0.0, work->scalar_steps, work->steps);
         clear_steps(work);
         subtract_multipliers(work);
         add_response(work, work->scalar_steps, work->steps);
@@ -808,18 +915,15 @@ static bool search_step(const structure *known, robot_online_workspace *work)
             clear_corrections(work);
         }
         centering(work, target);
-        for (int32_t i = 0; i < ROBOT_ONLINE_VARIABLES; ++i) {
-            work->direction[i] = -work->gradient[i];
-        }
-        add_adjoint(1.0, work->scalar_multiplier_steps, work->multiplier_steps, work->direction);
+        balance(known, work, work->unknowns, false, true, work->direction);
         newton(known, work, work->direction);
-        conditions(work->direction, 0.0, 0.0, work->scalar_steps, work->steps);
+        conditions(work, work->direction, 0.0, 0.0, work->scalar_steps, work->steps);
         subtract_multipliers(work);
         add_response(work, work->scalar_steps, work->steps);
         for (int32_t refinement = 0; refinement < ROBOT_ONLINE_REFINEMENTS; ++refinement) {
             refine(known, work);
         }
-        conditions(work->direction, 0.0, 0.0, work->scalar_steps, work->steps);
+        conditions(work, work->direction, 0.0, 0.0, work->scalar_steps, work->steps);
         length = longest_step(work->scalars, work->scalar_steps, work->roots, work->steps);
         dual_length = longest_step(work->scalar_multipliers, work->scalar_multiplier_steps,
                                    work->multiplier_roots, work->multiplier_steps);
@@ -833,7 +937,7 @@ static bool search_step(const structure *known, robot_online_workspace *work)
             for (int32_t i = 0; i < ROBOT_ONLINE_VARIABLES; ++i) {
                 work->unknowns[i] = work->before[i] + (length * work->direction[i]);
             }
-            conditions(work->unknowns, work->constant, work->margin, work->scalars, work->matrices);
+            conditions(work, work->unknowns, work->constant, work->margin, work->scalars, work->matrices);
             inside = invert_conditions(work);
             length = inside ? length : (0.5 * length);
         }
@@ -841,7 +945,7 @@ static bool search_step(const structure *known, robot_online_workspace *work)
             for (int32_t i = 0; i < ROBOT_ONLINE_VARIABLES; ++i) {
                 work->unknowns[i] = work->before[i];
             }
-            conditions(work->unknowns, work->constant, work->margin, work->scalars, work->matrices);
+            conditions(work, work->unknowns, work->constant, work->margin, work->scalars, work->matrices);
             (void)invert_conditions(work);
             length = 0.0;
         }
@@ -864,7 +968,7 @@ static bool search_step(const structure *known, robot_online_workspace *work)
  * evaluated in another order differ by rounding, too. */
 static bool proved(robot_online_workspace *work, const double *unknowns, double distance)
 {
-    conditions(unknowns, 1.0, distance, work->scalar_steps, work->steps);
+    conditions_in_doubles(unknowns, 1.0, distance, work->scalar_steps, work->steps);
     bool inside = true;
     for (int32_t b = 0; b < ROBOT_ONLINE_SCALARS; ++b) {
         inside = inside && (work->scalar_steps[b] >= 0.0);
@@ -881,7 +985,7 @@ static bool proved(robot_online_workspace *work, const double *unknowns, double 
         for (int32_t i = 0; i < size; ++i) {
             matrix[(i * size) + i] -= shift;
         }
-        inside = cholesky(size, matrix, factor);
+        inside = cholesky_in_doubles(size, matrix, factor);
     }
     return inside;
 }
@@ -909,8 +1013,7 @@ static void start_unknowns(double unit, double *unknowns)
 /* The length of what is missing of the dual equation: gradient less multipliers. */
 static double dual_residual(const structure *known, robot_online_workspace *work)
 {
-    gradient_of(known, work, work->unknowns, work->residual);
-    add_adjoint(-1.0, work->scalar_multipliers, work->multipliers, work->residual);
+    balance(known, work, work->unknowns, true, false, work->residual);
     double sum = 0.0;
     for (int32_t i = 0; i < ROBOT_ONLINE_VARIABLES; ++i) {
         sum += work->residual[i] * work->residual[i];
@@ -1027,6 +1130,8 @@ robot_online_status robot_online_correct(const double *base, robot_online_worksp
         refuse(work, answer);
         return answer->status;
     }
+    /* What is smaller than the margin shows is resolved to that unit and no further. */
+    const double least = ((unit > 0.0) && (unit < ROBOT_ONLINE_LEAST_UNIT)) ? 1.0 : ROBOT_ONLINE_FINE;
     unit = (unit > 0.0) ? fmax(unit, ROBOT_ONLINE_LEAST_UNIT) : fmax(1.0, ROBOT_ONLINE_LEAST_UNIT);
 
     work->constant = 1.0 / unit;
@@ -1064,7 +1169,7 @@ robot_online_status robot_online_correct(const double *base, robot_online_worksp
             const double difference = work->found_base[r] - (base[r] / unit);
             squared += difference * difference;
         }
-        const double size = fmax(squared, ROBOT_ONLINE_FINE);
+        const double size = fmax(squared, least);
         const double residual = dual_residual(known, work);
         if ((squared < ROBOT_ONLINE_FINE) && is_already_feasible(work, base, unit)) {
             status = ROBOT_ONLINE_UNCHANGED;
@@ -1311,10 +1416,10 @@ robot_online_status robot_online_fit(const robot_online_data *data, const double
     double value = 0.0;
     int32_t iterations = 0;
     while (moves && (status == ROBOT_ONLINE_STOPPED)) {
-        gradient_of(known, work, work->unknowns, work->gradient);
+        balance(known, work, work->unknowns, false, false, work->direction);
         value = constant;
         for (int32_t i = 0; i < ROBOT_ONLINE_VARIABLES; ++i) {
-            value += 0.5 * work->unknowns[i] * (work->gradient[i] + work->linear[i]);
+            value += 0.5 * work->unknowns[i] * (work->linear[i] - work->direction[i]);
         }
         if (has_ended(work, dual_residual(known, work), fmax(value, 0.0), before)) {
             status = ROBOT_ONLINE_SOLVED;

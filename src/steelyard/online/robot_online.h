@@ -45,7 +45,6 @@ typedef struct {
     double unknowns[ROBOT_ONLINE_VARIABLES];
     double before[ROBOT_ONLINE_VARIABLES];
     double direction[ROBOT_ONLINE_VARIABLES];
-    double gradient[ROBOT_ONLINE_VARIABLES];
     double linear[ROBOT_ONLINE_VARIABLES];
     double residual[ROBOT_ONLINE_VARIABLES];
     double column_doubles[ROBOT_ONLINE_VARIABLES];
