@@ -139,6 +139,7 @@ OPTIONS = {
     "unknown consistency": (("identify", "{robot}", "{log}", "-o", "{out}", "--consistency", "ful"), "ful"),
     "negative slack": (("identify", "{robot}", "{log}", "-o", "{out}", "--residual-slack", "-1"), "residual-slack"),
     "output is a file": (("identify", "{robot}", "{log}", "-o", "{robot}"), "is a file"),
+    "output of 300 letters": (("identify", "{robot}", "{log}", "-o", "{out}" + 300 * "e"), "give another --output"),
     "unknown command": (("identfy",), "identfy"),
     "robot of no known kind": (("inspect", "{log}"), "csv"),
     "estimate missing": (("check", "{robot}", "{out}"), "cannot be read"),

@@ -366,3 +366,12 @@ def test_endlessly_nested_reduced_logs_are_refused() -> None:
     content = len(head).to_bytes(8, "little") + head
     with pytest.raises(InputError, match="made by another version"):
         unpacked(b"steelyard-packed-1\n" + hashlib.sha256(content).digest() + content)
+
+
+@pytest.mark.parametrize("key", ["a", '"a b"', "'.'"])
+@pytest.mark.parametrize("between", [".", " . "])
+def test_keys_of_endlessly_many_parts_are_refused(key: str, between: str, samples: Path) -> None:
+    """Python's parser would take minutes for one of 2 MB, by the square of the number of parts."""
+    endless = between.join([key] * 100_000)
+    refuse("robot.toml", samples, f"{ROBOT}[x]\n{endless} = 1\n", rf"line {ROBOT.count(chr(10)) + 2} has a key of more")
+    refuse("robot.toml", samples, f"{ROBOT}\n[{endless}]\n", "has a key of more than 100 parts")

@@ -47,6 +47,15 @@ def test_a_failure_leaves_what_was_there(tmp_path: Path) -> None:
     assert content(tmp_path) == {f"results/{name}": "old" for name in ("estimate", "report", "run")}
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems refuse such names")
+def test_a_folder_may_have_a_name_that_is_not_utf_8(tmp_path: Path) -> None:
+    target = tmp_path / os.fsdecode(b"\xff\xfe" * 60)
+    for text in ("first", "second"):
+        write(target, text)
+        assert content(target) == dict.fromkeys(("estimate", "report", "run"), text)
+    assert os.listdir(os.fsencode(tmp_path)) == [b"\xff\xfe" * 60]
+
+
 def test_a_file_is_no_folder(tmp_path: Path) -> None:
     (tmp_path / "results").write_text("mine")
     with pytest.raises(InputError, match="is a file"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from contextlib import suppress
 from pathlib import Path
 
@@ -27,7 +28,7 @@ def require_results_folder(context: typer.Context, folder: Path) -> None:
     """
     from steelyard.report import require_folder
 
-    missing = [one for one in (folder, *folder.parents) if not one.exists()]
+    missing = [one for one in (folder, *folder.parents) if not os.path.lexists(one)]
     require_folder(folder)
 
     def take_away() -> None:

@@ -172,8 +172,10 @@ def temporary_folder(target: Path) -> tuple[Path, int | None]:
 
 def beside(target: Path) -> Path:
     """Return a path in the folder of another one, with a random part that no other process has."""
-    # A name may have at most 255 bytes; the part of the target's name only helps people who list the folder.
-    return target.with_name(f".{target.name.encode()[:80].decode(errors='ignore')}.{secrets.token_hex(8)}{SUFFIX}")
+    # A name may have at most 255 bytes; the part of the target's name only helps people who list the folder. Bytes of
+    # it that are not UTF-8 are left out.
+    name = target.name.encode(errors="ignore")[:80].decode(errors="ignore")
+    return target.with_name(f".{name}.{secrets.token_hex(8)}{SUFFIX}")
 
 
 def remove_leftovers(target: Path, *, folders: bool = False) -> None:

@@ -43,7 +43,8 @@ def require_folder(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except FileExistsError:
-        raise InputError(f"{folder}: is a file, but the results need a folder; give another --output.") from None
+        what = "a link that leads nowhere" if folder.is_symlink() else "a file"
+        raise InputError(f"{folder}: is {what}, but the results need a folder; give another --output.") from None
     except OSError as error:
         raise InputError(f"{folder}: cannot be made ({error.strerror}); give another --output.") from None
     if not os.access(folder, os.W_OK):
