@@ -344,9 +344,7 @@ def process_chunks(
     opened = OpenedLog(LogStream(source, columns, joints), processing, model, look)
     seen = SeenRows(survey)
     # Pieces are filtered while others are read, and those before them are used.
-    pieces = ahead(
-        itertools.chain.from_iterable(opened.samples(section, seen) for section in range(opened.sections)), 1
-    )
+    pieces = ahead(itertools.chain.from_iterable(_sections(opened, seen)), 1)
     last: Samples | None = None
     for chunk in regrouped(pieces, max(1, rows // processing.step)):
         if last is not None:
@@ -354,6 +352,16 @@ def process_chunks(
         last = chunk
     if last is not None:
         yield replace(last, remarks=(*last.remarks, *opened.ending(seen)))
+
+
+def _sections(opened: OpenedLog, seen: SeenRows) -> Iterator[Iterator[Samples]]:
+    """Yield the samples of each section, and return behind each what threads hold of free memory."""
+    for section in range(opened.sections):
+        if section:
+            from steelyard.graph.large_arrays import return_free_memory  # only long logs need it
+
+            return_free_memory()
+        yield opened.samples(section, seen)
 
 
 @dataclass

@@ -17,7 +17,7 @@ from .even import filled
 from .formats import Columns, LogFiles
 from .measurements import check_order
 from .recognition import Layout
-from .samples import cut_channels, joined_channels
+from .samples import column_extremes, cut_channels, joined_channels
 
 __all__ = [
     "Signals",
@@ -237,7 +237,10 @@ def turned_on(q: NDArray[np.float64]) -> tuple[NDArray[np.float64], tuple[int, .
     """
     jumps = np.zeros(q.shape[1], dtype=int)
     result = q
-    for j in range(q.shape[1]):
+    with np.errstate(invalid="ignore"):
+        low, high = column_extremes(q)
+        far = ~(high - low <= TURN - STEADY)  # true also where values are missing
+    for j in map(int, np.flatnonzero(far)):  # no step of the others is as long
         there = np.flatnonzero(np.isfinite(q[:, j]))
         steps = np.diff(q[there, j])
         of_turns = np.flatnonzero(np.abs(np.abs(steps) - TURN) < STEADY)

@@ -13,6 +13,7 @@ from steelyard.errors import InputError
 
 from .clock import FEWEST_ROWS, JITTER_SILENT, TICK, ClockStatistics, clock_statistics
 from .measurements import Measurements
+from .samples import is_finite
 
 __all__ = ["EvenClock", "Part", "evened", "filled", "longest_part"]
 
@@ -314,8 +315,8 @@ def filled(
         Where a column other than a torque has fewer than two numbers. A torque may be missing throughout, as drivers
         leave it out of single joints: it is 0 then, and none of its rows counts.
     """
-    if values is None:
-        return None, None
+    if values is None or is_finite(values):
+        return values, None
     missing = np.isnan(values)
     if not missing.any():
         return values, None

@@ -76,8 +76,8 @@ class Measurements:
                     f"`{name}` of {self.source} has shape {array.shape}; expected {shape}, "
                     "one row per time and one column per joint."
                 )
-            require_finite(array, f"`{name}` of {self.source}")
-            if max(-array.min(), array.max()) > LARGEST:
+            if not (array.min() >= -LARGEST and array.max() <= LARGEST):
+                require_finite(array, f"`{name}` of {self.source}")
                 row = int(np.argmax(np.abs(array).max(axis=1) > LARGEST))
                 raise InputError(
                     f"`{name}` of {self.source} holds a number beyond {LARGEST:g} in {self.where(row)}, which no robot "

@@ -27,6 +27,9 @@ FORGOTTEN = 0.01
 most. A joint has then slid by 4.6 of its presliding displacements."""
 GAP = 1.5
 """Sample times from one row to the next from which on the motion between them is not known."""
+TOGETHER = 128
+"""Rows whose extremes are taken together: seven columns one by one take twelve times as long, with 16 rows or 512
+together it is twice and one and a quarter times."""
 TOO_EARLY = "at a beginning, before presliding friction is known"
 
 
@@ -362,12 +365,32 @@ def read_only_vector(values: ArrayLike, what: str) -> NDArray[np.float64]:
     return _read_only(array)
 
 
-def require_finite(array: NDArray[np.float64], what: str) -> None:
-    """Raise InputError at the first value of `array` (rows first) that is NaN or infinite."""
+def column_extremes(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the least and the greatest value of each column of (S, N), (N,) each; NaN where a column has one.
+
+    Of no rows they are infinite.
+    """
+    width, whole = values.shape[1], len(values) - len(values) % TOGETHER
+    # Of long rows neighbours in memory are compared many at a time; of a few columns one after the other.
+    long, rest = values[:whole].reshape(-1, TOGETHER * width), values[whole:]
+    low, high = rest.min(axis=0, initial=np.inf), rest.max(axis=0, initial=-np.inf)
+    if len(long):
+        low = np.minimum(long.min(axis=0).reshape(-1, width).min(axis=0), low)
+        high = np.maximum(long.max(axis=0).reshape(-1, width).max(axis=0), high)
+    return low, high
+
+
+def is_finite(array: NDArray[np.float64]) -> bool:
+    """Tell whether no value is NaN or infinite; False also where their sum is too large."""
     # A sum is finite only where all values are, needs no array of its own, and takes half the time of both extremes.
     with np.errstate(over="ignore", invalid="ignore"):
-        if np.isfinite(array.sum()):
-            return
+        return bool(np.isfinite(array.sum()))
+
+
+def require_finite(array: NDArray[np.float64], what: str) -> None:
+    """Raise InputError at the first value of `array` (rows first) that is NaN or infinite."""
+    if is_finite(array):
+        return
     good = np.isfinite(array)
     if good.all():  # of which the sum is too large
         return

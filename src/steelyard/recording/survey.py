@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from steelyard.errors import InputError
 
 from .measurements import Measurements
+from .samples import column_extremes
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -22,8 +23,6 @@ __all__ = ["LogSurvey", "stuck_torques"]
 
 Array = NDArray[np.float64]
 DEGREE = pi / 180.0
-TOGETHER = 16
-"""Rows whose extremes are taken together: seven columns one by one take five times as long."""
 BLOCK = 0.02
 """Positions and measured velocities are compared over blocks this long (s), where encoder noise no longer counts."""
 FAR = 0.05
@@ -86,8 +85,8 @@ class LogSurvey:
             self.speed = self._derived = self._averaged = np.zeros(width)
             self._products = np.zeros((width, width))
         self.count += stop - start
-        self.q = _widened(self.q, recording.q[rows])
-        self.torque = _widened(self.torque, recording.torque[rows])
+        for name in ("q", "torque"):
+            self._widen(name, *column_extremes(getattr(recording, name)[rows]))
         for index, flags in enumerate((recording.position_missing, recording.torque_missing)):
             self._filled[index] += 0 if flags is None else int(flags[rows].sum())
         if stop - start > 2:
@@ -109,11 +108,14 @@ class LogSurvey:
                 setattr(self, name, state[name])
             return
         for name in ("q", "torque"):
-            (low, high), (lower, higher) = getattr(self, name), state[name]
-            setattr(self, name, np.stack([np.minimum(low, lower), np.maximum(high, higher)]))
+            self._widen(name, *state[name])
         self.speed = np.maximum(self.speed, state["speed"])
         for name in _SUMS:
             setattr(self, name, getattr(self, name) + state[name])
+
+    def _widen(self, name: str, lowest: Array, highest: Array) -> None:
+        low, high = getattr(self, name)
+        setattr(self, name, np.stack([np.minimum(low, lowest), np.maximum(high, highest)]))
 
     def _see_speeds(self, t: Array, q: Array, rate: float) -> None:
         size = max(1, round(BLOCK * rate))
@@ -368,16 +370,3 @@ def stuck_torques(
 ) -> NDArray[np.int64]:
     """Return the joints that move while their torque is one number, by extremes of torque and travel (rad or m)."""
     return np.flatnonzero((lowest == highest) & (travel > 1e-3))
-
-
-def _widened(extremes: Array, values: Array) -> Array:
-    width = values.shape[1]
-    # Of long rows neighbours in memory are compared many at a time; of a few columns one after the other.
-    long = values[: len(values) // TOGETHER * TOGETHER].reshape(-1, TOGETHER * width)
-    rest = values[len(values) // TOGETHER * TOGETHER :]
-    low, high = extremes
-    if len(long):
-        low = np.minimum(long.min(axis=0).reshape(-1, width).min(axis=0), low)
-        high = np.maximum(long.max(axis=0).reshape(-1, width).max(axis=0), high)
-    low = np.minimum(rest.min(axis=0, initial=np.inf), low)
-    return np.stack([low, np.maximum(rest.max(axis=0, initial=-np.inf), high)])
