@@ -36,6 +36,7 @@ from steelyard.recording.logged_joints import logged_joints
 from steelyard.recording.recognition import Layout
 from steelyard.recording.survey import LogSurvey
 from steelyard.regression import Estimate, Information, least_squares
+from steelyard.regression.drift import FrictionDrift, drift_sentence, friction_drifts
 from steelyard.regression.reduction import empty_factors
 from steelyard.regression.time_blocks import TimeBlocks
 from steelyard.robot import RobotFile
@@ -43,7 +44,7 @@ from steelyard.robot.description import read_description
 
 from .examination import HARMS, Examination, Finding, Harm, merged, stated_remedy
 from .given import GivenRobot, GivenSamples, One, given_constraints, given_logs, given_robot
-from .log_checks import mistakes_in_logs
+from .log_checks import SHORTEST_DRIFT, mistakes_in_logs
 from .log_reader import DrawnRows, LogReader, against_limits
 from .prediction_verdict import said_of
 from .unlogged_torques import told_by_unlogged_torques
@@ -88,6 +89,10 @@ STRETCHES = 5
 CLIPPED = 0.01
 """Share of a joint's rows at a level of saturation from which the answer is wrong, and not only worse."""
 MOST_NAMED = 6
+WARM_UP = (
+    "Warm the robot up before the log begins, or log a temperature and take the term friction_by_channel in the place "
+    "of viscous and coulomb; the column of time may stand for a temperature."
+)
 _KINDS = {"missing": "missing values", "exclude_joints": "stuck torque", "velocity": "measured velocity"}
 _REST_OF_STAMPS = 1e8  # s; stamps beyond it count from 1970
 
@@ -156,6 +161,7 @@ class _Fit:
     samples: Samples
     drawn: DrawnRows
     stretches: tuple[Information, ...]
+    drifts: tuple[FrictionDrift, ...]
 
     def overfitting(self) -> float | None:
         """Error on stretches that are left out in turn, over that on the whole log; None where the log is too short."""
@@ -477,6 +483,10 @@ class _Patient:
     def _held(self, recording: Recording, held: HeldJoints) -> None:
         """Joints that do not move are locked where a description says what they carry."""
         told = [f"{reason}." for reason in held.reasons(recording)]
+        told.append(
+            "If it did move, its encoder is dead or `position` in [log] names a wrong column: mend that in the place "
+            "of locking it, which would weigh the links wrongly."
+        )
         remedy = self._locked(recording, held)
         advice = "" if remedy else "Record a motion of it, or lock it with `locked` in [description]."
         share = float(held.mask.mean())
@@ -559,6 +569,11 @@ class _Patient:
             self._beyond_limits(survey)
             self._excitation(fit)
             self._events(name, fit)
+            if fit.drifts and recording.duration >= SHORTEST_DRIFT:
+                largest = fit.drifts[0]
+                told = drift_sentence(name, fit.drifts, self.model.robot.joint_names)
+                weight = abs(largest.last - largest.first)
+                self.add(Finding("friction drift", told, "worse", weight, advice=WARM_UP))
         self.facts["model"] = (
             f"least squares leave {estimate.relative_error:.2%} of the torques; condition number "
             f"{information.condition_number:.4g} with {information.base_count} base parameters"
@@ -575,7 +590,8 @@ class _Patient:
         drawn = DrawnRows(self.model, DRAWN_ROWS)
         information, thinned = reader.reduce(self.log, POINTS, None, blocks, drawn=drawn)
         stretches = information.stretches(blocks, STRETCHES)
-        return _Fit(reader, information, least_squares(information, "joint"), thinned.samples, drawn, stretches)
+        drifts = friction_drifts(blocks, self.model.base_parameters().names)
+        return _Fit(reader, information, least_squares(information, "joint"), thinned.samples, drawn, stretches, drifts)
 
     def _better_with(self, finding: Finding, before: _Fit) -> _Fit | None:
         """Fit the model with the remedy of a finding that the motion alone suggests; None where that does not help."""

@@ -28,7 +28,7 @@ from steelyard.regression.time_blocks import TimeBlocks
 
 from .default_terms import RotorDecision, decide_rotors, wider_model
 from .given import Data, GivenLog, GivenRobot, digests, given_constraints, given_logs, given_robot, given_settings
-from .log_checks import heavy_ends, implausible_mass, mistakes_in_logs
+from .log_checks import SHORTEST_DRIFT, heavy_ends, implausible_mass, mistakes_in_logs
 from .log_reader import DrawnLog, LogReader, LogReduction, LogTask, Progress, one_by_one
 from .mistakes import POOR, sentence
 from .parameter_table import parameter_table
@@ -231,6 +231,7 @@ def identify(
     feasible_set = FeasibleSet(model, consistency, limits)
     parts: list[tuple[str, str, Information, Samples]] = []
     drawn: list[DrawnLog] = []
+    drifts: list[str] = []
     wider = wider_model(file, model)
     reduced_by = wider or model
     tasks = [
@@ -245,7 +246,17 @@ def identify(
             reader.note(one)
             fitted = len(parts) < len(logs)
             if fitted:
-                blocks.append(TimeBlocks.of_held(blocks.empty, one.blocks))
+                own_blocks = TimeBlocks.of_held(blocks.empty, one.blocks)
+                kept = one.drawn.samples.t
+                if kept is not None and np.ptp(kept) >= SHORTEST_DRIFT:
+                    from steelyard.regression.drift import drift_sentence, friction_drifts  # short logs need none
+
+                    drifting = friction_drifts(own_blocks, reduced_by.base_parameters().names)
+                else:
+                    drifting = ()
+                if drifting:
+                    drifts.append(drift_sentence(one.name, drifting, model.robot.joint_names))
+                blocks.append(own_blocks)
             drawn.append(one.drawn)
             parts.append((one.name, "identification" if fitted else "validation", one.information, one.samples))
     information = Information.total([p[2] for p in parts if p[1] == "identification"])
@@ -373,6 +384,7 @@ def identify(
         weak=unconstrained.weak,
         remarks=tuple(remarks),
         mistakes=mistakes,
+        drifts=() if mistakes else tuple(drifts),
         robot_file=file.path if file.path.is_file() else None,
         logs=tuple(map(str, logs)),
         validation_logs=tuple(map(str, validation)),

@@ -28,6 +28,9 @@ from .parameter_table import ParameterTable
 
 __all__ = ["heavy_ends", "implausible_mass", "mistakes_in_logs"]
 
+SHORTEST_DRIFT = 60.0
+"""s of a log below which no drift of friction is looked for: gears warm up in minutes, and what changes in seconds is
+the motion."""
 _SEARCHED = 3
 """Logs for which all hypotheses are tried; for the others only those that were found in these. A search takes a second
 or two, and logs of one robot mostly share their mistakes."""

@@ -141,6 +141,7 @@ def _steps(identification: Identification) -> Iterator[NextStep]:
     yield from other
     yield from _mistakes(identification)
     yield from _events(identification)
+    yield from _drifts(identification)
     if identification.prediction.word == "wrong":
         if not identification.mistakes and not other:
             yield _doctor(identification)
@@ -206,6 +207,29 @@ def _events(identification: Identification) -> Iterator[NextStep]:
         "\n".join(["[log]", 'missing = "fill"', *lines]),
         "toml",
     )
+
+
+def _drifts(identification: Identification) -> Iterator[NextStep]:
+    """Friction that changes with time, of which the answer has the mean."""
+    if identification.drifts:
+        yield NextStep(
+            "Warm the robot up before the log begins, or let friction depend on a temperature.",
+            f"{identification.drifts[0]} The friction of the answer is that of this log as a whole, not that of the "
+            "cold or the warm robot. The term stands in the place of viscous and coulomb; where no temperature was "
+            "logged, the column of time may stand for it.",
+            "\n".join(
+                [
+                    "[[terms]]",
+                    'kind = "friction_by_channel"',
+                    'channel = "temperature"',
+                    "range = [LOWEST, HIGHEST]",
+                    "",
+                    "[log]",
+                    'channels = { temperature = "COLUMN" }',
+                ]
+            ),
+            "toml",
+        )
 
 
 def _doctor(identification: Identification) -> NextStep:

@@ -140,6 +140,8 @@ class Identification:
     mistakes : dict from str to tuple of Hypothesis
         What is probably wrong with a log, or with the robot file, by log: the likeliest mistake first, then those that
         the log cannot tell from it. Nothing is changed silently.
+    drifts : tuple of str
+        A sentence for each log in which friction grows or falls steadily with time, as it does while gears warm up.
     cutoff_choices : tuple of (str, CutoffChoice)
         Log, and the evidence, where the cutoff of the position filter was chosen from the data.
     in_memory : dict from str to str
@@ -172,6 +174,7 @@ class Identification:
     validation_logs: tuple[str, ...]
     options: dict[str, object]
     mistakes: Mapping[str, tuple[Hypothesis, ...]] = field(default_factory=dict)
+    drifts: tuple[str, ...] = ()
     cutoff_choices: tuple[tuple[str, CutoffChoice], ...] = ()
     in_memory: Mapping[str, str] = field(default_factory=dict)
     layouts: Mapping[str, Layout] = field(default_factory=dict)
@@ -345,6 +348,7 @@ class Identification:
                 | {key: getattr(one, key).tolist() for key in arrays}
                 for one in self.predictions
             ],
+            "drifts": self.drifts,
             "mistakes": [
                 {"log": log, "kind": one.kind, "statement": one.statement, "evidence": one.evidence, "toml": one.toml}
                 for log, found in self.mistakes.items()
