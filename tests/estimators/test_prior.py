@@ -121,6 +121,42 @@ def test_agrees_with_unconstrained_minimisation(two_links, data, known, prior, w
     assert fit.growing_links == ()
 
 
+@pytest.mark.parametrize("prior", [EntropicPrior, ConstantPullbackPrior])
+@pytest.mark.parametrize("weight", [1.0, pytest.param(1e3, marks=pytest.mark.slow)])
+def test_the_default_is_the_optimum_of_cvxpy_to_eight_digits(random_arm, prior, weight):
+    """Links whose prior is half of the truth, and friction that it does not know but holds near zero."""
+    cvxpy = pytest.importorskip("cvxpy")
+    model, truth, info = random_arm(21, 3, (1.0, 5.0), (0.3, 0.6), 0.05)
+    feasible = FeasibleSet(model, margin=1e-9)
+    columns = feasible.link_columns
+    known, deviations = np.full(len(truth), np.nan), np.full(len(truth), 0.5)
+    known[columns] = 0.5 * truth[columns]
+    reduced = info.reduced("joint")
+    near = prior(known, term_deviations=deviations)
+    fit = fit_reduced(reduced, feasible, prior=near, prior_weight=weight)
+
+    variance = reduced.residual2 / (reduced.count - info.base_count)
+    delta = cvxpy.Variable(len(truth))
+    terms = np.setdiff1d(np.arange(len(truth)), columns)
+    R, rho = reduced.R / np.sqrt(variance), reduced.rho / np.sqrt(variance)
+    objective = 0.5 * cvxpy.sum_squares(R @ feasible.K @ delta - rho)
+    objective += 0.5 * cvxpy.sum_squares(delta[terms] / deviations[terms])
+    conditions = [delta[terms] >= feasible.margin]
+    basis = np.array([pseudo_inertia(row) for row in np.eye(10)])
+    for own in columns:
+        root = np.linalg.inv(np.linalg.cholesky(pseudo_inertia(known[own])))
+        P = sum(delta[int(k)] * (root @ basis[i] @ root.T) for i, k in enumerate(own))
+        if prior is EntropicPrior:
+            objective += weight * (cvxpy.trace(P) - cvxpy.log_det(P) - 4)
+        else:
+            objective += weight * 0.5 * cvxpy.sum_squares(P - np.eye(4))
+            conditions.append(sum(delta[int(k)] * basis[i] for i, k in enumerate(own)) >> feasible.margin * np.eye(4))
+    problem = cvxpy.Problem(cvxpy.Minimize(objective), conditions)
+    problem.solve("CLARABEL", tol_gap_abs=1e-12, tol_gap_rel=1e-12, tol_feas=1e-12, max_iter=200)
+    expected_base = feasible.K @ delta.value
+    assert np.abs(fit.base - expected_base).max() < 1e-8 * np.abs(expected_base).max()
+
+
 @pytest.mark.parametrize("prior", DISTANCES)
 def test_distances_are_those_of_the_definitions(two_links, known, prior, point_cloud_parameters):
     rng = np.random.default_rng(14)

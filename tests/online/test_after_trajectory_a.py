@@ -31,7 +31,7 @@ def found() -> tuple[sy.OnlineEstimator, OnlineEstimate, sy.Information]:
         answer = estimator.estimate(seconds=0.05)
         assert estimator.feasible_set.contains(answer.parameters)
     estimator.settle()
-    return estimator, estimator.estimate(accuracy=1e-12), sy.Information.from_samples(model, samples)
+    return estimator, estimator.estimate(), sy.Information.from_samples(model, samples)
 
 
 def batch(found: tuple[sy.OnlineEstimator, OnlineEstimate, sy.Information]) -> sy.Estimate:
@@ -56,13 +56,14 @@ def test_the_information_is_that_of_the_batch(found: tuple[sy.OnlineEstimator, O
 def test_the_answer_is_that_of_clarabel_as_far_as_it_is_asked_for(
     found: tuple[sy.OnlineEstimator, OnlineEstimate, sy.Information], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(fitting_problems.Fitting, "_searched", lambda *_: None)
     attempts = fitting_problems.ATTEMPTS
     monkeypatch.setattr(fitting_problems, "ATTEMPTS", (fitting_problems.Attempt(accuracy=1e-12), *attempts[1:]))
     base = batch(found).base
     assert np.abs(found[1].base - base).max() < 1e-8 * np.abs(base).max()
 
 
-def test_it_is_that_of_the_batch_fit_to_the_accuracy_of_its_solver(
+def test_it_is_that_of_the_batch_fit(
     found: tuple[sy.OnlineEstimator, OnlineEstimate, sy.Information],
 ) -> None:
     estimator, answer, info = found
@@ -77,8 +78,7 @@ def test_it_is_that_of_the_batch_fit_to_the_accuracy_of_its_solver(
 
     assert other.parameters is not None
     own, batches = objective(answer.base, answer.parameters), objective(other.base, other.parameters)
-    assert abs(own - batches) < 1e-8 * batches
-    assert own <= batches
-    assert np.abs(answer.base - other.base).max() < 1e-5 * np.abs(other.base).max()
+    assert abs(own - batches) < 1e-10 * batches
+    assert np.abs(answer.base - other.base).max() < 1e-8 * np.abs(other.base).max()
     torque = np.linalg.norm(reduced.R @ (answer.base - wam_model().base_parameters().values(true_parameters())))
     assert torque < 0.02 * np.linalg.norm(reduced.rho)

@@ -19,6 +19,7 @@ from steelyard.robot.inertia import pseudo_inertia
 from .prior import PreparedPrior, Prior
 from .reduced_fit import fit_reduced
 from .reduced_regression import ReducedRegression
+from .warm_fit import start_near
 
 __all__ = ["CrossValidation", "cross_validation", "term_deviations"]
 
@@ -40,10 +41,6 @@ TYPICAL_COUNT = 1e4
 BARRIER = 1e-2
 """Factor of the barrier, in units of half the squared residual over its variance: it moves the fits by a tenth of what
 noise does (by at most the number of rows of all blocks times this in the objective)."""
-
-START = 1e-3
-"""Terms start at this part of their deviation where least squares have them at less, or below zero. With a tenth, twice
-as many steps follow, since most of what is friction of motors in a model with that of joints, too, is next to zero."""
 
 FRICTION = 0.3
 """Standard deviation of a term, relative to the torques of its joint at one rad/s (or at rest): friction is a tenth to
@@ -264,21 +261,17 @@ def _choose(losses: Matrix) -> tuple[int, int]:
 def _inside(
     info: Information, weights: Vector | None, feasible_set: FeasibleSet, prior: Prior, function: "_Fits"
 ) -> Vector:
-    """Parameters inside the set: the prior's, or, where conditions forbid these, a fit close to them.
-
-    Terms that the prior does not know are those of least squares beside its links, if they are positive.
-    """
-    start = function.reference.copy()
-    terms = np.setdiff1d(np.arange(len(start)), feasible_set.link_columns)
-    zero = terms[start[terms] == 0.0]
-    curvature = function.curvatures[0] + np.diag(function.stiffness[-1])
-    slope = function.slopes[0] - function.curvatures[0] @ start
-    likely = np.linalg.lstsq(curvature[np.ix_(zero, zero)], slope[zero])[0]
-    least = START * term_deviations(info, feasible_set)[zero]
-    for values in (np.maximum(likely, least), least):
-        start[zero] = values
-        if feasible_set.satisfies_equations(start) and np.isfinite(function.barrier.value(start[None])[0]):
-            return start
+    """Parameters inside the set: near the prior's, or, where conditions forbid these, a fit close to them."""
+    start = start_near(
+        function.heaviest,
+        float(function.weights[-1]),
+        function.curvatures[0],
+        function.slopes[0],
+        term_deviations(info, feasible_set),
+        lambda point: bool(np.isfinite(function.barrier.value(point[None])[0])),
+    )
+    if start is not None:
+        return start
     reduced, heaviest = info.reduced(weights), float(function.weights[-1])
     return fit_reduced(reduced, feasible_set, prior=prior, prior_weight=heaviest).parameters
 
@@ -303,7 +296,7 @@ class _Fits:
         self.weights, self.barrier = weights, Barrier(feasible_set)
         self.count = len(problems) * len(weights)
         # They differ in how far from zero unknown terms are alone.
-        self.reference = priors[0].reference
+        self.reference, self.heaviest = priors[0].reference, priors[-1]
         self.stiffness = weights[:, None] * np.array([one.diagonal for one in priors])
         self.links = replace(priors[0], diagonal=np.zeros_like(self.reference))
         # The barrier has the determinants of the entropic prior, too: their logarithms are taken once for both.

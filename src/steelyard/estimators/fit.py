@@ -61,7 +61,8 @@ def fit(
         The noise of neighbouring samples is not, so that larger weights are usual. ``"corner"`` takes the corner of
         `l_curve`.
     solver : str
-        Name of a solver.
+        Name of a solver. By default a fit with a prior is first searched for from within the set, to more digits than
+        Clarabel reaches, and Clarabel solves what that leaves.
 
     Returns
     -------

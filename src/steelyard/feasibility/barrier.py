@@ -6,6 +6,7 @@ as many calls of a conic solver take. Answers that must be proved optimal are le
 """
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -20,8 +21,8 @@ from .feasible_set import FeasibleSet
 __all__ = [
     "Barrier",
     "Function",
+    "LinearConditions",
     "add_log_determinants",
-    "linear_conditions",
     "log_determinants",
     "matrix_conditions",
     "minimise",
@@ -95,9 +96,7 @@ class Barrier:
     def __init__(self, feasible_set: FeasibleSet, further: Sequence[AffineBlock] = ()) -> None:
         self.size = feasible_set.parameter_count
         blocks = (*feasible_set.blocks, *further)
-        self._rows, self._constants = linear_conditions(blocks, self.size)
-        self._single = np.count_nonzero(self._rows, axis=1) == 1
-        self._clusters = _alike(_clusters(self._rows, np.flatnonzero(~self._single)))
+        self._lines = LinearConditions(blocks, self.size)
         self._groups = matrix_conditions(blocks)
         self._bodies = next((g for g, group in enumerate(self._groups) if _of_bodies(group, feasible_set)), None)
         self.has_bodies = self._bodies is not None
@@ -108,8 +107,8 @@ class Barrier:
         The pseudo-inertias count so many times (p,), where the barrier has them.
         """
         found = np.zeros(len(points))
-        if len(self._rows):
-            values = points @ self._rows.T + self._constants
+        if len(self._lines.rows):
+            values = points @ self._lines.rows.T + self._lines.constants
             inside = np.all(values > 0, axis=1)
             found = np.where(inside, -np.log(np.where(values > 0, values, 1.0)).sum(axis=1), np.inf)
         for number, (indices, coefficients, constants) in enumerate(self._groups):
@@ -121,15 +120,10 @@ class Barrier:
         self, points: Matrix, factors: Vector, gradients: Matrix, hessians: Matrix, of_bodies: Vector | None = None
     ) -> None:
         """Add the gradients and Hessians at points (p, n), each times a factor (p,); `of_bodies` is as in `value`."""
-        if len(self._rows):
-            inverses = 1.0 / (points @ self._rows.T + self._constants)
-            gradients -= factors[:, None] * (inverses @ self._rows)
-            single, diagonal = self._single, np.arange(self.size)
-            hessians[:, diagonal, diagonal] += factors[:, None] * (inverses[:, single] ** 2 @ self._rows[single] ** 2)
-            roots = np.sqrt(factors)[:, None] * inverses
-            for which, own in self._clusters:
-                scaled = self._rows[which[:, :, None], own[:, None]] * roots[:, which][..., None]
-                _add_blocks(hessians, own, scaled.swapaxes(-1, -2) @ scaled)
+        if len(self._lines.rows):
+            inverses = 1.0 / (points @ self._lines.rows.T + self._lines.constants)
+            gradients -= factors[:, None] * (inverses @ self._lines.rows)
+            self._lines.add_squares(np.sqrt(factors)[:, None] * inverses, hessians)
         for number, (indices, coefficients, constants) in enumerate(self._groups):
             matrices = _values(points[:, indices], coefficients, constants)
             own_factors = factors if of_bodies is None or number != self._bodies else factors * of_bodies
@@ -159,13 +153,43 @@ def _add_blocks(hessians: Tensor, places: Indices, blocks: Tensor) -> None:
     hessians[:, places[:, :, None], places[:, None, :]] += blocks
 
 
-def linear_conditions(blocks: Sequence[AffineBlock], size: int) -> tuple[Matrix, Vector]:
-    """The 1 x 1 blocks among some as rows (b, n) and constants (b,)."""
-    lines = [block for block in blocks if block.size == 1]
-    rows = np.zeros((len(lines), size))
-    for row, block in zip(rows, lines, strict=True):
-        np.add.at(row, block.indices, block.coefficients[:, 0, 0])
-    return rows, np.array([block.constant[0, 0] for block in lines])
+class LinearConditions:
+    """The 1 x 1 blocks among some: rows · δ + constants must be positive.
+
+    Parameters
+    ----------
+    blocks : sequence of AffineBlock
+    size : int
+        Number of parameters.
+
+    Attributes
+    ----------
+    rows : (b, n)
+    constants : (b,)
+    """
+
+    def __init__(self, blocks: Sequence[AffineBlock], size: int) -> None:
+        lines = [block for block in blocks if block.size == 1]
+        self.rows = np.zeros((len(lines), size))
+        for row, block in zip(self.rows, lines, strict=True):
+            np.add.at(row, block.indices, block.coefficients[:, 0, 0])
+        self.constants = np.array([block.constant[0, 0] for block in lines])
+
+    @cached_property
+    def _single(self) -> npt.NDArray[np.bool_]:
+        return np.asarray(np.count_nonzero(self.rows, axis=1) == 1)
+
+    @cached_property
+    def _clusters(self) -> list[tuple[Indices, Indices]]:
+        return _alike(_clusters(self.rows, np.flatnonzero(~self._single)))
+
+    def add_squares(self, factors: Matrix, hessians: Tensor) -> None:
+        """Add (f r)(f r)ᵀ of all rows r, with factors f of each point (p, b), to matrices (p, n, n)."""
+        single, diagonal = self._single, np.arange(self.rows.shape[1])
+        hessians[:, diagonal, diagonal] += factors[:, single] ** 2 @ self.rows[single] ** 2
+        for which, own in self._clusters:
+            scaled = self.rows[which[:, :, None], own[:, None]] * factors[:, which][..., None]
+            _add_blocks(hessians, own, scaled.swapaxes(-1, -2) @ scaled)
 
 
 def matrix_conditions(blocks: Sequence[AffineBlock]) -> list[tuple[Indices, Tensor, Tensor]]:

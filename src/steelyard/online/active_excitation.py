@@ -19,6 +19,7 @@ from steelyard.errors import InputError, SteelyardError
 from steelyard.estimators import EntropicPrior
 from steelyard.estimators.estimator import proved_estimate
 from steelyard.estimators.prior import PreparedPrior
+from steelyard.estimators.warm_fit import WarmFit
 from steelyard.excitation import MotionConstraint, MotionLimits, QuinticTrajectory
 from steelyard.excitation.criterion import Criterion, Subset
 from steelyard.excitation.motion_constraints import TorqueLimit
@@ -33,7 +34,6 @@ from steelyard.simulation import Measurement
 
 from .credible_robots import CredibleRobots, random_motions
 from .segments import SegmentPlanner, State
-from .warm_fit import WarmFit
 
 __all__ = ["ActiveExcitation", "ExcitationStep"]
 

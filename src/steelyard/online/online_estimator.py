@@ -21,6 +21,7 @@ from steelyard.estimators.physical_prior import PhysicalPrior, physical_prior
 from steelyard.estimators.plausible_fit import set_with_habits, untested_weight
 from steelyard.estimators.prior import PreparedPrior, Prior, distance_from
 from steelyard.estimators.reduced_fit import fit_reduced
+from steelyard.estimators.warm_fit import WarmFit
 from steelyard.feasibility import FeasibleSet
 from steelyard.feasibility.bounds.quantities import standard_errors
 from steelyard.files.arguments import read_number
@@ -35,7 +36,6 @@ from .change_detector import Change, ChangeDetector
 from .counted_rows import CountedRows
 from .even_stream import EvenStream, Stretch
 from .source_project import generate_online
-from .warm_fit import WarmFit
 
 __all__ = ["OnlineEstimate", "OnlineEstimator"]
 

@@ -11,7 +11,7 @@ from steelyard.files import read_number, tell
 from steelyard.lmi import AffineBlock
 from steelyard.regression import ParameterCovariance
 
-from ..barrier import Barrier, linear_conditions, matrix_conditions, minimise
+from ..barrier import Barrier, LinearConditions, matrix_conditions, minimise
 from ..feasible_set import FeasibleSet
 from .furthest import ENOUGH, Region, furthest
 from .furthest_code import LIGHTEST
@@ -253,7 +253,8 @@ class _Coordinates:
         limit: float,
     ) -> None:
         self.center = center
-        rows, constants = linear_conditions(blocks, feasible_set.parameter_count)
+        lines = LinearConditions(blocks, feasible_set.parameter_count)
+        rows, constants = lines.rows, lines.constants
         groups = matrix_conditions(blocks)
         room = np.sqrt(limit) * standard_errors(feasible_set, covariance, rows)
         kept = ~(rows @ feasible_set.lift @ base + constants > room)
