@@ -221,6 +221,10 @@ class Code:
         bits = f"double 0x{struct.unpack('>Q', struct.pack('>d', value))[0]:016X}"
         return Number(self, f"<{', '.join([bits] * self.lanes)}>")
 
+    def known(self, value: int) -> Index:
+        """Return an integer that is known while the assembly is written."""
+        return Index(self, value)
+
     def call(self, name: str, value: Number) -> Number:
         """Call one of LLVM's functions of a number."""
         name = f"@llvm.{name}.v{self.lanes}f64"

@@ -14,11 +14,13 @@ from contextlib import contextmanager
 from enum import IntEnum, auto
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from steelyard.graph.kernel import source_digest
-from steelyard.graph.loops import Array, Code, Index, Number
 from steelyard.graph.machine import batch_lanes, host_machine
+
+if TYPE_CHECKING:
+    from steelyard.graph.loops import Array, Code, Index, Number
 
 __all__ = ["CONE", "SINGLE", "UNKNOWN", "Functions", "Word", "compiled"]
 
@@ -95,6 +97,8 @@ def compiled(sizes: tuple[int, ...]) -> Functions:
     machine = host_machine(batch_lanes())
 
     def source() -> str:
+        from steelyard.graph.loops import Code
+
         code = Code(batch_lanes(), machine.triple)
         _Method(code, sizes).write()
         return code.text
@@ -156,9 +160,9 @@ class _Method:
 
     def _each(self, stop: Index | int, start: Index | int = 0) -> Iterator[Index]:
         """Loop over rows of a matrix, without a loop where they are few."""
-        first, last = (one.value if isinstance(one, Index) else one for one in (start, stop))
+        first, last = (one if isinstance(one, int) else one.value for one in (start, stop))
         if isinstance(first, int) and isinstance(last, int) and last <= UNROLLED:
-            yield from (Index(self.code, k) for k in range(first, last))
+            yield from (self.code.known(k) for k in range(first, last))
         else:
             yield from self.code.range(stop, start)
 
@@ -170,9 +174,9 @@ class _Method:
     def _small_sum(self, size: int, term: Callable[[Index], Number]) -> Number:
         if size > UNROLLED:
             return self.sum(size, term)
-        found = term(Index(self.code, 0))
+        found = term(self.code.known(0))
         for k in range(1, size):
-            found = found + term(Index(self.code, k))
+            found = found + term(self.code.known(k))
         return found
 
     def _product(self, size: int, left: Array, right: Array, out: Array) -> None:
@@ -353,7 +357,7 @@ class _Method:
                     for line, found in zip(pair, self._less(pair, lines, column), strict=True):
                         for j, one in enumerate(found):
                             line[column + j] = one
-                block = dict[tuple[int, int], Number]()
+                block: dict[tuple[int, int], Number] = {}
                 for i in range(4):
                     for j in range(i + 1):
                         value = lines[i][column + j]
