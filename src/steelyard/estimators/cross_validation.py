@@ -16,10 +16,10 @@ from steelyard.regression import Information
 from steelyard.regression.factor import column_lengths, solve
 from steelyard.robot.inertia import pseudo_inertia
 
+from .fitting_problems import start_near
 from .prior import PreparedPrior, Prior
 from .reduced_fit import fit_reduced
 from .reduced_regression import ReducedRegression
-from .warm_fit import start_near
 
 __all__ = ["CrossValidation", "cross_validation", "term_deviations"]
 

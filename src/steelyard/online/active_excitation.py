@@ -18,8 +18,8 @@ from steelyard.dynamics import Model
 from steelyard.errors import InputError, SteelyardError
 from steelyard.estimators import EntropicPrior
 from steelyard.estimators.estimator import proved_estimate
+from steelyard.estimators.fitting_problems import WarmFit
 from steelyard.estimators.prior import PreparedPrior
-from steelyard.estimators.warm_fit import WarmFit
 from steelyard.excitation import MotionConstraint, MotionLimits, QuinticTrajectory
 from steelyard.excitation.criterion import Criterion, Subset
 from steelyard.excitation.motion_constraints import TorqueLimit

@@ -17,11 +17,11 @@ from steelyard.errors import InputError
 from steelyard.estimators import ConstantPullbackPrior
 from steelyard.estimators.cross_validation import term_deviations
 from steelyard.estimators.estimator import proved_estimate
+from steelyard.estimators.fitting_problems import WarmFit
 from steelyard.estimators.physical_prior import PhysicalPrior, physical_prior
 from steelyard.estimators.plausible_fit import set_with_habits, untested_weight
 from steelyard.estimators.prior import PreparedPrior, Prior, distance_from
 from steelyard.estimators.reduced_fit import fit_reduced
-from steelyard.estimators.warm_fit import WarmFit
 from steelyard.feasibility import FeasibleSet
 from steelyard.feasibility.bounds.quantities import standard_errors
 from steelyard.files.arguments import read_number
