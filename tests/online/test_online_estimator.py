@@ -117,6 +117,8 @@ def spoilt(t: Array, rows: Array, kind: str) -> tuple[Array, Array]:
     elif kind == "nan":
         rows[random.integers(0, len(t), size=50), random.integers(0, 4, size=50)] = np.nan
         t[random.integers(0, len(t), size=20)] = np.nan
+    elif kind == "damaged message":
+        rows[random.integers(0, len(t), size=50), random.integers(0, 4, size=50)] = 1e308
     elif kind == "gap":
         kept = (t < 2.0) | (t > 2.5)
         t, rows = t[kept], rows[kept]
@@ -132,6 +134,7 @@ TOLD = {
     "missing": "interpolated",
     "repeated": "time stamp of the one before",
     "nan": "no finite number",
+    "damaged message": "beyond 1e12",
     "gap": "missing for more than 20 ms",
     "reset": "clock went back",
 }

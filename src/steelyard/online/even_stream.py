@@ -17,6 +17,9 @@ ON_TIME = 1e-3
 RATE_OFF = 0.05
 """Relative difference between the rate that was said and the rate that is measured, from which it is told."""
 
+GREATEST = 1e12
+"""No position, time or torque is greater; a damaged message may hold 1e308, whose square is no number any more."""
+
 
 @dataclass(eq=False)
 class Stretch:
@@ -72,6 +75,9 @@ class EvenStream:
     def add(self, rows: Array) -> list[Stretch]:
         """Add rows of time, values and torque, (S, 1 + C + N), in the order in which they came."""
         self.counts["received"] += len(rows)
+        with np.errstate(invalid="ignore"):
+            sane = np.abs(rows) <= GREATEST
+        rows = np.where(sane, rows, np.nan)
         finite = np.isfinite(rows[:, : -self.joints]).all(axis=1)
         if not finite.all():
             self.counts["not finite"] += int(np.sum(~finite))
@@ -140,10 +146,16 @@ class EvenStream:
         count, found = self.counts, []
         ms = 1e3 * self.longest_gap
         for key, text in (
-            ("not finite", "samples had a time or a position that is no finite number; they were left out"),
+            (
+                "not finite",
+                "samples had a time or a position that is no finite number, or beyond 1e12; they were left out",
+            ),
             ("repeated", "samples had the time stamp of the one before; they were left out"),
             ("late", "samples had a time before that of the one before; they were left out"),
-            ("torques missing", "torques of single joints were no finite numbers; these joints' rows were left out"),
+            (
+                "torques missing",
+                "torques of single joints were no finite numbers, or beyond 1e12; these joints' rows were left out",
+            ),
             ("interpolated", "samples came at uneven times and were interpolated to even ones"),
             ("gaps", f"times samples were missing for more than {ms:g} ms; the filters started anew each time"),
             ("clock resets", f"times the clock went back by more than {ms:g} ms; the filters started anew each time"),
