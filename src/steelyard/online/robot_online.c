@@ -1162,6 +1162,7 @@ robot_online_status robot_online_correct(const double *base, robot_online_worksp
     double before = work->gap;
     double squared = 0.0;
     int32_t iterations = 0;
+    int32_t in_pairs = 0;
     while (moves && (status == ROBOT_ONLINE_STOPPED)) {
         base_of(work->unknowns, work->constant, work->found_base);
         squared = 0.0;
@@ -1188,10 +1189,21 @@ robot_online_status robot_online_correct(const double *base, robot_online_worksp
             /* Not there yet. */
         }
         before = work->gap;
-        work->in_pairs = work->in_pairs || (work->gap < (ROBOT_ONLINE_PAIRS_BELOW * size));
+        /* Short steps before it are those that rounding hinders, unless the search has just begun. */
+        const bool hindered = (work->gap < (10.0 * ROBOT_ONLINE_PAIRS_BELOW * size)) &&
+                              (residual < ROBOT_ONLINE_PAIRS_BELOW) && (work->length < 0.5);
+        work->in_pairs =
+            work->in_pairs || hindered || (work->gap < (ROBOT_ONLINE_PAIRS_BELOW * size));
         if (status == ROBOT_ONLINE_STOPPED) {
-            moves = (iterations < ROBOT_ONLINE_ITERATIONS) && search_step(known, work);
+            moves = (iterations < ROBOT_ONLINE_ITERATIONS) && (in_pairs < ROBOT_ONLINE_PAIR_STEPS) &&
+                    search_step(known, work);
             iterations += moves ? 1 : 0;
+            in_pairs += (moves && work->in_pairs) ? 1 : 0;
+            if (!moves && !work->in_pairs) {
+                /* Rounding hinders it before its time. */
+                work->in_pairs = true;
+                moves = true;
+            }
         }
     }
     if ((status == ROBOT_ONLINE_STOPPED) &&
