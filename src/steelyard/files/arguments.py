@@ -150,8 +150,8 @@ def suggestion(name: object, known: Iterable[str]) -> str:
         return f'did you mean "{close}"?'
     if not candidates:
         return "there are none."
-    listed = ", ".join(f'"{candidate}"' for candidate in candidates[:8])
-    return f"known are {listed}" + (f" and {len(candidates) - 8} more." if len(candidates) > 8 else ".")
+    quoted = [f'"{candidate}"' for candidate in candidates]
+    return f"known are {listed(quoted, 8)}."
 
 
 def listed(names: Iterable[object], most: int = 20) -> str:
