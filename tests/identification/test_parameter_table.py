@@ -11,11 +11,14 @@ import pytest
 from simulated_arm import MASSES, SimulatedArm, blurred, simulated_arm
 
 import steelyard as sy
+from steelyard.dynamics import Model, RotorInertia
 from steelyard.errors import InputError
 from steelyard.estimators import EntropicPrior
 from steelyard.estimators.cross_validation import cross_validation, term_deviations
-from steelyard.feasibility import DensityInBox, FeasibleSet, TotalMass
+from steelyard.feasibility import DensityInBox, FeasibleSet, LinearBound, TotalMass
 from steelyard.identification.parameter_table import LinkRows, ParameterRow, ParameterTable, parameter_table
+from steelyard.recording import Samples
+from steelyard.robot import Robot
 
 
 def table_of(arm: SimulatedArm, seed: int) -> tuple[ParameterTable, FeasibleSet]:
@@ -138,6 +141,52 @@ def test_still_joint_is_said() -> None:
     assert any("do not show" in sentence for sentence in table.sentences)
     assert table["Fvj3"].basis == "assumed"
     assert table["Fvj1"].basis == "measured"
+
+
+PAN_TILT = """<robot name="pan_tilt"><link name="base"/>
+<link name="yoke"><inertial><origin xyz="0.01 0.02 -0.01"/><mass value="0.8"/>
+  <inertia ixx="2e-3" ixy="1e-4" ixz="-2e-4" iyy="3e-3" iyz="2e-4" izz="2.5e-3"/></inertial></link>
+<joint name="pan" type="revolute"><parent link="base"/><child link="yoke"/><axis xyz="0 0 1"/>
+<limit lower="-1" upper="1" effort="9" velocity="3"/></joint>
+<link name="head"><inertial><origin xyz="0.03 -0.02 0.015"/><mass value="0.4"/>
+  <inertia ixx="6e-4" ixy="5e-5" ixz="-4e-5" iyy="8e-4" iyz="3e-5" izz="7e-4"/></inertial></link>
+<joint name="tilt" type="revolute"><parent link="yoke"/><child link="head"/><origin xyz="0 0 .1"/><axis xyz="0 1 0"/>
+<limit lower="-1" upper="1" effort="9" velocity="3"/></joint></robot>"""
+
+
+@pytest.mark.parametrize("stated", [False, True])
+def test_an_inertia_that_may_hold_a_rotor_is_not_measured(stated, tmp_path) -> None:
+    """Torques by Pinocchio, and a rotor at either joint that no motion tells apart from the links."""
+    pinocchio = pytest.importorskip("pinocchio")
+    (tmp_path / "robot.urdf").write_text(PAN_TILT)
+    oracle = pinocchio.buildModelFromXML(PAN_TILT)
+    data, rotors = oracle.createData(), np.array([1e-3, 5e-4])
+    random = np.random.default_rng(17)
+    q, dq, ddq = random.uniform(-1.0, 1.0, (3, 400, 2)) * np.array([1.0, 3.0, 10.0])[:, None, None]
+    torque = np.array([pinocchio.rnea(oracle, data, *row) for row in zip(q, dq, ddq, strict=True)]) + rotors * ddq
+    torque += 1e-4 * random.normal(size=torque.shape)
+    robot = Robot.from_urdf(tmp_path / "robot.urdf")
+    model = Model(robot.with_terms(*[RotorInertia()] * stated))
+    known = [LinearBound("Ia1", equal=rotors[0]), LinearBound("Ia2", equal=rotors[1])]
+    feasible_set = FeasibleSet(model, constraints=known * stated)
+    samples = Samples(q=q, dq=dq, ddq=ddq, torque=torque, t=0.01 * np.arange(400))
+    info = sy.Information.from_chunks(model, [samples])
+    table = parameter_table(info, feasible_set, sy.fit(info, feasible_set), sy.least_squares(info))
+    truth = dict(zip(Model(robot).parameter_names, robot.parameters, strict=True))
+    outside = [name for name, value in truth.items() if not table[name].lower <= value <= table[name].upper]
+    assert len(outside) <= 0.05 * len(truth)  # intervals of 95 %
+    assert "Lyy2" not in outside
+    assert sum(row.basis == "measured" and row.name in truth for row in table) >= 5
+    told = [sentence for sentence in table.sentences if "inertia of a rotor at tilt (Ia2)" in sentence]
+    width = table["Lyy2"].upper - table["Lyy2"].lower
+    if stated:
+        assert not told
+        assert width < 0.01 * truth["Lyy2"]
+    else:
+        assert len(told) == 1
+        assert told[0].startswith("Lyy2 would hold")
+        assert table["Lyy2"].basis == "assumed"
+        assert table["Lyy2"].value == pytest.approx(truth["Lyy2"] + rotors[1], rel=0.01)
 
 
 @pytest.mark.slow

@@ -23,6 +23,8 @@ from steelyard.regression import Estimate, Information, ParameterCovariance
 from steelyard.robot import Inertia
 from steelyard.robot.inertia import moment_row
 
+from .default_terms import with_rotors
+
 __all__ = ["Basis", "LinkRows", "ParameterRow", "ParameterTable", "parameter_table", "weakest"]
 
 Array = NDArray[np.float64]
@@ -53,6 +55,9 @@ NEGLIGIBLE = 0.05
 """A term this small beside what would make the whole torque of its joint counts as if it had this size."""
 
 
+ROUNDING = 1e-8
+"""Shares this much smaller than the largest are none: they are computed to some 1e-12."""
+
 DRAWN = 0.01
 """Of the half-width of an interval, by which a value lies beyond its end at least that the prior draws out of it; less
 is the rounding of solvers."""
@@ -78,7 +83,8 @@ class ParameterRow:
     basis : {"measured", "bounded", "assumed", "unknown"}
         ``"measured"``: the data alone tells it, to a fifth of its scale. ``"bounded"``: data and physics confine it to
         its scale; so is what the data tells, where the prior draws the value out of its interval. ``"assumed"``:
-        neither does; the prior chose it. ``"unknown"``: torques were filtered where the regressor was not, so that no
+        neither does; the prior chose it, or the data tells it only together with the inertia of a rotor of which
+        nobody says anything, and the interval holds what is left if there is one. ``"unknown"``: torques were filtered where the regressor was not, so that no
         interval holds.
     """
 
@@ -354,7 +360,8 @@ def parameter_table(
         found = profile_intervals(feasible_set, unconstrained.base, covariance, asked, parameters, CONFIDENCE)
         told = found.lower, found.upper
     scales = _scales(feasible_set, parameters, values, asked, about, term_scales)
-    rows, drawn = [], []
+    shares, rotor_names = _shares_of_rotors(feasible_set)
+    rows, drawn, of_rotors = [], [], []
     for index, quantity in enumerate(asked):
         low, high, basis = np.nan, np.nan, "unknown"
         if told is not None:
@@ -368,6 +375,17 @@ def parameter_table(
                 basis = "measured"
             elif half <= BOUNDED * scales[index]:
                 basis = "bounded"
+            if shares.size and np.isfinite(alone[index]):
+                share = quantity.slope(parameters) @ shares
+                share[np.abs(share) < ROUNDING * np.abs(shares).max()] = 0.0
+                # What the data tell is the number and its shares of rotors, and no rotor has a negative inertia.
+                if np.any(share > 0.0):
+                    low = min(low, 0.0) if quantity.never_negative else -np.inf
+                if np.any(share < 0.0):
+                    high = np.inf
+                if np.any(share):
+                    basis = "assumed"
+                    of_rotors.append((quantity.name, np.flatnonzero(share)))
         rows.append(
             ParameterRow(
                 quantity.name,
@@ -386,9 +404,47 @@ def parameter_table(
         stand = "stands at an end of its interval" if len(drawn) == 1 else "stand at an end of their intervals"
         shown = ", ".join(drawn[:MOST_SENTENCES]) + more
         sentences = (*sentences, f"{shown} {stand}: the prior draws the answer that far away from the data.")
+    if of_rotors:
+        sentences = (*sentences, _said_of_rotors(feasible_set, rotor_names, of_rotors))
     if told is not None and feasible_set.parameter_count > MANY_PARAMETERS:
         sentences = (TOO_MANY, *sentences)
     return ParameterTable(tuple(rows), sentences)
+
+
+def _shares_of_rotors(feasible_set: FeasibleSet) -> tuple[Array, list[str]]:
+    """Return how much of each parameter (n, N) the inertia of a rotor would make where the model has none, and names.
+
+    A rotor whose torque links can make, too, as one at the first joint, is not seen by how well the model explains the
+    log: where nobody says what its inertia is, the links' numbers hold it. Columns of other joints are zero.
+    """
+    model = feasible_set.model
+    nothing: tuple[Array, list[str]] = (np.zeros((feasible_set.parameter_count, 0)), [])
+    if not isinstance(model, Model) or any(
+        parameter.described_as == "rotor_inertia" for term in model.robot.terms for parameter in term.parameters
+    ):
+        return nothing
+    wider = with_rotors(model)
+    narrow = {str(name): column for column, name in enumerate(wider.parameter_names)}
+    K = np.asarray(wider.base_parameters().K, dtype=float)
+    own = K[:, [narrow.pop(str(name)) for name in model.parameter_names]]
+    rotors = K[:, list(narrow.values())]
+    shares = np.asarray(np.linalg.lstsq(own, rotors, rcond=None)[0])
+    told_apart = np.abs(own @ shares - rotors).max(axis=0) > ROUNDING * np.abs(rotors).max(axis=0)
+    return (np.where(told_apart, 0.0, shares), list(narrow)) if not told_apart.all() else nothing
+
+
+def _said_of_rotors(
+    feasible_set: FeasibleSet, rotor_names: list[str], found: list[tuple[str, NDArray[np.intp]]]
+) -> str:
+    robot = feasible_set.model.robot
+    names = [name for name, _ in found]
+    joints = sorted({int(joint) for _, used in found for joint in used})
+    shown = ", ".join(f"{robot.joints[robot.driving_joints[joint]].name} ({rotor_names[joint]})" for joint in joints)
+    return (
+        f"{_first_of(names)} would hold the inertia of a rotor at {shown}, of which nobody says anything and which no "
+        'motion tells apart: add [[terms]] with kind = "rotor_inertia", and its value by '
+        "[[constraints.linear_bound]], 0 where torques are sensed behind the gear."
+    )
 
 
 def _of_a_sensor(covariance: ParameterCovariance, unconstrained: Estimate) -> ParameterCovariance:

@@ -130,6 +130,8 @@ def _figures(identification: Identification) -> list[tuple[str, str, str]]:
 
 def _change(before: float, after: float) -> tuple[Markup, str]:
     # A line may break between the two numbers alone: three digits on either side are wider than a narrow column.
-    first = f'<span class="change">{percent(before)}<span aria-hidden="true"> →</span></span><span class="hidden"> to</span>'
-    text = f'{first} <span class="change">{percent(after)} <small>%</small></span>'
+    arrow = '<span aria-hidden="true"> →</span></span><span class="hidden"> to</span>'
+    text = (
+        f'<span class="change">{percent(before)}{arrow} <span class="change">{percent(after)} <small>%</small></span>'
+    )
     return Markup(text), "from least squares to feasible"
