@@ -18,6 +18,9 @@ from steelyard.estimators.cross_validation import cross_validation, term_deviati
 from steelyard.feasibility import DensityInBox, FeasibleSet, LinearBound, TotalMass
 from steelyard.identification.parameter_table import LinkRows, ParameterRow, ParameterTable, parameter_table
 from steelyard.recording import Samples
+from steelyard.regression.drift import friction_drifts
+from steelyard.regression.reduction import empty_factors
+from steelyard.regression.time_blocks import TimeBlocks
 from steelyard.robot import Robot
 
 
@@ -187,6 +190,27 @@ def test_an_inertia_that_may_hold_a_rotor_is_not_measured(stated, tmp_path) -> N
         assert told[0].startswith("Lyy2 would hold")
         assert table["Lyy2"].basis == "assumed"
         assert table["Lyy2"].value == pytest.approx(truth["Lyy2"] + rotors[1], rel=0.01)
+
+
+def test_friction_that_drifts_has_an_interval_from_begin_to_end() -> None:
+    """Coulomb friction falls from 1.3 to 0.7 of its mean, which the rows of the log as a whole tell to a percent."""
+    arm = simulated_arm(6, seconds=60.0)
+    mean = dict(zip(arm.model.parameter_names, arm.truth, strict=True))["Fcj2"]
+    change = np.zeros_like(arm.samples.torque)
+    change[:, 1] = np.linspace(0.3, -0.3, len(change)) * mean * np.sign(arm.samples.dq[:, 1])
+    blocks = TimeBlocks(empty_factors(arm.model))
+    samples = replace(arm.samples, torque=arm.samples.torque + change)
+    info = sy.Information.from_chunks(arm.model, [samples], blocks=blocks)
+    drifts = friction_drifts(blocks, arm.model.base_parameters().names)
+    feasible_set = FeasibleSet(arm.model)
+    tables = [
+        parameter_table(info, feasible_set, sy.fit(info, feasible_set), sy.least_squares(info), drifts=found)
+        for found in ((), drifts)
+    ]
+    assert [table["Fcj2"].basis for table in tables] == ["measured", "bounded"]
+    assert tables[1]["Fcj2"].lower < 0.75 * mean < 1.25 * mean < tables[1]["Fcj2"].upper
+    assert repr(tables[0]["Fcj3"]) == repr(tables[1]["Fcj3"])
+    assert any("Fcj2 change in the course" in sentence for sentence in tables[1].sentences)
 
 
 @pytest.mark.slow

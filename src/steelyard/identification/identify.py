@@ -36,6 +36,8 @@ from .prediction_verdict import FewRows, few_rows, prediction_verdict
 from .result import Identification, Prediction, Trace
 
 if TYPE_CHECKING:
+    from steelyard.regression.drift import FrictionDrift
+
     from .chosen_friction import FrictionChoice
 
 __all__ = ["identify"]
@@ -232,6 +234,7 @@ def identify(
     parts: list[tuple[str, str, Information, Samples]] = []
     drawn: list[DrawnLog] = []
     drifts: list[str] = []
+    all_drifts: list[FrictionDrift] = []
     wider = wider_model(file, model)
     reduced_by = wider or model
     tasks = [
@@ -255,6 +258,7 @@ def identify(
                 else:
                     drifting = ()
                 if drifting:
+                    all_drifts.extend(drifting)
                     drifts.append(drift_sentence(one.name, drifting, model.robot.joint_names))
                 blocks.append(own_blocks)
             drawn.append(one.drawn)
@@ -344,6 +348,7 @@ def identify(
             estimate,
             unconstrained,
             term_scales=None if plausible is None else plausible.term_deviations,
+            drifts=all_drifts,
         )
         estimate = replace(estimate, parameter_table=tuple(table.to_list()))
     remarks = dict.fromkeys(reader.remarks)

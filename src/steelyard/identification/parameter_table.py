@@ -7,7 +7,7 @@ import importlib
 import io
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,7 +23,8 @@ from steelyard.regression import Estimate, Information, ParameterCovariance
 from steelyard.robot import Inertia
 from steelyard.robot.inertia import moment_row
 
-from .default_terms import with_rotors
+if TYPE_CHECKING:
+    from steelyard.regression.drift import FrictionDrift
 
 __all__ = ["Basis", "LinkRows", "ParameterRow", "ParameterTable", "parameter_table", "weakest"]
 
@@ -84,8 +85,8 @@ class ParameterRow:
         ``"measured"``: the data alone tells it, to a fifth of its scale. ``"bounded"``: data and physics confine it to
         its scale; so is what the data tells, where the prior draws the value out of its interval. ``"assumed"``:
         neither does; the prior chose it, or the data tells it only together with the inertia of a rotor of which
-        nobody says anything, and the interval holds what is left if there is one. ``"unknown"``: torques were filtered where the regressor was not, so that no
-        interval holds.
+        nobody says anything, and the interval holds what is left if there is one. ``"unknown"``: torques were filtered
+        where the regressor was not, so that no interval holds.
     """
 
     name: str
@@ -318,12 +319,14 @@ def parameter_table(
     *,
     cad: ArrayLike | None = None,
     term_scales: ArrayLike | None = None,
+    drifts: Sequence[FrictionDrift] = (),
 ) -> ParameterTable:
     """Tell what every parameter, mass, centre of mass, principal moment and friction of an answer rests on.
 
     Intervals are those of `profile_intervals`: noise, with its correlation in time, and directions that the motion does
     not show, within what is physically possible. They speak of data and physics alone. Where the prior of the answer
-    draws a value out of its interval, the interval is widened to hold it.
+    draws a value out of its interval, the interval is widened to hold it; that of friction which drifts is widened to
+    hold it from the begin to the end of the log.
 
     Parameters
     ----------
@@ -337,6 +340,8 @@ def parameter_table(
         Standard parameters of the description; those of the model's robot where absent.
     term_scales : (n,), optional
         Parameters of terms that would make the whole torque of their joints, such as `term_deviations` tells.
+    drifts : sequence of FrictionDrift, optional
+        What `friction_drifts` found in the logs.
 
     Returns
     -------
@@ -361,17 +366,23 @@ def parameter_table(
         told = found.lower, found.upper
     scales = _scales(feasible_set, parameters, values, asked, about, term_scales)
     shares, rotor_names = _shares_of_rotors(feasible_set)
+    changes: dict[str, list[float]] = {}
+    for drift in drifts:
+        for name, times in drift.changes.items():
+            changes.setdefault(name, []).extend(1.0 + times * (end - 1.0) for end in (drift.first, drift.last))
     rows, drawn, of_rotors = [], [], []
     for index, quantity in enumerate(asked):
         low, high, basis = np.nan, np.nan, "unknown"
         if told is not None:
             basis = "assumed"
-            low, high = min(told[0][index], values[index]), max(told[1][index], values[index])
+            ranges = [values[index], *values[index] * np.array(changes.get(quantity.name, ()))]
+            low, high = min(told[0][index], *ranges), max(told[1][index], *ranges)
             half = 0.5 * (high - low)
             is_drawn = max(told[0][index] - values[index], values[index] - told[1][index]) > DRAWN * half
             if is_drawn:  # the data alone tells another value
                 drawn.append(quantity.name)
-            if not is_drawn and alone[index] <= MEASURED * scales[index] and half <= 2.0 * MEASURED * scales[index]:
+            widest = (1.0 if quantity.name in changes else 2.0) * MEASURED * scales[index]
+            if not is_drawn and alone[index] <= MEASURED * scales[index] and half <= widest:
                 basis = "measured"
             elif half <= BOUNDED * scales[index]:
                 basis = "bounded"
@@ -404,6 +415,11 @@ def parameter_table(
         stand = "stands at an end of its interval" if len(drawn) == 1 else "stand at an end of their intervals"
         shown = ", ".join(drawn[:MOST_SENTENCES]) + more
         sentences = (*sentences, f"{shown} {stand}: the prior draws the answer that far away from the data.")
+    if changes and told is not None:
+        sentences = (
+            *sentences,
+            f"{_first_of(list(changes))} change in the course of a log; intervals hold them from its begin to its end.",
+        )
     if of_rotors:
         sentences = (*sentences, _said_of_rotors(feasible_set, rotor_names, of_rotors))
     if told is not None and feasible_set.parameter_count > MANY_PARAMETERS:
@@ -423,6 +439,8 @@ def _shares_of_rotors(feasible_set: FeasibleSet) -> tuple[Array, list[str]]:
         parameter.described_as == "rotor_inertia" for term in model.robot.terms for parameter in term.parameters
     ):
         return nothing
+    from .default_terms import with_rotors  # which stands on what stands on this
+
     wider = with_rotors(model)
     narrow = {str(name): column for column, name in enumerate(wider.parameter_names)}
     K = np.asarray(wider.base_parameters().K, dtype=float)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,12 +44,16 @@ class FrictionDrift:
         Friction at the begin and the end of the log, relative to its mean: 1.2 is a fifth more.
     significance : float
         The slope over its standard error.
+    changes : dict of str to float
+        Parameters of this friction, and how many times the change of the friction the change of one is, relative to
+        its mean, where it alone changes.
     """
 
     joint: int
     first: float
     last: float
     significance: float
+    changes: Mapping[str, float] = field(default_factory=dict)
 
 
 def friction_drifts(blocks: TimeBlocks, base_names: Sequence[str]) -> tuple[FrictionDrift, ...]:
@@ -91,7 +95,8 @@ def friction_drifts(blocks: TimeBlocks, base_names: Sequence[str]) -> tuple[Fric
         parts = [(int(counts[joint]), kept[joint]) for counts, kept in held if counts[joint] > 0]
         if not friction or len(parts) < FEWEST_BLOCKS:
             continue
-        drift = _drift(joint, friction, [count for count, _ in parts], [rows for _, rows in parts])
+        names = [str(base_names[factor.columns[place]]) for place in friction]
+        drift = _drift(joint, friction, names, [count for count, _ in parts], [rows for _, rows in parts])
         if drift is not None:
             found.append(drift)
     return tuple(sorted(found, key=lambda one: -abs(one.last - one.first)))
@@ -119,7 +124,9 @@ def drift_sentence(log: str, drifts: Sequence[FrictionDrift], joint_names: Seque
     return f"In {log} friction changes steadily with time: {', '.join(each)} of its mean{more}."
 
 
-def _drift(joint: int, friction: Sequence[int], counts: Sequence[int], parts: Sequence[Array]) -> FrictionDrift | None:
+def _drift(
+    joint: int, friction: Sequence[int], names: Sequence[str], counts: Sequence[int], parts: Sequence[Array]
+) -> FrictionDrift | None:
     whole = np.vstack(parts)
     lengths = np.linalg.norm(whole[:, :-1], axis=0)
     lengths[lengths == 0.0] = 1.0
@@ -149,4 +156,8 @@ def _drift(joint: int, friction: Sequence[int], counts: Sequence[int], parts: Se
     if significance < SURE or abs(slope) < LEAST or slope**2 * spread < WORTH * left:
         return None
     first, last = (float(scale0 + slope * (end - time0)) for end in (0.0, 1.0))
-    return FrictionDrift(joint, first, last, float(significance))
+    each = whole[:, friction] * own[friction]
+    norms2 = np.sum(each**2, axis=0)
+    norms2[norms2 == 0.0] = np.inf
+    alone = each.T @ each.sum(axis=1) / norms2
+    return FrictionDrift(joint, first, last, float(significance), dict(zip(names, map(float, alone), strict=True)))
