@@ -232,3 +232,16 @@ def test_names_of_formulas_and_of_structs(heads: str, tmp_path: Path) -> None:
     found = Recording.read(tmp_path / "log.csv")
     assert found.layout is not None
     assert [one.quantity for one in found.layout.table] == ["time", "position", "torque"]
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "cp1252"])
+def test_a_german_table_has_its_units_read_in_whatever_encoding(tmp_path: Path, encoding: str) -> None:
+    names = ("Zeit [ms]", "Winkel 1 [°]", "Winkel 2 [°]", "Drehmoment 1 [Nm]", "Drehmoment 2 [Nm]")
+    table = TABLE * [1e3, *[180 / np.pi] * 2, 1, 1]
+    text = lines(";".join(names), [";".join(comma(float(value)) for value in row) for row in table])
+    path = tmp_path / "messung.csv"
+    path.write_bytes(text.encode(encoding))
+    recording = Recording.read(path, joints=2)
+    np.testing.assert_allclose(recording.t, T, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(recording.q, Q, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(recording.torque, TORQUE, rtol=0, atol=1e-12)

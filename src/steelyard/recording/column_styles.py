@@ -93,12 +93,14 @@ def _measured(*words: str) -> tuple[str, ...]:
     return tuple(way.format(word) for way in ways for word in words)
 
 
-POSITION = _measured("q", "pos", "position", "positions", "angle", "angles", "theta", "θ")
-VELOCITY = _measured("dq", "qd", "qdot", "q_dot", "vel", "velocity", "velocities", "speed", "speeds")
-ACCELERATION = _measured("ddq", "qdd", "qddot", "q_ddot", "acc", "accel", "acceleration", "accelerations")
-TORQUE = _measured("tau", "τ", "torque", "torques", "effort", "efforts", "moment", "moments")
+POSITION = _measured("q", "pos", "position", "positions", "angle", "angles", "theta", "θ", "winkel")
+VELOCITY = _measured("dq", "qd", "qdot", "q_dot", "vel", "velocity", "velocities", "speed", "speeds", "geschwindigkeit")
+ACCELERATION = _measured(
+    "ddq", "qdd", "qddot", "q_ddot", "acc", "accel", "acceleration", "accelerations", "beschleunigung"
+)
+TORQUE = _measured("tau", "τ", "torque", "torques", "effort", "efforts", "moment", "moments", "drehmoment")
 FORCE = _measured("force", "forces")
-CURRENT = _measured("i", "current", "currents", "motor_current", "motor_currents")
+CURRENT = _measured("i", "current", "currents", "motor_current", "motor_currents", "strom")
 
 NAMED = (
     *("{name}_{word}", "{word}_{name}", "{name}.{word}", "{word}.{name}", "{name}/{word}", "{word}/{name}"),

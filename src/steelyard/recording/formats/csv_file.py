@@ -139,7 +139,7 @@ class CsvFile(LogFile):
                     raise InputError(f"{self.path} has a line of more than {LONGEST_LINE} bytes; expected a CSV.")
                 if b"\x00" in raw:
                     raise InputError(f"{self.path} is not a text file; expected a CSV with a line of column names.")
-                line = raw.decode("utf-8-sig" if place == 0 else "utf-8", errors="replace").strip("\r\n")
+                line = _decoded(raw, "utf-8-sig" if place == 0 else "utf-8").strip("\r\n")
                 if "\r" in line and not lines and raw.count(b"\r") > 1:
                     raise InputError(
                         f"{self.path} has lines that end with CR alone; save it with LF or CR LF as line endings."
@@ -461,6 +461,14 @@ class _ParsedColumns(DecodedColumns):
         self.places: list[tuple[int, int]] = []
         self.dates = dates
         super().__init__(names, lambda: parsed(names, begins=self.places if not self.places else None))
+
+
+def _decoded(raw: bytes, encoding: str) -> str:
+    """Return a line as text, by Windows-1252 where it is not UTF-8: a degree sign or an umlaut of an older program."""
+    try:
+        return raw.decode(encoding)
+    except UnicodeDecodeError:
+        return raw.decode("cp1252", errors="replace")
 
 
 def _is_compressed(path: Path) -> bool:
