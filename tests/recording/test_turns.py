@@ -55,3 +55,12 @@ def test_a_log_is_read_as_one_that_counts_its_turns(unit, tmp_path):
     assert any("joint 1" in remark and "modulo a turn" in remark for remark in recording.remarks)
     whole = recording.process(cutoff=5.0)
     np.testing.assert_allclose(whole.dq[500:-500, 0], 8.1 * np.cos(0.9 * whole.t[500:-500]), atol=2e-2)
+
+
+def test_damaged_numbers_are_no_turns() -> None:
+    """A damaged file had a position of -1.8e308 between sound ones, so that their difference was infinite."""
+    q = np.linspace(0.0, 1.0, 50)[:, None]
+    q[20], q[30] = 1.7e308, -1.7e308
+    found, jumps = turned_on(q)
+    assert jumps == (0,)
+    np.testing.assert_array_equal(found, q)

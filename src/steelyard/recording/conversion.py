@@ -209,6 +209,7 @@ def signals_fields(signals: Signals, t: NDArray[np.float64], source: str) -> dic
     return fields
 
 
+@np.errstate(over="ignore", invalid="ignore")  # the step between two huge numbers is infinite, and no turn
 def turned_on(q: NDArray[np.float64]) -> tuple[NDArray[np.float64], tuple[int, ...]]:
     """Take jumps by a whole turn out of positions, as encoders of joints that turn on and on make them.
 
@@ -237,9 +238,8 @@ def turned_on(q: NDArray[np.float64]) -> tuple[NDArray[np.float64], tuple[int, .
     """
     jumps = np.zeros(q.shape[1], dtype=int)
     result = q
-    with np.errstate(invalid="ignore"):
-        low, high = column_extremes(q)
-        far = ~(high - low <= TURN - STEADY)  # true also where values are missing
+    low, high = column_extremes(q)
+    far = ~(high - low <= TURN - STEADY)  # true also where values are missing
     for j in map(int, np.flatnonzero(far)):  # no step of the others is as long
         there = np.flatnonzero(np.isfinite(q[:, j]))
         steps = np.diff(q[there, j])
