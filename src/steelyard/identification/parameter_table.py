@@ -55,7 +55,6 @@ and at 1e-12 a matrix is singular."""
 NEGLIGIBLE = 0.05
 """A term this small beside what would make the whole torque of its joint counts as if it had this size."""
 
-
 ROUNDING = 1e-8
 """Shares this much smaller than the largest are none: they are computed to some 1e-12."""
 
@@ -416,10 +415,10 @@ def parameter_table(
         shown = ", ".join(drawn[:MOST_SENTENCES]) + more
         sentences = (*sentences, f"{shown} {stand}: the prior draws the answer that far away from the data.")
     if changes and told is not None:
-        sentences = (
-            *sentences,
-            f"{_first_of(list(changes))} change in the course of a log; intervals hold them from its begin to its end.",
-        )
+        hold = "changes in the course of a log; its interval holds it from its begin to its end"
+        if len(changes) > 1:
+            hold = "change in the course of a log; intervals hold them from its begin to its end"
+        sentences = (*sentences, f"{_first_of(list(changes))} {hold}.")
     if of_rotors:
         sentences = (*sentences, _said_of_rotors(feasible_set, rotor_names, of_rotors))
     if told is not None and feasible_set.parameter_count > MANY_PARAMETERS:
@@ -439,7 +438,7 @@ def _shares_of_rotors(feasible_set: FeasibleSet) -> tuple[Array, list[str]]:
         parameter.described_as == "rotor_inertia" for term in model.robot.terms for parameter in term.parameters
     ):
         return nothing
-    from .default_terms import with_rotors  # which stands on what stands on this
+    from .default_terms import with_rotors  # of robots without rotors alone
 
     wider = with_rotors(model)
     narrow = {str(name): column for column, name in enumerate(wider.parameter_names)}
