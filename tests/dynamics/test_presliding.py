@@ -244,6 +244,12 @@ def test_the_state_of_a_log_is_that_of_the_model_it_is_used_with():
     np.testing.assert_allclose(again[-500:], of_long.channels["presliding"][-500:], atol=1e-6)
     assert np.abs(again - of_short.channels["presliding"]).max() > 0.1
     assert of_short.with_presliding(sy.Model(PENDULUM.with_terms(Dahl(D)))) is of_short
+    plain = recording.process(cutoff=15.0)
+    of_one, of_other = (plain.with_presliding(model) for model in (short, long))
+    np.testing.assert_array_equal(of_one.with_presliding(long).channels["presliding"], of_other.channels["presliding"])
+    assert of_one.with_presliding(short) is of_one
+    assert sy.Samples.joined([of_one, of_other]).channels is None
+    assert sy.Samples.joined([of_one, of_one]).with_presliding(short).bristles is of_one.bristles
     filtered = recording.process(model=short, cutoff=15.0, torque_cutoff=15.0)
     with pytest.raises(sy.InputError, match=r"Recording\.process"):
         filtered.with_presliding(long)

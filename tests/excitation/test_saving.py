@@ -89,6 +89,7 @@ def test_yaml_is_a_joint_trajectory(tmp_path):
             json.dumps({"format": "steelyard-trajectory-1", "family": "spline", "points": [[1]], "duration": 1}),
             "motion.json: A spline trajectory needs",
         ),
+        ("motion.csv", "t,q1,dq1,ddq1\n", "there are none"),
         ("motion.csv", "t,q1,dq1\n0,0,0\n1,0,0\n", "ddq1 is missing"),
         ("motion.csv", "", "cannot be read as CSV"),
         ("motion.csv", "t,q1,dq1,ddq1\n0,0,0,x\n1,0,0,0\n", "cannot be read as numbers"),

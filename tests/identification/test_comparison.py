@@ -125,6 +125,8 @@ def test_predictions_differ_as_in_pinocchio(ur5):
     np.testing.assert_allclose(found.joint_difference[0], difference, rtol=1e-9, atol=1e-9)
     relative = np.linalg.norm(torques[1] - torques[0]) / np.linalg.norm(torques[0])
     assert found.relative_difference[0] == pytest.approx(relative, rel=1e-9)
+    assert found.sentences[0].endswith(" N·m).")
+    assert "Root mean squares, N·m:" in str(found)
     again = difference_on_random_motion(model, ("light", "heavy"), bases, count=300, seed=5)
     assert again.relative_difference[0] != found.relative_difference[0]
 

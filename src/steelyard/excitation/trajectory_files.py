@@ -112,6 +112,8 @@ def _read_table(path: Path) -> tuple[Array, Array, Array, Array]:
         )
     with reading_table(path, "numbers"):
         values = frame.select(wanted).cast(polars.Float64).to_numpy()
+    if not len(values):
+        raise InputError(f"{path}: a trajectory has rows of numbers, and there are none; save it again.")
     if not np.isfinite(values).all():
         raise InputError(f"{path}: some of its numbers are missing or not finite; save it again.")
     t, q, dq, ddq = np.split(values, [1, 1 + count, 1 + 2 * count], axis=1)

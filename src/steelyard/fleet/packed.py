@@ -24,8 +24,9 @@ _KINDS: dict[str, type[Any]] = {
     for kind in (ColumnMeaning, DrawnLog, Factor, Information, Layout, ReducedLog, ReducedSection, Samples)
 }
 """What may stand in packed bytes beside numbers, texts, lists, mappings and arrays."""
-_PASSED_OVER = {"regressor_model", "cutoff_choice"}
-"""Fields of samples that are not packed: the model, which is known where they are unpacked, and a chart."""
+_PASSED_OVER = {"regressor_model", "bristles", "cutoff_choice"}
+"""Fields of samples that are not packed: the model and its friction, which are known where they are unpacked, and a
+chart."""
 _ARRAYS = {
     kind.str: kind
     for kind in (np.dtype(order + one) for order in "<>" for one in ("?", *"bhilqBHILQ", *"efdg"))

@@ -159,6 +159,7 @@ def _estimate(task: dict[str, Any]) -> dict[str, Any]:
         held_out_error=plausible.held_out_error,
         fold_count=len(stretches),
         few_rows=few,
+        units=model.robot.torque_units,
     )
     if few:
         remarks.append(said_of(few))

@@ -349,7 +349,7 @@ def compare_estimates(
             read = read_as_fitted(file, model, _first_estimate(loaded), logs, progress=progress)
             remarks += read.remarks
             source = str(logs[0]) if len(logs) == 1 else f"{len(logs)} logs"
-            prediction = difference_on_logs(total(read.parts), names, bases, source)
+            prediction = difference_on_logs(model, total(read.parts), names, bases, source)
         else:
             prediction = difference_on_random_motion(model, names, bases, seed=seed)
         explanations = [

@@ -268,6 +268,7 @@ def identify(
     folds = FEWEST_FOLDS if model.parameter_count > MANY_PARAMETERS else 5
     stretches = information.stretches(blocks, folds)
     rotors: RotorDecision | None = None
+    why_no_rotors = ""
     if wider is not None:
         say("have the rotors an inertia that shows?")
         rotors = decide_rotors(feasible_set, wider, information, stretches, weights)
@@ -276,6 +277,7 @@ def identify(
             model = reader.model = wider
             reader.remarks.append(rotors.sentence(file.path.name))
         else:
+            why_no_rotors = rotors.reason
             parts = [
                 (name, role, one.narrowed(wider, model), narrowed(samples, wider, model))
                 for name, role, one, samples in parts
@@ -336,6 +338,7 @@ def identify(
         validation=[p[2] for p in parts if p[1] == "validation"],
         held_out_error=held_out,
         fold_count=len(stretches),
+        units=model.robot.torque_units,
         few_rows=[
             few for p, part in zip(predictions, parts, strict=True) for few in _few_rows(p, part[2], model, estimate)
         ],
@@ -390,6 +393,7 @@ def identify(
         remarks=tuple(remarks),
         mistakes=mistakes,
         drifts=() if mistakes else tuple(drifts),
+        why_no_rotors=why_no_rotors,
         robot_file=file.path if file.path.is_file() else None,
         logs=tuple(map(str, logs)),
         validation_logs=tuple(map(str, validation)),

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from threading import Event
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +43,9 @@ from steelyard.regression.time_blocks import MOST, TimeBlocks
 from steelyard.robot import Robot, RobotFile
 
 from .given import GivenLog, GivenSamples
+
+if TYPE_CHECKING:
+    from steelyard.dynamics.bristles import Bristles
 
 __all__ = [
     "DrawnLog",
@@ -727,7 +730,7 @@ class DrawnRows:
         self.model, self.limit = model, rows
         self.piece, self.seen = 1, 0  # rows of a piece, and of the stream
         self._set_pieces()
-        self._regressor_model: Model | None = None
+        self._made_for: tuple[Model | None, Bristles | None] = None, None
         self._waiting: list[Array] = []
         self._waiting_rows = 0  # for which those stand, once there are pieces
         self._pieces: Array | None = None  # (P, 4 N, D): the rows of each piece by what they are an extreme of
@@ -747,7 +750,7 @@ class DrawnRows:
             own = 2 + 5 * self.model.dof
             self.limit = max(self.limit * own // (own + samples.regressor.shape[1]), 200)
             self._set_pieces()
-        self._regressor_model = samples.regressor_model
+        self._made_for = samples.regressor_model, samples.bristles
         self._keep_windows(samples)
         self.seen += samples.count
         if self._pieces is None:
@@ -848,7 +851,7 @@ class DrawnRows:
         self._base = solve(replace(Information.empty(self.model), factors=factors).reduced(None))
 
     def _samples(self, table: Array) -> Samples:
-        return _samples_of(table, self.model.dof, self._regressor_model)
+        return _samples_of(table, self.model.dof, *self._made_for)
 
     def finish(self) -> None:
         """Let go of what is not drawn."""
@@ -888,12 +891,12 @@ class ThinnedSamples:
         while -(-total // self.every) > 2 * points:
             self.every *= 2
         self._joints = 0
-        self._regressor_model: Model | None = None
+        self._made_for: tuple[Model | None, Bristles | None] = None, None
         self._parts: list[Array] = []
 
     def add(self, samples: Samples) -> None:
         """Add the samples that follow."""
-        self._joints, self._regressor_model = samples.joint_count, samples.regressor_model
+        self._joints, self._made_for = samples.joint_count, (samples.regressor_model, samples.bristles)
         self._parts.append(_table_of(samples, self.seen, slice(-self.seen % self.every, None, self.every)))
         self.seen += samples.count
         while self.count > 2 * self.points:
@@ -908,7 +911,7 @@ class ThinnedSamples:
     @property
     def samples(self) -> Samples:
         """What was kept."""
-        return _samples_of(np.concatenate(self._parts), self._joints, self._regressor_model)
+        return _samples_of(np.concatenate(self._parts), self._joints, *self._made_for)
 
 
 def _with_channels(samples: Samples, model: Model, name: str) -> Samples:
@@ -944,7 +947,7 @@ def _table_of(samples: Samples, first: int, rows: slice | NDArray[np.intp] = sli
     return np.column_stack(columns)
 
 
-def _samples_of(table: Array, joints: int, regressor_model: Model | None) -> Samples:
+def _samples_of(table: Array, joints: int, regressor_model: Model | None, bristles: Bristles | None) -> Samples:
     """Return the samples that `_table_of` made an array of."""
     q, dq, ddq, torque, mask = (table[:, 2 + k * joints : 2 + (k + 1) * joints] for k in range(5))
     names = _channels(regressor_model)
@@ -960,6 +963,7 @@ def _samples_of(table: Array, joints: int, regressor_model: Model | None) -> Sam
         regressor=regressor if regressor.shape[1] else None,
         regressor_model=regressor_model if regressor.shape[1] else None,
         channels=channels or None,
+        bristles=bristles,
     )
 
 

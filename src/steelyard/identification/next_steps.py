@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 
 from steelyard.display import few_digits
+from steelyard.dynamics import RotorInertia
 from steelyard.excitation.motion_limits import MotionLimits
 from steelyard.feasibility.constraints import MeasuredMass, TotalMass
 from steelyard.regression import Information, least_squares
@@ -35,7 +36,7 @@ DEFAULTS = {
     "viscous": "viscous friction",
     "coulomb": "Coulomb friction",
     "offset": "a constant offset",
-    "rotor_inertia": "the inertia of its rotor",
+    RotorInertia.kind: "the inertia of its rotor",
 }
 
 
@@ -329,6 +330,8 @@ def _missing_terms(identification: Identification) -> Iterator[NextStep]:
     told = identification.prediction
     kinds = {law.kind for term in identification.model.robot.terms for law in term.laws}
     lacking = [kind for kind in DEFAULTS if kind not in kinds]
+    if identification.why_no_rotors:
+        lacking.remove(RotorInertia.kind)  # for the logs, as they are, show that it does not help
     if not lacking and identification.friction is not None:
         return
     errors = np.where(np.nan_to_num(told.whiteness, nan=1.0) < PATTERN, told.joint_model_error, 0.0)
@@ -340,7 +343,7 @@ def _missing_terms(identification: Identification) -> Iterator[NextStep]:
         f"({told.whiteness[worst]:.0%} of it is white)"
     )
     if lacking and "motor_side" not in kinds:
-        words, rotor = ", ".join(DEFAULTS[kind] for kind in lacking), "rotor_inertia" in lacking
+        words, rotor = ", ".join(DEFAULTS[kind] for kind in lacking), RotorInertia.kind in lacking
         yield NextStep(
             "Try whether more terms help.",
             f"{pattern}, and the model lacks {words}. Whether that explains it was not tried: keep what lowers the "
@@ -349,10 +352,12 @@ def _missing_terms(identification: Identification) -> Iterator[NextStep]:
             "toml",
         )
     elif not lacking:
+        why = identification.why_no_rotors
+        rotors = f" The inertia of rotors was tried and not taken: {why}." if why else ""
         logs = " ".join(_paths(identification, identification.logs)) or "LOG..."
         yield NextStep(
             "Let the logs choose the friction.",
-            f"{pattern}; friction may be more than viscous and Coulomb's.",
+            f"{pattern}; friction may be more than viscous and Coulomb's.{rotors}",
             f"steelyard identify {_robot(identification)} {logs} --friction auto --output DIR",
             "console",
         )

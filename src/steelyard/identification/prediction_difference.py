@@ -49,11 +49,14 @@ class PredictionDifference:
         (k, N) root mean square of the errors on the logs; None where there are none.
     relative_error : ndarray or None
         (k,) over all the joints; likewise.
+    torque_units : tuple of str
+        (N,) of the torques of the joints.
     """
 
     source: str
     names: tuple[str, ...]
     joint_names: tuple[str, ...]
+    torque_units: tuple[str, ...]
     joint_torque: Array = field(repr=False)
     joint_difference: Array = field(repr=False)
     relative_difference: Array
@@ -65,7 +68,7 @@ class PredictionDifference:
         """The findings as sentences."""
         found = [
             f"On {self.source}, the torques that {name} predicts differ from those of {self.names[0]} by "
-            f"{relative:.2%}{_most(difference, self.joint_torque, self.joint_names)}."
+            f"{relative:.2%}{self._most(difference)}."
             for name, relative, difference in zip(
                 self.names[1:], self.relative_difference, self.joint_difference, strict=True
             )
@@ -75,8 +78,13 @@ class PredictionDifference:
             found.append(f"Their errors there: {errors}.")
         return tuple(found)
 
+    @property
+    def caption(self) -> str:
+        """What stands in the table, with its unit."""
+        return f"Root mean squares, {' or '.join(dict.fromkeys(self.torque_units))}"
+
     def table(self) -> tuple[list[str], list[tuple[str, ...]]]:
-        """Return heads and rows: root mean squares of each joint, N·m or N."""
+        """Return heads and rows: root mean squares of each joint, in the unit of its torque."""
         short = labels(len(self.names))
         heads, columns = ["joint", "torque"], [self.joint_torque]
         if self.joint_error is not None:
@@ -90,7 +98,17 @@ class PredictionDifference:
     def __str__(self) -> str:
         heads, rows = self.table()
         drawn = text_table(heads, rows, numbers=range(1, len(heads)))
-        return "\n".join((*self.sentences, "Root mean squares, N·m or N:", drawn))
+        return "\n".join((*self.sentences, f"{self.caption}:", drawn))
+
+    def _most(self, difference: Array) -> str:
+        torque = self.joint_torque
+        with np.errstate(divide="ignore", invalid="ignore"):
+            relative = np.where(torque > 0.0, difference / torque, 0.0)
+        most = int(np.argmax(relative))
+        if len(self.joint_names) < 2 or relative[most] == 0.0:
+            return ""
+        size = f"{difference[most]:.3g} {self.torque_units[most]}"
+        return f", most at {self.joint_names[most]} ({relative[most]:.2%}, {size})"
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result as plain data: dictionaries, lists, texts and numbers."""
@@ -109,22 +127,14 @@ def labels(count: int) -> list[str]:
     return [chr(ord("A") + k) if count <= 26 else f"#{k + 1}" for k in range(count)]
 
 
-def _most(difference: Array, torque: Array, names: Sequence[str]) -> str:
-    with np.errstate(divide="ignore", invalid="ignore"):
-        relative = np.where(torque > 0.0, difference / torque, 0.0)
-    most = int(np.argmax(relative))
-    if len(names) < 2 or relative[most] == 0.0:
-        return ""
-    return f", most at {names[most]} ({relative[most]:.2%}, {difference[most]:.3g} N·m or N)"
-
-
 def difference_on_logs(
-    info: Information, names: Sequence[str], bases: Sequence[ArrayLike], source: str
+    model: Model, info: Information, names: Sequence[str], bases: Sequence[ArrayLike], source: str
 ) -> PredictionDifference:
     """Compare what base parameters predict for the samples of logs, and with what was measured.
 
     Parameters
     ----------
+    model : Model
     info : Information
         Of the logs, all together.
     names : sequence of str
@@ -134,7 +144,7 @@ def difference_on_logs(
     source : str
         Names the logs.
     """
-    given = [np.asarray(base, dtype=float) for base in bases]
+    given, units = [np.asarray(base, dtype=float) for base in bases], model.robot.torque_units
     factors = info.measured
     counts = np.maximum([f.count for f in factors], 1)
     torque = np.array([f.norm2 for f in factors])
@@ -144,6 +154,7 @@ def difference_on_logs(
         source=source,
         names=tuple(names),
         joint_names=tuple(info.joint_names) if info.has_joint_errors else ("all",),
+        torque_units=units if info.has_joint_errors else (" or ".join(dict.fromkeys(units)),),
         joint_torque=np.sqrt(torque / counts),
         joint_difference=np.sqrt(differences / counts),
         relative_difference=_relative(differences, torque),
@@ -183,6 +194,7 @@ def difference_on_random_motion(
         source=f"{count} random positions, velocities and accelerations within the limits",
         names=tuple(names),
         joint_names=tuple(robot.joint_names),
+        torque_units=robot.torque_units,
         joint_torque=np.sqrt(own / count),
         joint_difference=np.sqrt(differences / count),
         relative_difference=_relative(differences, own),

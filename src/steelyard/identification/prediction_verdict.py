@@ -416,6 +416,7 @@ def prediction_verdict(
     fit_error: float | None = None,
     joint_fit_error: ArrayLike | None = None,
     few_rows: Sequence[FewRows] = (),
+    units: Sequence[str] = (),
 ) -> PredictionVerdict:
     """Judge how well base parameters predict: validation logs where there are any, else what cross-validation held out.
 
@@ -440,6 +441,8 @@ def prediction_verdict(
     few_rows : sequence of FewRows
         Short events in these logs. They look white, but a model of a robot is not excused for them as for noise: what
         they hold is not taken off the error.
+    units : sequence of str
+        Those of the torques of the joints, as `Robot.torque_units` tells them; none where they are not known.
 
     Returns
     -------
@@ -479,6 +482,7 @@ def prediction_verdict(
         of_fit = np.nan_to_num(np.sqrt(training**2 - own_noise**2) / own_torque)
     if joint_fit_error is not None and len(np.asarray(joint_fit_error)) == len(of_fit):
         of_fit = np.fmin(held_out, np.asarray(joint_fit_error, dtype=float))
+    of_joint = tuple(units) if len(units) == len(names) else ("N·m or N",) * len(names)
     shown = torque > NEGLIGIBLE * torque.max(initial=0.0)
     worst = float(held_out[shown].max(initial=0.0)), float(of_fit[shown].max(initial=0.0))
     word = _word(model, own, *worst, tested)
@@ -492,7 +496,7 @@ def prediction_verdict(
     for errors, limit, data, size, whole_size in limits[saved:]:
         # How large that is in all tells whether it matters: wrists have small torques.
         beyond = [
-            f"{names[joint]} ({errors[joint]:.0%}, {size[joint]:.2g} beside {whole_size[joint]:.2g} N·m or N)"
+            f"{names[joint]} ({errors[joint]:.0%}, {size[joint]:.2g} beside {whole_size[joint]:.2g} {of_joint[joint]})"
             for joint in np.flatnonzero(shown & (errors > limit))
         ]
         if beyond and word in ("poor", "wrong"):

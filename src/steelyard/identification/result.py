@@ -155,6 +155,8 @@ class Identification:
         and what is proved of it.
     friction : FrictionChoice or None
         Which laws of friction were chosen, and how; None where that was not asked for.
+    why_no_rotors : str
+        Why the model has no inertia of rotors, as a clause, where nobody states the terms and it was tried; else empty.
     """
 
     model: Model
@@ -181,6 +183,7 @@ class Identification:
     elastic_joints: tuple[JointStiffness, ...] = ()
     elastic_model: ElasticModel | None = None
     friction: FrictionChoice | None = None
+    why_no_rotors: str = ""
 
     def save(self, folder: str | Path, *, force: bool = False, stale: Collection[str] = ()) -> tuple[Path, ...]:
         """Write what ``steelyard identify --output folder`` writes; see :func:`steelyard.report.save_results`.

@@ -216,6 +216,7 @@ def validate_estimate(
         validation=parts,
         fit_error=loaded.relative_error,
         joint_fit_error=loaded.joint_relative_error,
+        units=model.robot.torque_units,
         few_rows=[
             few
             for log, part, drawn in zip(given, parts, read.drawn, strict=True)

@@ -290,9 +290,9 @@ class Plan:
             flags[LATE] = late
         step = processing.step
         logged, bristles = recording.channels or {}, None
-        if self.model is not None and self.model.remembers:
+        if self.model is not None and self.model.remembers and self.model.bristles.channel not in logged:
             bristles = self.model.bristles
-        if bristles is not None and bristles.channel not in logged:
+        if bristles is not None:
             begin = KnownBristles(max(inside.start, 0)) if known is None else known
             states, weights, later = self._bristles(q, dq, begin)
             recording = replace(recording, channels={**logged, bristles.channel: states}, remarks=())
@@ -324,6 +324,7 @@ class Plan:
             regressor=regressor,
             regressor_model=None if regressor is None else self.model,
             channels=cut_channels(recording.channels, slice(start, stop, step)),
+            bristles=bristles,
         )
         return samples, thinned
 

@@ -12,11 +12,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.display import html_table
 from steelyard.errors import InputError
+from steelyard.robot.robot import PRESLIDING
 
 from .cutoff.evidence import CutoffChoice
 
 if TYPE_CHECKING:
     from steelyard.dynamics import Model
+    from steelyard.dynamics.bristles import Bristles
 
 __all__ = ["Samples", "regrouped"]
 
@@ -63,6 +65,8 @@ class Samples:
     channels
         What was logged beside the motion and is needed by terms of the model, such as a temperature: (S,) or (S, N) by
         name; None where there is nothing.
+    bristles
+        Whose state of presliding friction the channels hold; None where it was logged, or there is none.
 
     The arrays are kept as read-only float64 in C order; an array that is so already is not copied.
 
@@ -91,6 +95,7 @@ class Samples:
     regressor: NDArray[np.float64] | None = None
     regressor_model: Model | None = None
     channels: Mapping[str, NDArray[np.float64]] | None = None
+    bristles: Bristles | None = None
 
     def __post_init__(self) -> None:
         shape: tuple[int, ...] | None = None
@@ -151,7 +156,7 @@ class Samples:
         The rows are taken in their order, from one gap of the times to the next. What happened before the first of them
         is not known, so that rows of a joint at which it still counts for more than 1 % are masked. Samples that have
         the state already, as those of logs that were processed with the model, and any where no term needs it are
-        returned as they are; the state of logs that were processed with other bristles is computed anew.
+        returned as they are; the state of other bristles is computed anew.
 
         Raises
         ------
@@ -160,8 +165,7 @@ class Samples:
         """
         if not model.remembers:
             return self
-        other = self.regressor_model if self.regressor_model is not model else None
-        foreign = other is not None and other.remembers and not other.bristles.are(model.bristles)
+        foreign = self.bristles is not None and not self.bristles.are(model.bristles)
         if model.bristles.channel in (self.channels or {}) and not foreign:
             return self
         if self.filtered_torque:
@@ -184,6 +188,7 @@ class Samples:
             self,
             mask=None if mask.all() else mask,
             channels={**(self.channels or {}), model.bristles.channel: states},
+            bristles=model.bristles,
             remarks=(*self.remarks, remark) if told else self.remarks,
         )
 
@@ -235,6 +240,10 @@ class Samples:
         model, regressor = parts[0].regressor_model, None
         if model is not None and all(part.regressor_model is model for part in parts):
             regressor = np.vstack([part.regressor for part in parts if part.regressor is not None])
+        channels, bristles = joined_channels([part.channels for part in parts]), parts[0].bristles
+        if any(not _are(part.bristles, bristles) for part in parts):  # it is computed anew by what needs it
+            bristles = None
+            channels = {name: values for name, values in (channels or {}).items() if name != PRESLIDING} or None
         return cls(
             q=np.vstack([part.q for part in parts]),
             dq=np.vstack([part.dq for part in parts]),
@@ -248,7 +257,8 @@ class Samples:
             cutoff=parts[0].cutoff if len({part.cutoff for part in parts}) == 1 else None,
             regressor=regressor,
             regressor_model=None if regressor is None else model,
-            channels=joined_channels([part.channels for part in parts]),
+            channels=channels,
+            bristles=bristles,
         )
 
     def rows(self, start: int, stop: int, with_remarks: bool = True) -> Samples:
@@ -325,6 +335,11 @@ def checked_channels(
         require_finite(values, f"the channel {name!r} of {owner}")
         found[name] = read_only_matrix(np.broadcast_to(values, shape), f"the channel {name!r} of {owner}")
     return found
+
+
+def _are(some: Bristles | None, others: Bristles | None) -> bool:
+    """Tell whether the states of some bristles, or logged ones, are those of others."""
+    return some is others if some is None or others is None else some.are(others)
 
 
 def cut_channels(

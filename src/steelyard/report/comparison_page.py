@@ -281,7 +281,7 @@ def _prediction(comparison: Comparison) -> Markup:
     heads, rows = told.table()
     heads[:2] = ["Joint", "Torque"]
     sentences = "".join(f"<p>{escape(sentence)}</p>" for sentence in told.sentences)
-    drawn = table("Root mean squares, N·m or N", heads, rows, identifier="predicted")
+    drawn = table(told.caption, heads, rows, identifier="predicted")
     return Markup(f"{sentences}{drawn}")
 
 

@@ -79,9 +79,7 @@ def simulation_html(simulation: FileSimulation) -> str:
     """
     result, robot = simulation.result, simulation.model.robot
     names = result.joint_names
-    turns = [robot.joints[k].rotates for k in robot.driving_joints]
-    unit = "rad" if all(turns) else "m" if not any(turns) else "rad or m"
-    effort = "N·m" if all(turns) else "N" if not any(turns) else "N·m or N"
+    unit, effort = (" or ".join(dict.fromkeys(units)) for units in (robot.position_units, robot.torque_units))
 
     def curves(values: Any) -> tuple[Curve, ...]:
         return tuple(Curve(name, result.t, values[:, k]) for k, name in enumerate(names))
