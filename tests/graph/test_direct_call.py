@@ -32,6 +32,43 @@ def test_batches_of_any_shape(direct, lead):
     assert np.isnan(memory[[0, -1]]).all()
 
 
+@pytest.mark.parametrize("lead", [(), (1,), (7,), (9,), (3, 5), (2, 1, 2, 2)])
+def test_a_new_array_where_none_is_given(direct, lead):
+    motion = np.random.default_rng(2).normal(size=(*lead, 3))
+    found = direct(motion, PARAMETERS, None)
+    assert type(found) is np.ndarray
+    assert found.dtype is np.dtype(np.float64)
+    assert found.shape == (*lead, 2)
+    assert found.flags.owndata
+    assert found.flags.carray
+    assert sys.getrefcount(found) == 2
+    assert found.tobytes() == direct(motion, PARAMETERS, np.empty((*lead, 2))).tobytes()
+
+
+def test_no_new_array_that_is_large_or_has_many_dimensions(kernel):
+    motion = motions(kernel.most_small + 1)
+    assert kernel.most_small < kernel.most
+    direct = kernel.direct((2,), several=True)
+    assert direct(motion, PARAMETERS, None) is None
+    assert direct(motion[1:], PARAMETERS, None).shape == (kernel.most_small, 2)
+    out = np.empty((len(motion), 2))
+    assert direct(motion, PARAMETERS, out) is out
+    assert direct(np.ones((1, 1, 1, 1, 1, 3)), PARAMETERS, None) is None
+    assert direct(motions(3), PARAMETERS[:1], None) is None
+    assert direct(motions(0), PARAMETERS, None) is None
+
+
+@pytest.mark.parametrize("name", ["_KNOWN_VERSIONS", "_NEW_ARRAY"])
+def test_an_interface_of_numpy_that_is_not_known(monkeypatch, name):
+    """Another version, or none at all: then nothing is called directly."""
+    if name == "_KNOWN_VERSIONS":
+        monkeypatch.setattr(direct_call, name, ())
+    else:
+        monkeypatch.delattr("numpy._core._multiarray_umath._ARRAY_API")
+        monkeypatch.setattr(direct_call, "_interface_of_numpy", direct_call._interface_of_numpy.__wrapped__)
+    assert not direct_call._arrays_are_known.__wrapped__()
+
+
 def test_outputs_of_any_shape(kernel):
     motion = motions(5)
     out = np.empty((5, 1, 2, 1))
@@ -118,7 +155,7 @@ def test_references_are_neither_lost_nor_kept(direct):
 
 def test_kernels_that_have_no_such_function(monkeypatch):
     many = [Argument(f"a{k}", 1) for k in range(9)]
-    assert direct_call.direct_call(many, (1,), single=1, batch=1, few=1, alone=1, most=1) is None
+    assert direct_call.direct_call(many, (1,), single=1, batch=1, few=1, most=1, made=1) is None
     monkeypatch.setattr(direct_call, "_arrays_are_known", lambda: False)
     without = Kernel(pendulum(), cache=NO_CACHE)
     assert without.direct((2,)) is None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -503,38 +504,43 @@ class _Call:
     kernel : Kernel
     shape : tuple of int
         Of what one sample gives; several outputs of one shape are stacked.
-    one, few : callable
-        For one sample and for small batches, see :meth:`steelyard.graph.Kernel.direct`. They return None where there
-        is no such thing, and at the first calls.
+    direct : callable
+        See :meth:`steelyard.graph.Kernel.direct`. It computes nothing at the first calls, where there is no such thing,
+        and for batches until there were some.
     """
 
     def __init__(self, kernel: Kernel) -> None:
         shapes = [shape for _, shape in kernel.signature.outputs]
         self.kernel = kernel
         self.shape = shapes[0] if len(shapes) == 1 else (len(shapes), *shapes[0])
-        self.one = self._later("one")
-        self.few = self._later("few")
+        self.direct: Callable[..., Array | None] = _nothing
+        self._several = False
+        self._calls = count(2), count(2)
 
     @cached_property
     def most(self) -> int:
-        """Numbers in the first argument up to which `few` computes a batch."""
+        """Numbers in the first argument up to which `direct` computes a batch."""
         return self.kernel.most * self.kernel.arguments[0].width
 
     @cached_property
     def small(self) -> int:
-        """Numbers in the first argument up to which a result comes from NumPy, which `Kernel.empty` would find out."""
+        """Numbers in the first argument up to which `direct` makes an array for the result."""
         return self.kernel.most_small * self.kernel.arguments[0].width
 
-    def _later(self, name: str) -> Callable[..., Any]:
-        """Return a function that computes nothing, and after some calls puts another in its place."""
-        calls = count(2)
-
-        def wait(*_: Any) -> None:
-            if next(calls) >= _CALLS:
-                direct = None if self.kernel.compact else self.kernel.direct(self.shape, several=name == "few")
-                setattr(self, name, _nothing if direct is None else direct)
-
-        return wait
+    def again(self, given: tuple[Any, ...], out: Array | None) -> Array | None:
+        """Compute into an array that is made for it what `direct` did not, or nothing; count such calls."""
+        first = given[0]
+        if type(first) is not np.ndarray:
+            return None
+        several = first.ndim > 1
+        if several and first.size > self.most:
+            return None
+        if next(self._calls[several]) == _CALLS and not self.kernel.compact and not self._several:
+            self._several = several
+            self.direct = self.kernel.direct(self.shape, several=several) or _nothing
+        if out is not None or first.size <= self.small or self.direct is _nothing:
+            return None
+        return self.direct(*given, self.kernel.empty(first.shape[:-1] + self.shape))
 
 
 def _nothing(*_: Any) -> None:
@@ -549,6 +555,12 @@ class Evaluator:
     functions : ModelFunctions
     threads : int
         How many share a large batch.
+
+    Attributes
+    ----------
+    direct : mapping
+        By the name of a function, with the gravity of the robot: what `compute` tries first, see
+        :meth:`steelyard.graph.Kernel.direct`. Around a call for one sample, `compute` would take as long as it.
     """
 
     def __init__(self, functions: ModelFunctions, threads: int = 1) -> None:
@@ -558,6 +570,7 @@ class Evaluator:
         self._functions = functions
         self._robot = functions.robot
         self._parameter_names = functions.layout.names
+        self.direct: defaultdict[str, Callable[..., Array | None]] = defaultdict(lambda: _nothing)
         self._calls: dict[str, _Call] = {}
         self._calls_with_gravity: dict[str, _Call] = {}
 
@@ -589,21 +602,12 @@ class Evaluator:
             kernel = self._functions.kernel(function, gravity="fixed" if gravity is None else "argument")
             call = calls[function] = _Call(kernel)
         # The usual case: plain arrays that fit, which machine code finds out much sooner than Python does.
-        first = given[0]
-        if type(first) is np.ndarray:
-            if first.ndim == 1:
-                result = np.empty(call.shape) if out is None else out
-                if call.one(*given, result) is not None:
-                    return result
-            elif first.size <= call.most:
-                if out is not None:
-                    result = out
-                else:
-                    shape = first.shape[:-1] + call.shape
-                    result = np.empty(shape) if first.size <= call.small else call.kernel.empty(shape)
-                if call.few(*given, result) is not None:
-                    return result
-        return self._compute_with_care(call, given, out)
+        result = call.direct(*given, out)
+        if result is None:
+            result = call.again(given, out)
+            if gravity is None:
+                self.direct[function] = call.direct
+        return self._compute_with_care(call, given, out) if result is None else result
 
     def _compute_with_care(self, call: _Call, given: tuple[Any, ...], out: Array | None) -> Array:
         """Compute any batch of any arrays, or say what does not fit."""

@@ -72,7 +72,8 @@ class Model:
         self.robot = robot
         self._layout = ParameterLayout(robot)
         self._functions = ModelFunctions(self._layout, self.base_parameters)
-        self._call = Evaluator(self._functions, threads).compute
+        evaluator = Evaluator(self._functions, threads)
+        self._call, self._direct = evaluator.compute, evaluator.direct
         if robot.channels:
             self._call = self._with_channels(self._call)
         self._forward_dynamics: dict[str, str] = {}
@@ -180,6 +181,10 @@ class Model:
         >>> model.inverse_dynamics(q, q, q, np.eye(10)[9], out=out) is out
         True
         """
+        if channels is None and gravity is None:
+            result = self._direct["inverse_dynamics"](q, dq, ddq, parameters, out)
+            if result is not None:
+                return result
         given = (q, dq, ddq, parameters) if channels is None else (q, dq, ddq, *self._logged(channels, q), parameters)
         return self._call("inverse_dynamics", given, gravity, out)
 
@@ -297,6 +302,10 @@ class Model:
         out: Array | None = None,
     ) -> Array:
         """Return H(q, dq, ddq) (..., N, n) of thesis eq. 2.22: torques are ``H delta``."""
+        if channels is None:
+            result = self._direct["regressor"](q, dq, ddq, out)
+            if result is not None:
+                return result
         given = (q, dq, ddq) if channels is None else (q, dq, ddq, *self._logged(channels, q))
         return self._call("regressor", given, None, out)
 

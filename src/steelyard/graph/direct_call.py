@@ -26,15 +26,20 @@ DirectCall = Callable[..., Any]
 
 _MOST_ARGUMENTS = 8
 _MOST_SHAPE = 4
+_MOST_LEADING = 4
 _FASTCALL = 0x0080
 # Where the words of an array stand after the head of the object: data, nd, dimensions, strides, base, descr, flags.
 _DATA, _ND, _DIMENSIONS, _DESCR, _FLAGS = 0, 8, 16, 40, 48
 _C_CONTIGUOUS, _ALIGNED, _WRITEABLE = 0x0001, 0x0100, 0x0400
 _DOUBLE = np.dtype(np.float64)
+# Where NumPy keeps the version of its binary interface, its type of arrays and the function that makes one: the same
+# places in all of its releases, or extensions that were compiled against one would not run with the next.
+_VERSION_OF_NUMPY, _TYPE_OF_ARRAYS, _NEW_ARRAY = 0, 2, 93
+_KNOWN_VERSIONS = (1, 2)
 
 # Words of the table that belongs to one compiled function.
-_SINGLE, _BATCH, _COUNT, _MOST, _FEW, _ALONE, _ARRAY, _DTYPE, _NONE, _WIDTH, _SHAPE_SIZE = range(11)
-_SHAPE = 11
+_SINGLE, _BATCH, _COUNT, _MOST, _MADE, _FEW, _ARRAY, _DTYPE, _NEW, _NONE, _WIDTH, _SHAPE_SIZE = range(12)
+_SHAPE = 12
 _ARGUMENTS = _SHAPE + _MOST_SHAPE
 _NAME = ctypes.c_char_p(b"direct")
 
@@ -49,14 +54,21 @@ class _MethodDefinition(ctypes.Structure):
 
 
 def direct_call(
-    arguments: Sequence[Argument], shape: tuple[int, ...], *, single: int, batch: int, few: int, alone: int, most: int
+    arguments: Sequence[Argument],
+    shape: tuple[int, ...],
+    *,
+    single: int,
+    batch: int,
+    few: int,
+    most: int,
+    made: int,
 ) -> DirectCall | None:
     """Return a built-in function that computes a compiled function for a few samples, or None where there is none.
 
     Called with the arguments, (..., width) each, or (width,) where uniform, and ``out`` (..., *shape), it writes and
-    returns `out`. It does so only where all of them are plain arrays of doubles, C-contiguous and aligned, whose shapes
-    fit and whose memory is not that of `out`. Otherwise it does nothing and returns None, so that the caller finds out
-    what was wrong.
+    returns `out`, or a new array where `out` is None. It does so only where all of them are plain arrays of doubles,
+    C-contiguous and aligned, whose shapes fit and whose memory is not that of `out`. Otherwise it does nothing and
+    returns None, so that the caller finds out what was wrong.
 
     Parameters
     ----------
@@ -68,12 +80,14 @@ def direct_call(
         :attr:`steelyard.graph.Kernel.batch_function`. They must live as long as what is returned is called.
     few : int
         How many samples that are left over are computed one by one rather than in a register that would not be full.
-    alone : int
-        How many samples are computed one by one where there are no others.
     most : int
         How many samples are computed at all. Other threads of Python wait meanwhile.
+    made : int
+        How many samples are computed into a new array.
     """
-    if not 1 <= len(arguments) <= _MOST_ARGUMENTS or len(shape) > _MOST_SHAPE or not _arrays_are_known():
+    if not 1 <= len(arguments) <= _MOST_ARGUMENTS or arguments[0].uniform or len(shape) > _MOST_SHAPE:
+        return None
+    if not _arrays_are_known():
         return None
     table = np.zeros(_ARGUMENTS + 2 * len(arguments), dtype=np.int64)
     table[:_SHAPE] = (
@@ -81,10 +95,11 @@ def direct_call(
         batch,
         len(arguments),
         most,
+        made,
         few,
-        alone,
         id(np.ndarray),
         id(_DOUBLE),
+        _new_array(),
         id(None),
         int(np.prod(shape, dtype=np.int64)),
         len(shape),
@@ -98,8 +113,31 @@ def direct_call(
 
 
 @cache
+def _interface_of_numpy() -> Sequence[int]:
+    """Return the addresses that NumPy gives to extensions, up to those that are wanted here."""
+    from numpy._core import _multiarray_umath  # type: ignore[attr-defined]
+
+    pointer = ctypes.pythonapi.PyCapsule_GetPointer
+    pointer.restype, pointer.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]
+    table = pointer(_multiarray_umath._ARRAY_API, None)
+    return list((ctypes.c_int64 * (_NEW_ARRAY + 1)).from_address(table or 0))
+
+
+def _new_array() -> int:
+    """Return the address of NumPy's ``PyArray_New``."""
+    return _interface_of_numpy()[_NEW_ARRAY]
+
+
+@cache
 def _arrays_are_known() -> bool:
-    """Tell whether an array of NumPy stands in memory as the machine code reads it."""
+    """Tell whether an array of NumPy is made, and stands in memory, as the machine code does it and reads it."""
+    try:
+        interface = _interface_of_numpy()
+    except (ImportError, AttributeError, ValueError):
+        return False
+    version = ctypes.CFUNCTYPE(ctypes.c_uint)(interface[_VERSION_OF_NUMPY])() >> 24
+    if version not in _KNOWN_VERSIONS or interface[_TYPE_OF_ARRAYS] != id(np.ndarray):
+        return False
     head = object.__basicsize__
     if ctypes.sizeof(ctypes.c_void_p) != 8 or head % 8 or np.ndarray.__basicsize__ < head + _FLAGS + 4:
         return False
@@ -123,7 +161,7 @@ def _arrays_are_known() -> bool:
 def _loaded() -> LoadedCode:
     machine = host_machine(1)
     increment = ctypes.cast(ctypes.pythonapi.Py_IncRef, ctypes.c_void_p).value
-    source = _source(machine.triple, object.__basicsize__, batch_lanes())
+    source = _source(machine.triple, object.__basicsize__, batch_lanes(), _DOUBLE.num)
     return machine.load_source(source, ("direct",), {"Py_IncRef": increment or 0})
 
 
@@ -176,17 +214,31 @@ class _Lines:
         self.fork(condition, name, "none")
         self.lines.append(f"{name}:")
 
-    def same(self, name: str, first: str, second: str, count: str) -> None:
-        """Require that two rows of integers are equal."""
+    def repeat(self, name: str, count: str) -> str:
+        """Begin a block for each of the integers below a count, which `again` ends; return the integer."""
         self.label(f"{name}entry")
         self.fork(f"icmp sgt i64 {count}, 0", f"{name}loop", f"{name}done")
         self.lines += [f"{name}loop:", f"  %{name}k = phi i64 [ 0, %{name}entry ], [ %{name}next, %{name}turn ]"]
-        self.fork(
-            f"icmp eq i64 {self.item(first, f'%{name}k')}, {self.item(second, f'%{name}k')}", f"{name}turn", "none"
-        )
-        self.lines += [f"{name}turn:", f"  %{name}next = add i64 %{name}k, 1"]
+        return f"%{name}k"
+
+    def again(self, name: str, count: str) -> None:
+        """End a block that is repeated."""
+        self.label(f"{name}turn")
+        self.lines.append(f"  %{name}next = add i64 %{name}k, 1")
         self.fork(f"icmp slt i64 %{name}next, {count}", f"{name}loop", f"{name}done")
         self.lines.append(f"{name}done:")
+
+    def same(self, name: str, first: str, second: str, count: str) -> None:
+        """Require that two rows of integers are equal."""
+        k = self.repeat(name, count)
+        self.require(f"icmp eq i64 {self.item(first, k)}, {self.item(second, k)}")
+        self.again(name, count)
+
+    def copy(self, name: str, target: str, source: str, count: str) -> None:
+        """Copy a row of integers."""
+        k = self.repeat(name, count)
+        self.lines.append(f"  store i64 {self.item(source, k)}, ptr {self.moved(target, 'i64', k)}")
+        self.again(name, count)
 
     def array(self, thing: str, head: int, flags: int) -> tuple[str, str, str]:
         """Require a plain array with some flags; return its data, its dimensions and their number."""
@@ -198,23 +250,25 @@ class _Lines:
         return self.at(thing, head + _DATA, "ptr"), self.at(thing, head + _DIMENSIONS, "ptr"), size
 
 
-def _source(triple: str, head: int, lanes: int) -> str:
-    """Return the LLVM assembly of ``direct(table, things, given)``: the arguments, and then what is written."""
+def _source(triple: str, head: int, lanes: int, double: int) -> str:
+    """Return the LLVM assembly of ``direct(table, things, given)``: the arguments, and then what is written, or None.
+
+    `double` is NumPy's number of that type.
+    """
     it = _Lines()
     table = it.at("%self", head + _DATA, "ptr")
     words = {"array": _ARRAY, "dtype": _DTYPE, "n": _COUNT, "width": _WIDTH, "tail": _SHAPE_SIZE, "most": _MOST}
-    for name, index in (words | {"few": _FEW, "alone": _ALONE}).items():
+    for name, index in (words | {"made": _MADE, "few": _FEW}).items():
         it.lines.append(f"  %{name} = load i64, ptr {it.moved(table, 'i64', index)}")
-    for name, index in {"single": _SINGLE, "batch": _BATCH, "nothing": _NONE}.items():
+    for name, index in {"single": _SINGLE, "batch": _BATCH, "new": _NEW, "nothing": _NONE}.items():
         it.lines.append(f"  %{name} = load ptr, ptr {it.moved(table, 'ptr', index)}")
     it.require(f"icmp eq i64 %given, {it.op('add', '%n', 1)}")
 
-    # What is written tells the leading dimensions, which all arguments that are not uniform must have.
-    out = it.item("%things", "%n", "ptr")
-    data, leading, size = it.array(out, head, _C_CONTIGUOUS | _ALIGNED | _WRITEABLE)
-    lead = it.op("sub", size, "%tail")
+    # The first argument tells the leading dimensions, which all that are not uniform must have.
+    _, leading, dimensions = it.array(it.item("%things", 0, "ptr"), head, _C_CONTIGUOUS | _ALIGNED)
+    lead = it.op("sub", dimensions, 1)
     it.require(f"icmp sge i64 {lead}, 0")
-    it.same("shape", it.moved(leading, "i64", lead), it.moved(table, "i64", _SHAPE), "%tail")
+    it.require(f"icmp sle i64 {lead}, {_MOST_LEADING}")
     it.label("product")
     it.fork(f"icmp sgt i64 {lead}, 0", "times", "counted")
     it.lines += [
@@ -227,14 +281,29 @@ def _source(triple: str, head: int, lanes: int) -> str:
     it.lines += ["counted:", "  %count = phi i64 [ 1, %product ], [ %cnext, %times ]"]
     it.require("icmp sgt i64 %count, 0")
     it.require("icmp sle i64 %count, %most")
-    start = it.new(f"ptrtoint ptr {data} to i64")
-    end = it.op("add", start, it.op("shl", it.op("mul", "%count", "%width"), 3))
-    dimensions = it.op("add", lead, 1)
+
+    # What is written has them, too; a new array has no memory in common with any other.
+    out, tail = it.item("%things", "%n", "ptr"), it.moved(table, "i64", _SHAPE)
+    it.fork(f"icmp eq ptr {out}, %nothing", "make", "take")
+    it.lines.append("make:")
+    it.fork("icmp sle i64 %count, %made", "begin", "none")
+    it.lines.append("take:")
+    own, sizes, size = it.array(out, head, _C_CONTIGUOUS | _ALIGNED | _WRITEABLE)
+    it.require(f"icmp eq i64 {size}, {it.op('add', lead, '%tail')}")
+    it.same("leading", sizes, leading, lead)
+    it.same("shape", it.moved(sizes, "i64", lead), tail, "%tail")
+    origin = it.new(f"ptrtoint ptr {own} to i64")
+    limit = it.op("add", origin, it.op("shl", it.op("mul", "%count", "%width"), 3))
+    it.label("taken")
+    it.label("begin")
+    memory = it.new(f"phi ptr [ null, %make ], [ {own}, %taken ]")
+    start = it.new(f"phi i64 [ 0, %make ], [ {origin}, %taken ]")
+    end = it.new(f"phi i64 [ 0, %make ], [ {limit}, %taken ]")
 
     # The arguments, one after the other.
-    it.label("begin")
+    it.label("arguments")
     it.label("argument")
-    it.lines.append("  %k = phi i64 [ 0, %begin ], [ %knext, %kept ]")
+    it.lines.append("  %k = phi i64 [ 0, %arguments ], [ %knext, %kept ]")
     read, sizes, number = it.array(it.item("%things", "%k", "ptr"), head, _C_CONTIGUOUS | _ALIGNED)
     place = it.op("add", it.op("shl", "%k", 1), _ARGUMENTS)
     width, is_uniform = it.item(table, place), it.item(table, it.op("add", place, 1))
@@ -256,12 +325,25 @@ def _source(triple: str, head: int, lanes: int) -> str:
     it.lines.append("  %knext = add i64 %k, 1")
     it.fork("icmp slt i64 %knext, %n", "argument", "compute")
 
-    # Full registers side by side; what is left, one by one where it is little.
     it.lines.append("compute:")
+    it.fork(f"icmp eq ptr {out}, %nothing", "create", "reuse")
+    it.lines.append("create:")
+    it.copy("heads", "%sizes", leading, lead)
+    it.copy("tails", it.moved("%sizes", "i64", lead), tail, "%tail")
+    rank = it.new(f"trunc i64 {it.op('add', lead, '%tail')} to i32")
+    plain = f"i32 {double}, ptr null, ptr null, i32 0, i32 0, ptr null"
+    created = it.new(f"call ptr %new(ptr {it.new('inttoptr i64 %array to ptr')}, i32 {rank}, ptr %sizes, {plain})")
+    it.fork(f"icmp eq ptr {created}, null", "failed", "created")
+    it.lines.append("created:")
+    fresh = it.at(created, head + _DATA, "ptr")
+    it.lines += ["  br label %write", "reuse:", f"  call void @Py_IncRef(ptr {out})", "  br label %write", "write:"]
+    result = it.new(f"phi ptr [ {created}, %created ], [ {out}, %reuse ]")
+    data = it.new(f"phi ptr [ {fresh}, %created ], [ {memory}, %reuse ]")
+
+    # Full registers side by side; what is left, one by one where it is little.
     left = it.op("and", "%count", lanes - 1)
     little = it.new(f"icmp sle i64 {left}, %few")
-    rest = it.new(f"select i1 {little}, i64 {left}, i64 0")
-    apart = it.new(f"select i1 {it.new('icmp sle i64 %count, %alone')}, i64 %count, i64 {rest}")
+    apart = it.new(f"select i1 {little}, i64 {left}, i64 0")
     together = it.op("sub", "%count", apart)
     target = it.moved(data, "double", it.op("mul", together, "%width"))
     cases = " ".join(f"i64 {k}, label %both{k}" for k in range(1, _MOST_ARGUMENTS + 1))
@@ -287,10 +369,12 @@ def _source(triple: str, head: int, lanes: int) -> str:
             "entry:",
             f"  %pointers = alloca [{_MOST_ARGUMENTS} x ptr]",
             f"  %steps = alloca [{_MOST_ARGUMENTS} x i64]",
+            f"  %sizes = alloca [{_MOST_LEADING + _MOST_SHAPE} x i64]",
             *it.lines,
             "done:",
-            f"  call void @Py_IncRef(ptr {out})",
-            f"  ret ptr {out}",
+            f"  ret ptr {result}",
+            "failed:",
+            "  ret ptr null",
             "none:",
             "  call void @Py_IncRef(ptr %nothing)",
             "  ret ptr %nothing",

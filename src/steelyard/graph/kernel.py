@@ -403,8 +403,9 @@ class Kernel:
         """Return a built-in function for a few samples, which does in a fraction of a microsecond what it can do.
 
         It takes the arguments, (..., width) or (width,) each, and an array (..., *shape) for the outputs, and returns
-        that array; or None, having done nothing, where one of them is not a C-contiguous array of doubles, does not
-        fit, or has memory in common with the outputs, and where there are too many samples.
+        that array, or a new one where None was given; or None, having done nothing, where one of them is not a
+        C-contiguous array of doubles, does not fit, or has memory in common with the outputs, and where there are too
+        many samples, or for a new array more than `most_small`.
 
         Parameters
         ----------
@@ -423,16 +424,21 @@ class Kernel:
             from .direct_call import direct_call  # only where small batches are computed
 
             single = self.function_pointer
-            batch, few, alone = single, 1, 1
+            batch, few = single, 1
             if several:
                 batch = self._code(batch_lanes()).addresses["kernel"]
-                # A register that is not full takes as long as 2 single samples, or nearly as long as its lanes where
-                # most of the time goes into writing. There the batch also begins with as much as two samples take.
-                writes = self._width > 8 / 3 * self._cost
-                few, alone = (batch_lanes() - 1, 2 * (batch_lanes() - 1)) if writes else (2, 2)
+                # A register that is not full takes as long as 2 single samples, or half its lanes where most of the
+                # time goes into writing (of a humanoid's regressor, up to its lanes, and no longer than they take).
+                few = batch_lanes() // 2 if self._width > 8 / 3 * self._cost else 2
             most = self.most if several else 1
             self._direct[key] = direct_call(
-                self.arguments, shape, single=single, batch=batch, few=few, alone=alone, most=most
+                self.arguments,
+                shape,
+                single=single,
+                batch=batch,
+                few=few,
+                most=most,
+                made=self.most_small,
             )
         return self._direct[key]
 
@@ -469,15 +475,13 @@ class Kernel:
             If an array does not fit.
         """
         width = self._width
-        if out is None:
-            result = np.empty(width)
-        elif out.shape != (width,) or out.dtype is not DOUBLE:
+        if out is not None and (out.shape != (width,) or out.dtype is not DOUBLE):
             raise InputError(f"out must be a float64 array of shape ({width},), got {out.dtype} {out.shape}.")
-        else:
-            result = out
         direct = self.direct((width,))
-        if direct is not None and direct(*arrays, result) is not None:
+        result: Array | None = None if direct is None else direct(*arrays, out)
+        if result is not None and result.ndim == 1:
             return result
+        result = np.empty(width) if out is None else out
         rows = [np.asarray(a, dtype=np.float64) for a in arrays]
         for argument, row in zip(self.arguments, rows, strict=False):
             if row.shape != (argument.width,):
