@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.display import html_table
 from steelyard.errors import InputError
-from steelyard.robot.robot import PRESLIDING
 
 from .cutoff.evidence import CutoffChoice
 
@@ -241,9 +240,10 @@ class Samples:
         if model is not None and all(part.regressor_model is model for part in parts):
             regressor = np.vstack([part.regressor for part in parts if part.regressor is not None])
         channels, bristles = joined_channels([part.channels for part in parts]), parts[0].bristles
-        if any(not _are(part.bristles, bristles) for part in parts):  # it is computed anew by what needs it
+        if any(not _are(part.bristles, bristles) for part in parts):  # their states are computed anew where needed
+            states = {part.bristles.channel for part in parts if part.bristles is not None}
+            channels = {name: values for name, values in (channels or {}).items() if name not in states} or None
             bristles = None
-            channels = {name: values for name, values in (channels or {}).items() if name != PRESLIDING} or None
         return cls(
             q=np.vstack([part.q for part in parts]),
             dq=np.vstack([part.dq for part in parts]),
