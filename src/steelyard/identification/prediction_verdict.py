@@ -189,7 +189,7 @@ class PredictionVerdict:
     @property
     def relative_noise(self) -> float:
         """Size of the white noise relative to the torques over all the joints; NaN where it could not be told apart."""
-        size = float(np.linalg.norm(self.joint_error))
+        size = float(np.linalg.norm(np.nan_to_num(self.joint_error)))
         if np.isnan(self.noise_floor).any() or size == 0.0:
             return float("nan")
         return self.relative_error * float(np.linalg.norm(self.noise_floor)) / size
@@ -508,8 +508,9 @@ def prediction_verdict(
         sentences.append(said_of(few_rows))
         white[[one.index for one in few_rows]] = np.nan  # short events look white
     told = tuple(sentences)
+    seen = np.where((torque > 0.0) | (error > 0.0), error, np.nan)  # of a joint that was left out nothing is known
     return PredictionVerdict(
-        word, source, model, whole, tuple(names), relative, error, floor, white, told, tuple(few_rows)
+        word, source, model, whole, tuple(names), relative, seen, floor, white, told, tuple(few_rows)
     )
 
 

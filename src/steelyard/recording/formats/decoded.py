@@ -96,15 +96,15 @@ class DecodedColumns:
         self.names = tuple(names)
         self.count = 0
         self._decode = decode
-        self._held: list[NDArray[np.float64]] | None = []
+        self._held: list[Sequence[NDArray[np.float64]]] | None = []
         self._file: IO[bytes] | None = None
         self._lock = Lock()
         # Some are written while others are decoded.
         for block in regrouped_columns(ahead(decode(), 1), STORED_ROWS):
             self.count += column_length(block)
-            self._store(np.stack([block[name] for name in self.names]))
+            self._store([np.ascontiguousarray(block[name], dtype=np.float64) for name in self.names])
 
-    def _store(self, block: NDArray[np.float64]) -> None:
+    def _store(self, block: Sequence[NDArray[np.float64]]) -> None:
         if self._held is None and self._file is None:  # there is no room
             return
         try:
@@ -113,7 +113,7 @@ class DecodedColumns:
                 return
             assert self._held is not None
             self._held.append(block)
-            if len(self._held) * self._held[0].nbytes > IN_MEMORY:
+            if len(self._held) * sum(column.nbytes for column in self._held[0]) > IN_MEMORY:
                 held, self._held = self._held, None
                 self._file = tempfile.TemporaryFile(prefix="steelyard-", dir=large_files(), buffering=0)  # noqa: SIM115
                 weakref.finalize(self, self._file.close)
@@ -164,10 +164,11 @@ class DecodedColumns:
             data = data[taken:]
 
 
-def _write(file: IO[bytes], block: NDArray[np.float64]) -> None:
-    data = block.data.cast("B")
-    while len(data):
-        data = data[file.write(data) :]
+def _write(file: IO[bytes], block: Sequence[NDArray[np.float64]]) -> None:
+    for column in block:  # put together, they would be copied once more
+        data = column.data.cast("B")
+        while len(data):
+            data = data[file.write(data) :]
 
 
 def large_files() -> str | None:
