@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scipy.spatial
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -184,6 +185,24 @@ def test_lengths_along_an_axis_are_shared():
     # A spherical shoulder, 0.6 m along the axis of the third joint, an elbow: half of it before that joint.
     robot = sy.Robot.from_dh([("-pi/2", 0, 0, "q"), ("pi/2", 0, 0, "q"), ("-pi/2", 0, 0.6, "q"), (0, 0.5, 0, "q")])
     assert [one.shape.length for one in kinematic_bodies(robot)[1:3]] == pytest.approx([0.3, 0.3])
+
+
+def test_a_link_with_many_frames_spans_the_farthest_of_them(tmp_path):
+    """With 3000 of them not all pairs are compared: by 10^5 that would take 224 GiB."""
+    places = np.random.default_rng(3).normal(size=(3000, 3)) * [0.02, 0.05, 0.2]
+    frames = "".join(
+        f'<link name="f{k}"/><joint name="g{k}" type="fixed"><parent link="l"/><child link="f{k}"/>'
+        f'<origin xyz="{x} {y} {z}"/></joint>'
+        for k, (x, y, z) in enumerate(places)
+    )
+    (tmp_path / "many.urdf").write_text(
+        '<robot name="r"><link name="b"/><link name="l"/><joint name="j" type="continuous"><parent link="b"/>'
+        f'<child link="l"/><axis xyz="0 0 1"/></joint>{frames}</robot>'
+    )
+    robot = sy.Robot.from_urdf(tmp_path / "many.urdf")
+    exact = scipy.spatial.distance.pdist(places).max()
+    (body,) = kinematic_bodies(robot)
+    assert 0.97 * exact <= body.shape.length <= exact * (1.0 + 1e-12)
 
 
 def test_strokes_count():

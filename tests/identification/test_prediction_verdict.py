@@ -145,6 +145,19 @@ def test_nothing_held_out_is_poor() -> None:
     assert "too short" in found.sentences[1]
 
 
+def test_of_a_joint_that_is_left_out_no_error_is_told() -> None:
+    arm = simulated_arm(18)
+    mask = np.ones_like(arm.samples.torque, dtype=bool)
+    mask[:, 1] = False
+    information = Information.from_chunks(arm.model, [replace(arm.samples, mask=mask)])
+    found = prediction_verdict(information, arm.truth @ arm.feasible_set.K.T, units=("N·m", "N", "N·m"))
+    assert np.isnan(found.joint_error).tolist() == [False, True, False]
+    assert np.isnan(found.joint_relative_error).tolist() == [False, True, False]
+    assert found.joint_model_error[1] == 0.0
+    assert np.isfinite([found.model_error, found.relative_error, found.relative_noise]).all()
+    assert str(found).splitlines()[-2].split() == [information.joint_names[1]]
+
+
 def test_plain_data() -> None:
     arm = simulated_arm(19)
     found = verdict_of(arm, 1)

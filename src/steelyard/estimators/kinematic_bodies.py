@@ -31,6 +31,9 @@ SHORTEST_REACH = 0.01
 ASSUMED_REACH = 0.3
 """m, of a robot without a known size."""
 
+MANY_POINTS = 1000
+"""Points of a link from which on not all pairs are compared, which takes 24 bytes each: 24 MB for a thousand points."""
+
 
 class _Step(NamedTuple):
     """The place of a joint: its frame in the link before it, and how far along its axis."""
@@ -93,21 +96,32 @@ def kinematic_bodies(robot: Robot) -> tuple[collision.PlacedShape, ...]:
     reach = reach if known else ASSUMED_REACH
     found = []
     for index, points in enumerate(_points(robot)):
-        differences = points[:, None] - points[None]
-        distances = np.linalg.norm(differences, axis=2)
-        one, other = np.unravel_index(np.argmax(distances), distances.shape)
-        length = float(distances[one, other])
+        one, other = _ends(points)
+        difference = points[one] - points[other]
+        length = float(np.linalg.norm(difference))
         radius = SLENDERNESS * (reach + beyond[index])
         if length < SHORTEST_REACH and not any(joint.parent == index for joint in robot.joints):
             radius = FREE_END * _mean_length(robot, index, reach)
         placement = np.eye(4)
         shape: collision.Shape = collision.Sphere(radius)
         if length > 1e-6 * reach:
-            placement = axis_frame(differences[one, other])
+            placement = axis_frame(difference)
             shape = collision.Capsule(radius, length)
         placement[:3, 3] = (points[one] + points[other]) / 2.0
         found.append(collision.PlacedShape(shape, robot.links[index].name, index, placement))
     return tuple(found)
+
+
+def _ends(points: Array) -> tuple[int, int]:
+    """Return the two of some points that are farthest apart, (K, 3); of many, two that are nearly so."""
+    if len(points) <= MANY_POINTS:
+        distances = np.linalg.norm(points[:, None] - points[None], axis=2)
+        found = np.unravel_index(np.argmax(distances), distances.shape)
+        return int(found[0]), int(found[1])
+    one = other = 0
+    for _ in range(3):  # from a point to the farthest one, and on from there
+        one, other = other, int(np.argmax(np.linalg.norm(points - points[other], axis=1)))
+    return one, other
 
 
 def _mean_length(robot: Robot, index: int, reach: float) -> float:

@@ -156,7 +156,7 @@ class PredictionVerdict:
     joint_relative_error : ndarray
         (N,).
     joint_error : ndarray
-        (N,) root mean square, N·m or N.
+        (N,) root mean square, N·m or N; NaN of a joint that was left out.
     noise_floor : ndarray
         (N,) root mean square of the white noise in the torques that were predicted, N·m or N: no model predicts that.
         NaN where it could not be told apart; that of the data of the fit where single logs are too short to tell. What
@@ -189,10 +189,9 @@ class PredictionVerdict:
     @property
     def relative_noise(self) -> float:
         """Size of the white noise relative to the torques over all the joints; NaN where it could not be told apart."""
-        size = float(np.linalg.norm(np.nan_to_num(self.joint_error)))
-        if np.isnan(self.noise_floor).any() or size == 0.0:
-            return float("nan")
-        return self.relative_error * float(np.linalg.norm(self.noise_floor)) / size
+        seen = np.isfinite(self.joint_error)
+        size, noise = (float(np.linalg.norm(values[seen])) for values in (self.joint_error, self.noise_floor))
+        return self.relative_error * noise / size if size > 0.0 else float("nan")
 
     @property
     def clause(self) -> str:
