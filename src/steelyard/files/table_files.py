@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import mmap
 import struct
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -67,10 +68,15 @@ def check_parquet(path: str | Path) -> None:
     InputError
         If the file or one of its pages is damaged.
     """
-    if not Path(path).stat().st_size:
-        return  # an empty file cannot be mapped; Polars says what it is
+    state = Path(path).stat()
+    if state.st_size:  # an empty file cannot be mapped; Polars says what it is
+        _check_parquet(str(path), (state.st_dev, state.st_ino, state.st_size, state.st_mtime_ns))
+
+
+@lru_cache(maxsize=256)  # of 3000 columns it takes 0.3 s, and an identification opens a log several times
+def _check_parquet(path: str, state: tuple[int, ...]) -> None:
     try:
-        with Path(path).open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+        with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
             for rows, column in _columns(content):
                 if not _is_sound(content, rows, column):
                     raise ValueError("the header of a page is damaged")
