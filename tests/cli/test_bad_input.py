@@ -194,5 +194,6 @@ def test_no_empty_folder_is_left_behind(run, place, monkeypatch, cause):
     for output in (new, there):
         code, _, err = run("identify", place / "robot.toml", place / "short.csv", "--output", output)
         assert code == (130 if cause == "an interrupt" else 2), err
+        assert cause != "an interrupt" or err.endswith("steelyard: interrupted\n")
     assert not new.parent.exists()
     assert there.is_dir()

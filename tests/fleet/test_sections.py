@@ -4,6 +4,7 @@ import contextlib
 import pickle
 import threading
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -223,3 +224,21 @@ class Stops:
 
     def run(self, *_: Any) -> Any:
         raise StopsError
+
+
+@pytest.mark.parametrize("section", [0, 1])
+def test_an_interrupt_of_one_thread_ends_the_others_soon(monkeypatch: pytest.MonkeyPatch, section: int) -> None:
+    """Polars raises Ctrl-C in the thread that it works for, while the caller may wait for the section of another."""
+
+    def reduced_section(log: object, number: int, model: object, lead: int, stop: threading.Event) -> None:
+        if number == section:
+            raise KeyboardInterrupt
+        assert stop.wait(60.0)
+        raise RuntimeError("nobody waits for this section any more")
+
+    monkeypatch.setattr("steelyard.identification.log_reader.one_thread", lambda: contextlib.nullcontext(2))
+    reader = object.__new__(LogReader)
+    monkeypatch.setattr(reader, "reduced_section", reduced_section, raising=False)
+    log = SimpleNamespace(sections=4, opened=SimpleNamespace(can_move=True))
+    with pytest.raises(KeyboardInterrupt):
+        list(reader._sections(log, None))

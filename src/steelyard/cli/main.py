@@ -164,16 +164,23 @@ def main() -> None:
     with guarded():
         try:
             app()
-        except (SystemExit, GeneratorExit):
+        except GeneratorExit:
+            raise
+        except SystemExit as ended:
+            if ended.code == _INTERRUPTED:  # as Typer ends what the user interrupts, without a word
+                _end(_INTERRUPTED, "interrupted")
             raise
         except SteelyardError as error:
             _end(2, sentence(lines_told(str(error), sys.argv[1:])))
         except KeyboardInterrupt:
-            _end(130, "interrupted")
+            _end(_INTERRUPTED, "interrupted")
         except OSError as error:
             _end(2, sentence(f"{error.filename or 'the system'}: {error.strerror or error}."))
         except BaseException as error:  # a panic of Polars is no Exception
             _end(70, sentence(_told(error)))
+
+
+_INTERRUPTED = 130  # by Ctrl-C, as shells say it
 
 
 def _end(code: int, message: str) -> NoReturn:

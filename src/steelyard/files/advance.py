@@ -54,12 +54,13 @@ def tell(what: str, done: float, total: float | None, unit: str) -> None:
         watcher(what, done, total, unit)
 
 
-def ahead(items: Iterable[Item], count: int) -> Generator[Item, None, None]:
+def ahead(items: Iterable[Item], count: int, stop: Event | None = None) -> Generator[Item, None, None]:
     """Yield what another thread computes, at most `count` items before they are asked for; with 0 what this one does.
 
     So a log is decoded while rows that were decoded before are filtered, and both while others are reduced: NumPy,
     Polars and compiled kernels let go of the interpreter. An error of the other thread is raised here, where the item
-    is asked for. When the consumer stops, so does the other thread, at its next item.
+    is asked for. When the consumer stops, so does the other thread, at its next item; `stop` is set then, for
+    items that take long.
 
     Examples
     --------
@@ -108,4 +109,6 @@ def ahead(items: Iterable[Item], count: int) -> Generator[Item, None, None]:
                 return
     finally:
         stopped.set()
+        if stop is not None:
+            stop.set()
         thread.join()

@@ -330,30 +330,44 @@ class LogReader:
             return
         from steelyard.graph.large_arrays import return_free_memory  # only long logs need it
 
-        stop = Event()
+        stops, interrupted = [Event() for _ in range(count)], Event()
         return_free_memory()  # of the rows by which the processing was decided
+
+        def stop_all() -> None:
+            for stop in stops:
+                stop.set()
 
         def some(first: int) -> Iterator[ReducedSection | None]:
             yield None  # each thread begins when it is first asked
-            with watched(None) if first else contextlib.nullcontext():  # one of them tells how far it has come
-                for section in range(first, log.sections, count):
-                    if section ^ 1 < log.sections:
-                        with serial():
-                            reduced = self.reduced_section(log, section, model, 0, stop)
-                    else:  # the last one is alone
-                        reduced = self.reduced_section(log, section, model, chunks.LEAD, stop)
-                    yield reduced
+            try:
+                with watched(None) if first else contextlib.nullcontext():  # one of them tells how far it has come
+                    for section in range(first, log.sections, count):
+                        if section ^ 1 < log.sections:
+                            with serial():
+                                reduced = self.reduced_section(log, section, model, 0, stops[first])
+                        else:  # the last one is alone
+                            reduced = self.reduced_section(log, section, model, chunks.LEAD, stops[first])
+                        yield reduced
+            except KeyboardInterrupt:  # which Polars raises in the thread that it works for
+                interrupted.set()
+                stop_all()
+                raise
 
-        workers = [ahead(some(first), 1) for first in range(count)]
+        workers = [ahead(some(first), 1, stop) for first, stop in enumerate(stops)]
         try:
             for worker in workers:
                 next(worker)
             for section in range(log.sections):
-                found = next(workers[section % count])
+                try:
+                    found = next(workers[section % count])
+                except RuntimeError:
+                    if interrupted.is_set():  # the other one was
+                        raise KeyboardInterrupt from None
+                    raise
                 assert found is not None
                 yield found
         finally:
-            stop.set()
+            stop_all()
             for worker in workers:
                 worker.close()
 
