@@ -1,10 +1,15 @@
 """Results that are written into arrays of the caller, beside results in arrays of their own."""
 
+import gc
+import inspect
+import weakref
+
 import numpy as np
 import pytest
 from batches import drawn, one_by_one, small_model
 
 import steelyard as sy
+from steelyard.dynamics import model as model_module
 from steelyard.graph import direct_call
 from steelyard.graph import kernel as kernel_module
 
@@ -13,8 +18,8 @@ MODEL = small_model()
 
 @pytest.fixture(autouse=True)
 def _direct_at_once(monkeypatch):
-    """Let machine code look at the arrays at the first call already."""
-    monkeypatch.setattr("steelyard.dynamics.functions._CALLS", 1)
+    """Let machine code look at the arrays at the first call already, which makes it ready for the second."""
+    monkeypatch.setattr("steelyard.dynamics.functions._CALLS", 2)
 
 
 def given_arrays(function, lead, seed=0):
@@ -173,6 +178,53 @@ def test_what_is_called_often_is_called_directly(monkeypatch):
             assert (several in calls) == (turn >= 2)
             assert model.gravity(batch, p).tobytes() == expected.tobytes()
             assert model.gravity(batch.tolist(), p).tobytes() == expected.tobytes()
+
+
+def test_methods_that_are_called_often_keep_their_signature():
+    """Machine code stands in their place; what it cannot do it leaves to the method."""
+    model = small_model()
+    plain = [name for name in sorted(model_module._PLAIN) if name in model.functions]
+    assert plain == sorted(model_module._PLAIN)
+    for name in plain:
+        given = given_arrays(MODEL.function(name), (3,))
+        before = getattr(model, name)(*given)
+        assert name in vars(model)
+        after = getattr(model, name)
+        assert inspect.signature(after).parameters.keys() == inspect.signature(getattr(MODEL, name)).parameters.keys()
+        assert after.__doc__ == inspect.getdoc(getattr(sy.Model, name))
+        assert after(*given).tobytes() == after(*(a.tolist() for a in given)).tobytes() == before.tobytes()
+    q, p = np.zeros(2), np.ones(model.parameter_count)
+    down = np.array([0.0, 0.0, -9.81])
+    assert model.gravity(q, p, gravity=2.0 * down).tobytes() == MODEL.gravity(q, p, gravity=2.0 * down).tobytes()
+    with pytest.raises(TypeError, match="positional"):
+        model.gravity(q, p, down)
+    with pytest.raises(sy.InputError, match="2 joints"):
+        model.gravity(np.zeros(3), p)
+
+
+def test_a_class_with_methods_of_its_own_keeps_them():
+    class Doubled(sy.Model):
+        def gravity(self, q, parameters, **options):
+            return 2.0 * super().gravity(q, parameters, **options)
+
+    model = Doubled(MODEL.robot)
+    q, p = np.array([0.3, 0.2]), np.ones(model.parameter_count)
+    for _ in range(3):
+        np.testing.assert_allclose(model.gravity(q, p), 2.0 * MODEL.gravity(q, p), rtol=1e-14)
+
+
+def test_a_model_that_nobody_has_is_freed():
+    model = small_model()
+    q, p = np.zeros(2), np.ones(model.parameter_count)
+    model.gravity(q, p)
+    direct, there = model.gravity, weakref.ref(model)
+    del model
+    gc.collect()
+    assert there() is not None  # the function may still be called
+    assert np.isfinite(direct(q, p)).all()
+    del direct
+    gc.collect()
+    assert there() is None
 
 
 def test_a_number_stays_a_number():

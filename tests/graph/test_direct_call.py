@@ -1,12 +1,15 @@
 """Built-in functions that compute a few samples: what they take, and what they leave alone."""
 
+import inspect
 import sys
+from functools import cache
 
 import numpy as np
 import pytest
 from small_kernels import NO_CACHE, PARAMETERS, expected, motions, pendulum, unusual
 
 from steelyard.graph import Argument, Kernel, direct_call
+from steelyard.graph import kernel as kernel_module
 from steelyard.graph.machine import batch_lanes
 
 
@@ -41,13 +44,15 @@ def test_a_new_array_where_none_is_given(direct, lead):
     assert found.shape == (*lead, 2)
     assert found.flags.owndata
     assert found.flags.carray
-    assert sys.getrefcount(found) == 2
+    assert sys.getrefcount(found) == 3  # the function has it, too
     assert found.tobytes() == direct(motion, PARAMETERS, np.empty((*lead, 2))).tobytes()
 
 
-def test_no_new_array_that_is_large_or_has_many_dimensions(kernel):
+def test_no_new_array_that_is_large_or_has_many_dimensions(monkeypatch):
+    monkeypatch.setattr(kernel_module, "_MADE", 1 << 10)
+    kernel = Kernel(pendulum(), cache=NO_CACHE)
     motion = motions(kernel.most_small + 1)
-    assert kernel.most_small < kernel.most
+    assert kernel.most_small == 64
     direct = kernel.direct((2,), several=True)
     assert direct(motion, PARAMETERS, None) is None
     assert direct(motion[1:], PARAMETERS, None).shape == (kernel.most_small, 2)
@@ -56,6 +61,90 @@ def test_no_new_array_that_is_large_or_has_many_dimensions(kernel):
     assert direct(np.ones((1, 1, 1, 1, 1, 3)), PARAMETERS, None) is None
     assert direct(motions(3), PARAMETERS[:1], None) is None
     assert direct(motions(0), PARAMETERS, None) is None
+
+
+def test_results_that_somebody_has_are_never_written_again(kernel):
+    """Neither arrays nor views, buffers or what was changed in place; what nobody has any more is returned anew."""
+    direct = kernel.direct((2,), several=True, otherwise=lambda *_: None)
+    motion = motions(40)
+    kept = [direct(row, PARAMETERS) for row in motion]
+    np.testing.assert_allclose(kept, expected(motion), rtol=1e-12)
+    assert len({found.ctypes.data for found in kept}) == len(kept)
+    for keep in (lambda a: a[1:], memoryview, lambda a: a.reshape(2, 1), lambda a: [a]):
+        thing = keep(direct(motion[0], PARAMETERS))
+        before = bytes(np.asarray(thing).tobytes())
+        for row in motion[1:5]:
+            direct(row, PARAMETERS)
+        assert np.asarray(thing).tobytes() == before
+    places = [id(direct(row, PARAMETERS)) for row in motion]
+    assert len(set(places[2:])) == 1
+    named = set()
+    for row in motion:
+        result = direct(row, PARAMETERS)
+        named.add(id(result))
+        np.testing.assert_allclose(result, expected(row[None])[0], rtol=1e-12)
+    assert len(named) <= 4  # two take turns, beside those that were kept before
+
+
+@pytest.mark.parametrize(
+    "change",
+    [lambda a: a.setflags(write=False), lambda a: setattr(a, "shape", (2, 1)), lambda a: setattr(a, "dtype", "i8")],
+)
+def test_results_that_were_changed_in_place_are_not_returned_anew(kernel, change):
+    direct = kernel.direct((2,), otherwise=lambda *_: None)
+    motion = motions(5)
+    for row in motion:
+        result = direct(row, PARAMETERS)
+        assert (result.shape, result.dtype, result.flags.writeable) == ((2,), np.float64, True)
+        np.testing.assert_allclose(result, expected(row[None])[0], rtol=1e-12)
+        change(result)
+
+
+def test_without_known_counts_of_references(monkeypatch):
+    """As in an interpreter without its lock: then every result is new."""
+    monkeypatch.setattr(direct_call, "_references_are_counted", lambda: False)
+    monkeypatch.setattr(direct_call, "_loaded", cache(direct_call._loaded.__wrapped__))
+    monkeypatch.setattr(direct_call, "_definition", cache(direct_call._definition.__wrapped__))
+    kernel = Kernel(pendulum(), cache=NO_CACHE)  # which has to outlive its function
+    direct = kernel.direct((2,), several=True)
+    motion = motions(3)
+    found = direct(motion, PARAMETERS, None)
+    assert sys.getrefcount(found) == 2
+    np.testing.assert_allclose(found, expected(motion), rtol=1e-12)
+
+
+def test_the_place_of_a_method(kernel):
+    """What cannot be done at once is left to the method, with the same arguments, and so are its errors."""
+    calls = []
+
+    def both(motion, parameters, *, scale=1.0, out=None):
+        """Say something."""
+        calls.append((motion, parameters, scale, out))
+        if scale == 0.0:
+            raise ZeroDivisionError("scale")
+        return "left"
+
+    direct = kernel.direct((2,), several=True, otherwise=both)
+    assert (direct.__name__, direct.__doc__) == ("both", "Say something.")
+    assert str(inspect.signature(direct)) == "(motion, parameters, *, scale=1.0, out=None)"
+    motion, out = motions(3), np.empty((3, 2))
+    assert direct(motion, PARAMETERS, out=out) is out
+    np.testing.assert_allclose(out, expected(motion), rtol=1e-12)
+    assert direct(motion, PARAMETERS).tobytes() == direct(motion, PARAMETERS, out=None).tobytes() == out.tobytes()
+    assert calls == []
+    assert direct(motion.tolist(), PARAMETERS) == direct(motion, parameters=PARAMETERS) == "left"
+    assert direct(motion, PARAMETERS, scale=2.0) == direct(motion, PARAMETERS, scale=2.0, out=out) == "left"
+    assert direct(motion, PARAMETERS, out=out[:1]) == direct(motion[:, :2].copy(), PARAMETERS) == "left"
+    assert [(scale, given is None) for _, _, scale, given in calls[2:4]] == [(2.0, True), (2.0, False)]
+    assert calls[1][1] is PARAMETERS
+    with pytest.raises(TypeError, match=r"both\(\) takes 2 positional arguments"):
+        direct(motion, PARAMETERS, out)
+    with pytest.raises(TypeError, match="missing"):
+        direct()
+    with pytest.raises(TypeError, match="unexpected"):
+        direct(motion, PARAMETERS, other=out)
+    with pytest.raises(ZeroDivisionError):
+        direct(motion, PARAMETERS, scale=0.0)
 
 
 @pytest.mark.parametrize("name", ["_KNOWN_VERSIONS", "_NEW_ARRAY"])

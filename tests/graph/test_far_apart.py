@@ -40,7 +40,8 @@ def crowd(pages):
 
 x = Graph().inputs("x", 2)
 motion = np.array([[0.5, 2.0], [0.7, 3.0]])
-support = [host_machine(lanes).support for lanes in (1, batch_lanes())]
+assert host_machine(1).support is host_machine(batch_lanes()).support
+support = host_machine(1).support
 kernels = []
 for pages in range(1, 9):
     output = Output("y", (), (sin(x[0]) * x[1] * (0.1 + pages),))
@@ -52,7 +53,7 @@ for pages in range(1, 9):
     assert np.allclose(kernel.sample(motion[1]), values[1], rtol=1e-14)
     kernels.append(kernel)
 places = [code.addresses["kernel"] for kernel in kernels for code in kernel._loaded.values()]
-print(*(abs(place - code.addresses["clear"]) for place in places for code in support))
+print(*(abs(place - support.addresses["clear"]) for place in places))
 """
 
 
@@ -61,7 +62,7 @@ def test_memory_that_is_crowded_between_loads():
     done = subprocess.run([sys.executable, "-c", CROWDED], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     distances = [int(word) for word in done.stdout.split()]
-    assert len(distances) == 32
+    assert len(distances) == 16
     assert max(distances) > 2**36  # so that the reservations did lie between
 
 

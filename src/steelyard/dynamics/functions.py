@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -26,7 +25,7 @@ from .catalogue import CATALOGUE, Entry, Scene, forward_dynamics_function
 from .layout import ParameterLayout
 from .terms import is_known_term
 
-__all__ = ["DEFAULT_FUNCTIONS", "BaseColumns", "Evaluator", "ModelFunctions", "SmoothSign", "parameter_values"]
+__all__ = ["DEFAULT_FUNCTIONS", "BaseColumns", "Call", "Evaluator", "ModelFunctions", "SmoothSign", "parameter_values"]
 
 DEFAULT_FUNCTIONS = ("inverse_dynamics", "forward_dynamics", "inertia_matrix", "coriolis", "gravity", "regressor")
 """The functions of which source is generated where none are named; ``presliding_step`` as well where friction has a
@@ -496,7 +495,7 @@ def parameter_values(parameters: ArrayLike, names: Sequence[str], robot_name: st
 _CALLS = 100
 
 
-class _Call:
+class Call:
     """A compiled function, and what is looked up once instead of at every call.
 
     Attributes
@@ -514,8 +513,12 @@ class _Call:
         self.kernel = kernel
         self.shape = shapes[0] if len(shapes) == 1 else (len(shapes), *shapes[0])
         self.direct: Callable[..., Array | None] = _nothing
-        self._several = False
+        self.several = False
         self._calls = count(2), count(2)
+
+    def method(self, otherwise: Callable[..., Any]) -> Callable[..., Any] | None:
+        """Return what takes the place of a method of a model, see :meth:`steelyard.graph.Kernel.direct`."""
+        return self.kernel.direct(self.shape, several=self.several, otherwise=otherwise)
 
     @cached_property
     def most(self) -> int:
@@ -535,8 +538,8 @@ class _Call:
         several = first.ndim > 1
         if several and first.size > self.most:
             return None
-        if next(self._calls[several]) == _CALLS and not self.kernel.compact and not self._several:
-            self._several = several
+        if next(self._calls[several]) == _CALLS and not self.kernel.compact and not self.several:
+            self.several = several
             self.direct = self.kernel.direct(self.shape, several=several) or _nothing
         if out is not None or first.size <= self.small or self.direct is _nothing:
             return None
@@ -555,24 +558,25 @@ class Evaluator:
     functions : ModelFunctions
     threads : int
         How many share a large batch.
-
-    Attributes
-    ----------
-    direct : mapping
-        By the name of a function, with the gravity of the robot: what `compute` tries first, see
-        :meth:`steelyard.graph.Kernel.direct`. Around a call for one sample, `compute` would take as long as it.
+    called_often : callable, optional
+        Given the name of a function, with the gravity of the robot, and its `Call`, where a new direct call was made.
     """
 
-    def __init__(self, functions: ModelFunctions, threads: int = 1) -> None:
+    def __init__(
+        self,
+        functions: ModelFunctions,
+        threads: int = 1,
+        called_often: Callable[[str, Call], None] = _nothing,
+    ) -> None:
         if not isinstance(threads, int) or threads < 1:
             raise InputError(f"threads must be a positive integer, got {threads!r}.")
         self._threads = threads
         self._functions = functions
         self._robot = functions.robot
         self._parameter_names = functions.layout.names
-        self.direct: defaultdict[str, Callable[..., Array | None]] = defaultdict(lambda: _nothing)
-        self._calls: dict[str, _Call] = {}
-        self._calls_with_gravity: dict[str, _Call] = {}
+        self._called_often = called_often
+        self._calls: dict[str, Call] = {}
+        self._calls_with_gravity: dict[str, Call] = {}
 
     def compute(
         self, function: str, given: tuple[Any, ...], gravity: ArrayLike | None = None, out: Array | None = None
@@ -600,16 +604,17 @@ class Evaluator:
         call = calls.get(function)
         if call is None:
             kernel = self._functions.kernel(function, gravity="fixed" if gravity is None else "argument")
-            call = calls[function] = _Call(kernel)
+            call = calls[function] = Call(kernel)
         # The usual case: plain arrays that fit, which machine code finds out much sooner than Python does.
         result = call.direct(*given, out)
         if result is None:
+            before = call.direct
             result = call.again(given, out)
-            if gravity is None:
-                self.direct[function] = call.direct
+            if call.direct is not before and gravity is None:
+                self._called_often(function, call)
         return self._compute_with_care(call, given, out) if result is None else result
 
-    def _compute_with_care(self, call: _Call, given: tuple[Any, ...], out: Array | None) -> Array:
+    def _compute_with_care(self, call: Call, given: tuple[Any, ...], out: Array | None) -> Array:
         """Compute any batch of any arrays, or say what does not fit."""
         kernel = call.kernel
         motions = sum(not argument.uniform for argument in kernel.arguments)

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
+from types import MethodType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,7 +25,7 @@ from .algorithms.regressor import regressor_with_numpy, term_torques
 from .base_parameters import BaseParameters, model_base_parameters
 from .catalogue import CATALOGUE, forward_dynamics_function
 from .conditions import model_conditions
-from .functions import BaseColumns, Evaluator, ModelFunctions, parameter_values
+from .functions import BaseColumns, Call, Evaluator, ModelFunctions, parameter_values
 from .layout import ParameterLayout
 from .terms import check_term, is_known_term, term_from_dict
 from .threads import one_thread
@@ -37,6 +38,14 @@ if TYPE_CHECKING:
 __all__ = ["Model"]
 
 Array = NDArray[np.float64]
+
+# Methods that take what the function of their name does, in its order, and return what it gives.
+_PLAIN = frozenset(
+    {
+        "inverse_dynamics", "computed_torque", "gravity", "coriolis", "coriolis_matrix", "inertia_matrix",
+        "total_inertia_matrix", "momentum", "regressor", "momentum_regressor",
+    }
+)  # fmt: skip
 
 
 class Model:
@@ -72,8 +81,7 @@ class Model:
         self.robot = robot
         self._layout = ParameterLayout(robot)
         self._functions = ModelFunctions(self._layout, self.base_parameters)
-        evaluator = Evaluator(self._functions, threads)
-        self._call, self._direct = evaluator.compute, evaluator.direct
+        self._call = Evaluator(self._functions, threads, self._call_directly).compute
         if robot.channels:
             self._call = self._with_channels(self._call)
         self._forward_dynamics: dict[str, str] = {}
@@ -181,10 +189,6 @@ class Model:
         >>> model.inverse_dynamics(q, q, q, np.eye(10)[9], out=out) is out
         True
         """
-        if channels is None and gravity is None:
-            result = self._direct["inverse_dynamics"](q, dq, ddq, parameters, out)
-            if result is not None:
-                return result
         given = (q, dq, ddq, parameters) if channels is None else (q, dq, ddq, *self._logged(channels, q), parameters)
         return self._call("inverse_dynamics", given, gravity, out)
 
@@ -302,10 +306,6 @@ class Model:
         out: Array | None = None,
     ) -> Array:
         """Return H(q, dq, ddq) (..., N, n) of thesis eq. 2.22: torques are ``H delta``."""
-        if channels is None:
-            result = self._direct["regressor"](q, dq, ddq, out)
-            if result is not None:
-                return result
         given = (q, dq, ddq) if channels is None else (q, dq, ddq, *self._logged(channels, q))
         return self._call("regressor", given, None, out)
 
@@ -654,6 +654,14 @@ class Model:
             f"The term {kinds} of {self.robot.name} needs the channel {name!r}, which was not given: name its column "
             f'in [log], as in channels = {{ {name} = "..." }}, or give channels={{{name!r}: values}} in Python.'
         )
+
+    def _call_directly(self, function: str, call: Call) -> None:
+        """Let machine code stand in the place of a method that was called often; it calls the method where it must."""
+        method = getattr(type(self), function, None)
+        if function in _PLAIN and method is getattr(Model, function) and not self.robot.channels:
+            direct = call.method(MethodType(method, self))
+            if direct is not None:
+                self.__dict__[function] = direct
 
     def _with_channels(self, call: Callable[..., Array]) -> Callable[..., Array]:
         def checked(function: str, given: tuple[Any, ...], gravity: ArrayLike | None, out: Array | None) -> Array:

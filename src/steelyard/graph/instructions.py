@@ -119,6 +119,16 @@ class Instructions:
         address = self.new(f"getelementptr {self.type}, ptr {pointer}, i64 {index}")
         self.lines.append(f"  store {self.type} {value}, ptr {address}, align {8 * self.lanes}")
 
+    def store_row(self, numbers: Sequence[str], pointer: str, index: int) -> None:
+        """Write plain numbers that are neighbours in memory."""
+        kind = f"<{len(numbers)} x double>"
+        row = "zeroinitializer"
+        for position, number in enumerate(numbers):
+            if number != "0.0":
+                row = self.new(f"insertelement {kind} {row}, double {number}, i64 {position}")
+        address = self.new(f"getelementptr double, ptr {pointer}, i64 {index}")
+        self.lines.append(f"  store {kind} {row}, ptr {address}, align 8")
+
     def binary(self, operation: str, a: str, b: str) -> str:
         """Return ``a + b``, ``a - b``, ``a * b`` or ``a / b``."""
         return self.new(f"f{operation} {self.type} {a}, {b}")
@@ -294,19 +304,20 @@ SUPPORT = {
 
 
 def support_source(lanes: int, triple: str = "") -> str:
-    """Return the LLVM assembly of the functions that a kernel imports.
+    """Return the LLVM assembly of the functions that kernels import, for one sample as well as for batches.
 
     ``gather(source, width, first, step, last, slots)`` reads the rows ``first``, ``first + step`` and so on, one for
     each lane, into `width` slots. Rows beyond ``last`` stand for the last one, so that a block need not be full: what
     is computed twice is written twice. ``scatter(slots, width, first, step, last, out)`` is its reverse; where `step`
     is the number of lanes, so that all the rows begin at the same place of a line of the cache, it writes whole lines
     past the cache. ``columns(slots, width, first, last, out, stride)`` writes each slot to a row of its own.
-    ``sines_and_cosines(slots, count)`` turns the first `count` slots into sines, in the next `count` slots, and
-    cosines, in those after. ``clear(slots, count)`` writes zeros.
+    ``sines_and_cosines(numbers, count)`` turns the first `count` numbers, which fill slots, into sines, in the next
+    `count` numbers, and cosines, in those after. ``clear(numbers, count)`` writes zeros.
 
     Parameters
     ----------
     lanes : int
+        Numbers in a slot, more than one.
     triple : str
         Target triple.
 
@@ -314,40 +325,41 @@ def support_source(lanes: int, triple: str = "") -> str:
     -------
     str
     """
+    t = f"<{lanes} x double>"
+    flags = f"<{lanes} x i1>"
     lines = [f'target triple = "{triple}"'] if triple else []
-    lines += Instructions.declarations(lanes)
-    if lanes > 1:
-        t = f"<{lanes} x double>"
-        flags = f"<{lanes} x i1>"
-        lines += [
-            "declare i64 @llvm.smin.i64(i64, i64)",
-            f"declare {t} @llvm.masked.load.v{lanes}f64.p0(ptr, i32, {flags}, {t})",
-            f"declare void @llvm.masked.store.v{lanes}f64.p0({t}, ptr, i32, {flags})",
-            *_gather(lanes),
-            *_scatter(lanes),
-            *_columns(lanes),
-        ]
-    lines += [*_sines_and_cosines(lanes), *_clear(lanes)]
-    lines += ["attributes #0 = { nounwind }", "!1 = !{i32 1}"]
+    lines += [
+        *Instructions.declarations(lanes),
+        "declare i64 @llvm.smin.i64(i64, i64)",
+        f"declare {t} @llvm.masked.load.v{lanes}f64.p0(ptr, i32, {flags}, {t})",
+        f"declare void @llvm.masked.store.v{lanes}f64.p0({t}, ptr, i32, {flags})",
+        *_gather(lanes),
+        *_scatter(lanes),
+        *_columns(lanes),
+        *_sines_and_cosines(lanes),
+        *_clear(lanes),
+        "attributes #0 = { nounwind }",
+        "!1 = !{i32 1}",
+    ]
     return "\n".join(lines) + "\n"
 
 
-def _loop(head: str, start: Instructions, body: Instructions, count: str, step: int) -> list[str]:
-    """Return a function with a loop over ``%c``; it must run at least once."""
+def _function(head: str, *blocks: list[str]) -> list[str]:
+    return [f"define void {head} #0 {{", *(line for block in blocks for line in block), "done:", "  ret void", "}"]
+
+
+def _turns(
+    label: str, body: Instructions, limit: str, step: int, *, before: str, begin: str = "0", after: str = "done"
+) -> list[str]:
+    """Return a block that is repeated while its counter, ``%c`` and the label, is below a limit, and at least once."""
+    counter = f"%c{label}"
     return [
-        f"define void {head} #0 {{",
-        "entry:",
-        *start.lines,
-        "  br label %loop",
-        "loop:",
-        "  %c = phi i64 [ 0, %entry ], [ %following, %loop ]",
+        f"{label}:",
+        f"  {counter} = phi i64 [ {begin}, %{before} ], [ {counter}.next, %{label} ]",
         *body.lines,
-        f"  %following = add i64 %c, {step}",
-        f"  %more = icmp slt i64 %following, {count}",
-        "  br i1 %more, label %loop, label %done",
-        "done:",
-        "  ret void",
-        "}",
+        f"  {counter}.next = add i64 {counter}, {step}",
+        f"  {counter}.more = icmp slt i64 {counter}.next, {limit}",
+        f"  br i1 {counter}.more, label %{label}, label %{after}",
     ]
 
 
@@ -377,17 +389,20 @@ def _gather(lanes: int) -> list[str]:
     start, body = Instructions(lanes, "e"), Instructions(lanes)
     rows = _rows(start, "%source")
     t = body.type
-    flags = _lanes_below(body, body.new("sub i64 %width, %c"))
+    flags = _lanes_below(body, body.new("sub i64 %width, %cloop"))
     loaded = []
     for row in rows:
-        address = body.new(f"getelementptr double, ptr {row}, i64 %c")
+        address = body.new(f"getelementptr double, ptr {row}, i64 %cloop")
         given = f"ptr {address}, i32 8, <{lanes} x i1> {flags}, {t} zeroinitializer"
         loaded.append(body.new(f"call {t} @llvm.masked.load.v{lanes}f64.p0({given})"))
-    target = body.new(f"getelementptr {t}, ptr %slots, i64 %c")
+    target = body.new(f"getelementptr {t}, ptr %slots, i64 %cloop")
     for lane, value in enumerate(body.transposed(loaded)):
         body.store(value, target, lane)
-    head = "@gather(ptr noalias readonly %source, i64 %width, i64 %first, i64 %step, i64 %last, ptr noalias %slots)"
-    return _loop(head, start, body, "%width", lanes)
+    return _function(
+        "@gather(ptr noalias readonly %source, i64 %width, i64 %first, i64 %step, i64 %last, ptr noalias %slots)",
+        ["entry:", *start.lines, "  br label %loop"],
+        _turns("loop", body, "%width", lanes, before="entry"),
+    )
 
 
 def _scatter(lanes: int) -> list[str]:
@@ -395,9 +410,11 @@ def _scatter(lanes: int) -> list[str]:
 
     Past the cache go whole lines, because memory otherwise reads each line before it is written, which takes as long
     again. They begin at the first column of a line, which is the same in all the rows; the columns before and after
-    the whole lines go the ordinary way.
+    the whole lines go the ordinary way. Only where a block is not whole is a store masked: processors of AMD take 6
+    cycles for one, which was half the time of a regressor.
     """
-    start, body, far, tail = (Instructions(lanes, prefix) for prefix in ("e", "t", "f", "r"))
+    start, head, tail = (Instructions(lanes, prefix) for prefix in ("e", "h", "r"))
+    near, far = Instructions(lanes), Instructions(lanes, "f")
     rows = _rows(start, "%out")
 
     def moved(it: Instructions, column: str) -> list[tuple[str, str]]:
@@ -410,67 +427,102 @@ def _scatter(lanes: int) -> list[str]:
         for value, address in moved(it, column):
             _masked_store(it, value, address, flags)
 
-    masked(body, "%c", body.new("sub i64 %width, %c"))
-    address = far.new(f"sub i64 0, {far.new(f'ptrtoint ptr {rows[0]} to i64')}")
-    head = far.new(f"lshr i64 {far.new(f'and i64 {address}, {8 * lanes - 1}')}, 3")
-    masked(far, "0", head)
-    whole = Instructions(lanes, "w")
-    for value, target in moved(whole, "%k"):
-        whole.lines.append(f"  store {whole.type} {value}, ptr {target}, align {8 * lanes}, !nontemporal !1")
+    for value, address in moved(near, "%cnear"):
+        near.lines.append(f"  store {near.type} {value}, ptr {address}, align 8")
+    distance = head.new(f"sub i64 0, {head.new(f'ptrtoint ptr {rows[0]} to i64')}")
+    columns = head.new(f"lshr i64 {head.new(f'and i64 {distance}, {8 * lanes - 1}')}, 3")
+    masked(head, "0", columns)
+    for value, address in moved(far, "%cfar"):
+        far.lines.append(f"  store {far.type} {value}, ptr {address}, align {8 * lanes}, !nontemporal !1")
     masked(tail, "%rest", tail.new("sub i64 %width, %rest"))
-    name = "@scatter(ptr noalias readonly %slots, i64 %width, i64 %first, i64 %step, i64 %last, ptr noalias %out)"
-    return [
-        f"define void {name} #0 {{",
-        "entry:",
-        *start.lines,
-        "  %past = icmp sgt i64 %step, 1",
-        "  br i1 %past, label %far, label %loop",
-        "loop:",
-        "  %c = phi i64 [ 0, %entry ], [ %following, %loop ]",
-        *body.lines,
-        f"  %following = add i64 %c, {lanes}",
-        "  %more = icmp slt i64 %following, %width",
-        "  br i1 %more, label %loop, label %done",
-        "far:",
-        *far.lines,
-        "  br label %lines",
-        "lines:",
-        f"  %k = phi i64 [ {head}, %far ], [ %rest, %lines ]",
-        *whole.lines,
-        f"  %rest = add i64 %k, {lanes}",
-        f"  %end = add i64 %rest, {lanes}",
-        "  %again = icmp sle i64 %end, %width",
-        "  br i1 %again, label %lines, label %tail",
-        "tail:",
-        *tail.lines,
-        "  br label %done",
-        "done:",
-        "  ret void",
-        "}",
-    ]
+    return _function(
+        "@scatter(ptr noalias readonly %slots, i64 %width, i64 %first, i64 %step, i64 %last, ptr noalias %out)",
+        [
+            "entry:",
+            *start.lines,
+            f"  %limit = sub i64 %width, {lanes - 1}",  # where the last whole block begins at the latest
+            "  %past = icmp sgt i64 %step, 1",
+            "  br i1 %past, label %head, label %choice",
+            "choice:",
+            "  %whole = icmp sgt i64 %limit, 0",
+            "  br i1 %whole, label %near, label %tail",
+        ],
+        _turns("near", near, "%limit", lanes, before="choice", after="ends"),
+        ["head:", *head.lines, "  br label %far"],
+        _turns("far", far, "%limit", lanes, before="head", begin=columns, after="ends"),
+        [
+            "ends:",
+            "  %reached = phi i64 [ %cnear.next, %near ], [ %cfar.next, %far ]",
+            "  %some = icmp slt i64 %reached, %width",
+            "  br i1 %some, label %tail, label %done",
+            "tail:",
+            "  %rest = phi i64 [ 0, %choice ], [ %reached, %ends ]",
+            *tail.lines,
+            "  br label %done",
+        ],
+    )
 
 
 def _columns(lanes: int) -> list[str]:
-    start, body = Instructions(lanes, "e"), Instructions(lanes)
-    rest = start.new(f"add i64 {start.new('sub i64 %last, %first')}, 1")
-    flags = _lanes_below(start, rest)
-    index = body.new(f"add i64 {body.new('mul i64 %c, %stride')}, %first")
-    _masked_store(body, body.load("%slots", "%c"), body.new(f"getelementptr double, ptr %out, i64 {index}"), flags)
-    head = "@columns(ptr noalias readonly %slots, i64 %width, i64 %first, i64 %last, ptr noalias %out, i64 %stride)"
-    return _loop(head, start, body, "%width", 1)
+    start, whole, part = Instructions(lanes, "e"), Instructions(lanes), Instructions(lanes, "p")
+    flags = _lanes_below(start, "%samples")
+
+    def address(it: Instructions, column: str) -> str:
+        index = it.new(f"add i64 {it.new(f'mul i64 {column}, %stride')}, %first")
+        return it.new(f"getelementptr double, ptr %out, i64 {index}")
+
+    value = whole.load("%slots", "%cwhole")
+    whole.lines.append(f"  store {whole.type} {value}, ptr {address(whole, '%cwhole')}, align 8")
+    _masked_store(part, part.load("%slots", "%cpart"), address(part, "%cpart"), flags)
+    return _function(
+        "@columns(ptr noalias readonly %slots, i64 %width, i64 %first, i64 %last, ptr noalias %out, i64 %stride)",
+        [
+            "entry:",
+            "  %distance = sub i64 %last, %first",
+            "  %samples = add i64 %distance, 1",
+            *start.lines,
+            f"  %full = icmp sge i64 %samples, {lanes}",
+            "  br i1 %full, label %whole, label %part",
+        ],
+        _turns("whole", whole, "%width", 1, before="entry"),
+        _turns("part", part, "%width", 1, before="entry"),
+    )
 
 
 def _sines_and_cosines(lanes: int) -> list[str]:
-    start, body = Instructions(lanes, "e"), Instructions(lanes)
-    sines = start.new(f"getelementptr {start.type}, ptr %slots, i64 %count")
-    cosines = start.new(f"getelementptr {start.type}, ptr {sines}, i64 %count")
-    sine, cosine = body.sine_and_cosine(body.load("%slots", "%c"))
-    body.store(sine, sines, "%c")
-    body.store(cosine, cosines, "%c")
-    return _loop("@sines_and_cosines(ptr noalias %slots, i64 %count)", start, body, "%count", 1)
+    body = Instructions(lanes)
+    angles = body.new("getelementptr double, ptr %numbers, i64 %cloop")
+    sines = body.new(f"getelementptr double, ptr {angles}, i64 %count")
+    cosines = body.new(f"getelementptr double, ptr {sines}, i64 %count")
+    sine, cosine = body.sine_and_cosine(body.load(angles, 0))
+    body.store(sine, sines, 0)
+    body.store(cosine, cosines, 0)
+    return _function(
+        "@sines_and_cosines(ptr noalias %numbers, i64 %count)",
+        ["entry:", "  br label %loop"],
+        _turns("loop", body, "%count", lanes, before="entry"),
+    )
 
 
 def _clear(lanes: int) -> list[str]:
-    start, body = Instructions(lanes, "e"), Instructions(lanes)
-    body.store(body.constant(0.0), "%slots", "%c")
-    return _loop("@clear(ptr noalias %slots, i64 %count)", start, body, "%count", 1)
+    whole, single = Instructions(lanes), Instructions(1, "s")
+    address = whole.new("getelementptr double, ptr %numbers, i64 %cwhole")
+    whole.lines.append(f"  store {whole.type} {whole.constant(0.0)}, ptr {address}, align 8")
+    single.store(single.constant(0.0), "%numbers", "%csingle")
+    return _function(
+        "@clear(ptr noalias %numbers, i64 %count)",
+        [
+            "entry:",
+            f"  %limit = sub i64 %count, {lanes - 1}",
+            "  %any = icmp sgt i64 %limit, 0",
+            "  br i1 %any, label %whole, label %ends",
+        ],
+        _turns("whole", whole, "%limit", lanes, before="entry", after="ends"),
+        [
+            "ends:",
+            "  %rest = phi i64 [ 0, %entry ], [ %cwhole.next, %whole ]",
+            "  %some = icmp slt i64 %rest, %count",
+            "  br i1 %some, label %single, label %done",
+        ],
+        _turns("single", single, "%count", 1, before="ends", begin="%rest"),
+    )

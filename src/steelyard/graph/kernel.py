@@ -151,14 +151,18 @@ Array = NDArray[np.float64]
 _WORTHWHILE = 250_000.0
 
 # Bytes of a result from which on it is written past the cache, because memory otherwise reads each line before it is
-# written. A second level cache holds 1 to 2 MiB. Measured on seven joints, in ns a sample through the cache and past
-# it: the regressor, 3920 bytes, 283 and 415 at 1 MiB, 455 and 424 at 4 MiB, 533 and 281 at 64 MiB; the inertia matrix,
-# 392 bytes, 41 and 57, 88 and 54, 94 and 55.
-_LARGE = 2 << 20
+# written. How large the cache is that a process may fill is not known. Measured (32 MiB, shared), in ns a sample
+# through the cache and past it: the regressor of the WAM, 3920 bytes, 155 and 209 at 3 MiB, 163 and 220 at 7, 249 and
+# 224 at 15, 316 and 224 at 61; of the Puma 560, 2880 bytes, 93 and 134 at 1 MiB, 105 and 94 at 5, 227 and 96 at 45.
+_LARGE = 4 << 20
 
 # Bytes of a result from which on it goes into memory that an earlier one used, which takes 3 µs to find. What is larger
 # than that the allocator of the C library may fetch from the system at every call: 60 µs for 256 KiB.
 _RECYCLED = 1 << 18
+
+# Bytes of a result up to which `direct` makes an array for it. It keeps the last two, which a loop gets in turn: of 320
+# KiB, four samples of a humanoid's regressor, a call takes 14 µs with them and 26 in memory that `empty` finds.
+_MADE = 1 << 20
 
 # ns of work that may be done while other threads of Python wait, see `direct`; Python lets them wait for 5 ms. A call
 # that lets them go on takes 10 µs longer.
@@ -301,7 +305,7 @@ class Kernel:
         if key is None:
             with _without_collector():
                 source = self._source(lanes)
-            key = _digest(machine.description, support_source(lanes), source)
+            key = _digest(machine.description, support_source(batch_lanes()), source)
         entry = self._entry(key)
         loaded = machine.load(entry[1]) if entry is not None and entry[0] == signature else None
         if loaded is not None:
@@ -399,7 +403,9 @@ class Kernel:
         """Return the last argument of a compiled function for a batch."""
         return -1 if self.layout == "rows" and 8 * count * self._width >= _LARGE else count
 
-    def direct(self, shape: tuple[int, ...], *, several: bool = False) -> Callable[..., Any] | None:
+    def direct(
+        self, shape: tuple[int, ...], *, several: bool = False, otherwise: Callable[..., Any] | None = None
+    ) -> Callable[..., Any] | None:
         """Return a built-in function for a few samples, which does in a fraction of a microsecond what it can do.
 
         It takes the arguments, (..., width) or (width,) each, and an array (..., *shape) for the outputs, and returns
@@ -413,6 +419,9 @@ class Kernel:
             Of the outputs of one sample, in which they stand one after the other.
         several : bool
             For small batches in the layout ``"rows"``; for one sample otherwise.
+        otherwise : callable, optional
+            A method whose place the function takes: `out` then has to be given by its name or not at all, and where
+            there is nothing that the function can do, it returns what the method does.
 
         Returns
         -------
@@ -420,27 +429,37 @@ class Kernel:
             None where Python or NumPy keep arrays in a way that is not known. It may be called while the kernel lives.
         """
         key = (shape, several)
-        if key not in self._direct:
-            from .direct_call import direct_call  # only where small batches are computed
+        if otherwise is None and key in self._direct:
+            return self._direct[key]
+        from .direct_call import direct_call  # only where small batches are computed
 
-            single = self.function_pointer
-            batch, few = single, 1
-            if several:
-                batch = self._code(batch_lanes()).addresses["kernel"]
-                # A register that is not full takes as long as 2 single samples, or half its lanes where most of the
-                # time goes into writing (of a humanoid's regressor, up to its lanes, and no longer than they take).
+        single = self.function_pointer
+        batch, few = single, 1
+        if several:
+            batch = self._code(batch_lanes()).addresses["kernel"]
+            # A register that is not full takes as long as 2 single samples, or half its lanes where most of the
+            # time goes into writing. Where nearly all outputs are zero, which is where there is little code for each
+            # of them, single samples are always as fast: ns for one of 2, 4, 8 and 16 samples one by one and side by
+            # side, regressor of a quadruped (7 bytes of code for an output) 242, 249, 279, 252 and 710, 410, 412, 320;
+            # of two arms (20 bytes) 1316, 1265, 1271, 1298 and 1892, 1107, 983, 925.
+            size = self._code(batch_lanes()).size
+            if size < 12 * self._width:
+                few = self.most
+            else:
                 few = batch_lanes() // 2 if self._width > 8 / 3 * self._cost else 2
-            most = self.most if several else 1
-            self._direct[key] = direct_call(
-                self.arguments,
-                shape,
-                single=single,
-                batch=batch,
-                few=few,
-                most=most,
-                made=self.most_small,
-            )
-        return self._direct[key]
+        found = direct_call(
+            self.arguments,
+            shape,
+            single=single,
+            batch=batch,
+            few=few,
+            most=self.most if several else 1,
+            made=self.most_small,
+            otherwise=otherwise,
+        )
+        if otherwise is None:
+            self._direct[key] = found
+        return found
 
     @cached_property
     def most(self) -> int:
@@ -451,8 +470,8 @@ class Kernel:
 
     @property
     def most_small(self) -> int:
-        """How many samples have a result that `empty` takes from NumPy."""
-        return (_RECYCLED - 1) // (8 * max(1, self._width))
+        """How many samples have a result that `direct` makes an array for."""
+        return _MADE // (8 * max(1, self._width))
 
     def sample(self, *arrays: Array, out: Array | None = None) -> Array:
         """Compute the outputs of one sample, with less to do around it than a batch of one.

@@ -23,6 +23,21 @@ __all__ = ["Fused", "Program", "kernel_source"]
 _UNDIVIDED = 1200
 _PART = 600
 
+# With so many outputs, values that are computed output after output are in fewer registers at a time: single samples of
+# a regressor take 228 instead of 288 ns (WAM) or 1 to 2 % less (three other arms), batches 4 to 11 % less. With seven
+# outputs, inverse dynamics, batches take a quarter more.
+_MANY_OUTPUTS = 100
+
+# Neighbouring outputs of a single sample that are written at once, by one part: the processor writes once or twice in a
+# cycle, and the regressor of seven joints has 490 numbers. Longer runs of zeros than `_LONG` are written by a loop.
+_TOGETHER = 4
+_LONG = 64
+
+_PAGE = 4096  # bytes
+
+# Numbers in the widest register there is, a multiple of those in all others.
+_WIDEST = 8
+
 
 @dataclass(frozen=True)
 class Fused:
@@ -139,7 +154,7 @@ class Program:
                 first.add(node.index)
                 stack.extend(self.operands(node))
         rest = [n for n in work if n.index not in first and n.index not in self.circular]
-        if len(rest) > _UNDIVIDED:
+        if len(rest) > _UNDIVIDED or len(self.outputs) >= _MANY_OUTPUTS:
             rest = self._depth_first(rest)
         count = 1 if len(rest) <= _UNDIVIDED else -(-len(rest) // _PART)
         bounds = [len(rest) * k // count for k in range(count + 1)]
@@ -208,9 +223,11 @@ class _Slots:
             for number, argument in enumerate(arguments):
                 if number in program.used_arguments and not argument.uniform:
                     self.arguments[number] = self._take(_padded(argument.width, lanes))
-        self.angles = self._take(3 * len(program.angles))
+        # Of single samples, a register holds several angles; their slots are the first, so they begin where one does.
+        self.angle_count = len(program.angles) if lanes > 1 else _padded(len(program.angles), _WIDEST)
+        self.angles = self._take(3 * self.angle_count)
         for index, (number, name) in program.circular.items():
-            self.of[index] = self.angles + len(program.angles) * (1 if name == "sin" else 2) + number
+            self.of[index] = self.angles + self.angle_count * (1 if name == "sin" else 2) + number
         self._place_what_crosses(program)
         # What moves the outputs may begin at any of them, and then reads past the last.
         self.outputs = self._take(_padded(len(program.outputs), lanes) + lanes) if lanes > 1 else self.total
@@ -256,17 +273,40 @@ class _Writer:
         self.program = Program(arguments, outputs)
         self.slots = _Slots(self.program, arguments, lanes)
         self.once = {node.index: k for k, node in enumerate(self.program.once)}
-        # Zeros are written all at once, before the rest; in single columns they are not neighbours.
-        zeros = sum(node.operation == "constant" and node.value == 0.0 for node in outputs)
-        self.clears = zeros > 0 and (lanes > 1 or layout == "rows")
+        # Zeros are written before the rest; in single columns they are not neighbours.
+        zero = [node.operation == "constant" and node.value == 0.0 for node in outputs]
+        apart = lanes == 1 and layout == "columns"
+        self.clears = any(zero) and lanes > 1
         self.columns: dict[int, list[int]] = {}
         for column, node in enumerate(outputs):
-            if not (self.clears and node.operation == "constant" and node.value == 0.0):
+            if apart or not zero[column]:
                 self.columns.setdefault(node.index, []).append(column)
+        self.zeros: list[tuple[int, int]] = []
+        self.together: dict[int, list[str]] = {}
+        if lanes == 1 and not apart:
+            self._join_outputs(zero)
         self.pointers = [f"%g{k}" for k in range(len(arguments))]
         # Whether there is a way past the cache: where rows have several whole lines of it. With 42 outputs it takes
-        # two thirds of the time in large batches, with 16 a third more, because parts of lines take two turns.
-        self.passes = lanes > 1 and layout == "rows" and len(outputs) >= 32
+        # two thirds of the time in large batches, with 16 a third more, because parts of lines take two turns. Rows
+        # that all begin at the same place of a page get in each other's way: the regressors of a hand and of a humanoid
+        # (20 and 80 KiB a sample) took 1.7 times as long as through the cache at 80 MiB, and up to three times at 5.
+        self.passes = lanes > 1 and layout == "rows" and len(outputs) >= 32 and 8 * lanes * len(outputs) % _PAGE != 0
+
+    def _join_outputs(self, zero: list[bool]) -> None:
+        """Find the neighbouring outputs that one part computes, zeros among them, and the runs of zeros beside them."""
+        last = len(self.program.parts) - 1
+        part = {node.index: number for number, nodes in enumerate(self.program.parts) for node in nodes}
+        for start in range(0, len(zero), _TOGETHER):
+            columns = range(start, min(start + _TOGETHER, len(zero)))
+            writers = {part.get(self.outputs[column].index, last) for column in columns if not zero[column]}
+            if len(writers) == 1:
+                self.together[start] = ["0.0" if zero[column] else "" for column in columns]
+                continue
+            for column in columns:
+                if zero[column] and self.zeros and sum(self.zeros[-1]) == column:
+                    self.zeros[-1] = (self.zeros[-1][0], self.zeros[-1][1] + 1)
+                elif zero[column]:
+                    self.zeros.append((column, 1))
 
     def text(self) -> str:
         lines = [f'target triple = "{self.triple}"'] if self.triple else []
@@ -293,6 +333,8 @@ class _Writer:
         if number == 0:
             for k, angle in enumerate(self.program.angles):
                 it.store(self._value(it, angle, names), "%w", self.slots.angles + k)
+            for k in range(len(self.program.angles), self.slots.angle_count):
+                it.store(it.constant(0.0), "%w", self.slots.angles + k)
         if is_last:
             computed = {node.index for p in self.program.parts for node in p}
             for node in {n.index: n for n in self.outputs}.values():
@@ -339,7 +381,14 @@ class _Writer:
             if self.lanes > 1:
                 it.store(value, "%w", self.slots.outputs + column)
             elif self.layout == "rows":
-                it.store(value, "%o", column)
+                start = column - column % _TOGETHER
+                values = self.together.get(start)
+                if values is None:
+                    it.store(value, "%o", column)
+                    continue
+                values[column - start] = value
+                if all(values):
+                    it.store_row(values, "%o", start)
             else:
                 it.store(value, "%o", it.new(f"mul i64 %stride, {column}"))
 
@@ -356,7 +405,7 @@ class _Writer:
             f"  %w = alloca [{max(1, self.slots.total)} x {vector.type}], align 64",
             f"  %u = alloca [{max(1, len(self.once))} x double], align 64",
             *scalar.lines,
-            *self._clearing("%w", self.lanes > 1),
+            *self._clearing(),
             *vector.lines,
             "  %last = sub i64 %count, 1",
             "  %past = icmp slt i64 %stride, 0",
@@ -391,12 +440,13 @@ class _Writer:
         first = it.new(f"select i1 {apart}, i64 {it.new(f'add i64 {base}, {turn}')}, i64 %s")
         return first, it.new(f"select i1 {apart}, i64 {self.lanes}, i64 1")
 
-    def _clearing(self, pointer: str, when: bool) -> list[str]:
-        if not (self.clears and when):
+    def _clearing(self) -> list[str]:
+        """Return what writes zeros into the slots of outputs, where those that are zero stay so."""
+        if not self.clears:
             return []
         it = Instructions(self.lanes, "z")
-        start = it.new(f"getelementptr {it.type}, ptr {pointer}, i64 {self.slots.outputs if self.lanes > 1 else 0}")
-        return [*it.lines, f"  call void @clear(ptr {start}, i64 {len(self.outputs)})"]
+        start = it.new(f"getelementptr {it.type}, ptr %w, i64 {self.slots.outputs}")
+        return [*it.lines, f"  call void @clear(ptr {start}, i64 {self.lanes * len(self.outputs)})"]
 
     def _compute_once(self, scalar: Instructions, vector: Instructions) -> None:
         """Write what is the same for all the samples: operations as numbers, outputs into their slots."""
@@ -432,7 +482,13 @@ class _Writer:
                     pointers[number] = it.new(f"getelementptr double, ptr %g{number}, i64 {start}")
             start = it.new(f"mul i64 %s, {len(self.outputs)}") if self.layout == "rows" else "%s"
             out = it.new(f"getelementptr double, ptr %out, i64 {start}")
-        it.lines += self._clearing(out, self.lanes == 1)
+        for column, count in self.zeros:
+            if count > _LONG:
+                it.lines.append(
+                    f"  call void @clear(ptr {it.new(f'getelementptr double, ptr {out}, i64 {column}')}, i64 {count})"
+                )
+            else:
+                it.store_row(["0.0"] * count, out, column)
         first, step = self._samples(it)
         for number, slot in self.slots.arguments.items():
             target = it.new(f"getelementptr {it.type}, ptr %w, i64 {slot}")
@@ -444,7 +500,9 @@ class _Writer:
             it.lines.append(f"  call void @part{number}(ptr %w, ptr %w, ptr %u, {given}ptr {out}, i64 %stride)")
             if number == 0 and self.program.angles:
                 angles = it.new(f"getelementptr {it.type}, ptr %w, i64 {self.slots.angles}")
-                it.lines.append(f"  call void @sines_and_cosines(ptr {angles}, i64 {len(self.program.angles)})")
+                it.lines.append(
+                    f"  call void @sines_and_cosines(ptr {angles}, i64 {self.lanes * self.slots.angle_count})"
+                )
         if self.lanes > 1:
             source = it.new(f"getelementptr {it.type}, ptr %w, i64 {self.slots.outputs}")
             given = f"ptr {source}, i64 {len(self.outputs)}"

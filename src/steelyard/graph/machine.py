@@ -99,8 +99,9 @@ class Machine:
     @cached_property
     def support(self) -> LoadedCode:
         """The functions that kernels import, in memory and in the user's object cache."""
-        symbols = tuple(SUPPORT) if self.lanes > 1 else ("sines_and_cosines", "clear")
-        return self.load_source(support_source(self.lanes, self.triple), symbols, {})
+        if self.lanes == 1:  # a kernel for single samples clears many numbers at once, too, and has several angles
+            return host_machine(batch_lanes()).support
+        return self.load_source(support_source(self.lanes, self.triple), tuple(SUPPORT), {})
 
     def load_source(
         self,
