@@ -88,7 +88,10 @@ def changed(old, new):
         (changed("<pose>", '<pose rotation_format="deg">'), "rotation_format must be"),
         (changed("<lower>-1e16", "<lower>5"), "above its upper limit"),
         (changed('<link name="a"/>', '<link name="a"/><include/>'), "has no <uri>"),
-        (changed('<link name="a"/>', '<link name="a"/><include><uri>model://x</uri></include>'), "is not found"),
+        (
+            changed('<link name="a"/>', '<link name="a"/><include><uri>model://no-such-model</uri></include>'),
+            "is not found",
+        ),
         (changed('<link name="a"/>', "<link/>"), "a link has no name"),
         (
             changed('<link name="a"/>', '<link name="a"/><include><uri>model://../x</uri></include>'),
