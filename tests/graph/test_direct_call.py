@@ -86,6 +86,7 @@ def test_results_that_somebody_has_are_never_written_again(kernel):
     assert len(named) <= 4  # two take turns, beside those that were kept before
 
 
+@pytest.mark.filterwarnings("ignore:Setting the (shape|dtype):DeprecationWarning")
 @pytest.mark.parametrize(
     "change",
     [lambda a: a.setflags(write=False), lambda a: setattr(a, "shape", (2, 1)), lambda a: setattr(a, "dtype", "i8")],
