@@ -271,7 +271,12 @@ class Kernel:
         `stride` is negative, or with the layout ``"columns"`` to ``out[j * stride + s]``. It keeps no state, so that
         threads may share it, and lives as long as the kernel.
         """
-        return self._prototype(self._code(batch_lanes()).addresses["kernel"])
+        return self._prototype(self.batch_address)
+
+    @property
+    def batch_address(self) -> int:
+        """The address of `batch_function`, for compiled loops."""
+        return self._code(batch_lanes()).addresses["kernel"]
 
     @cached_property
     def single_function(self) -> Any:
@@ -426,7 +431,7 @@ class Kernel:
             single = self.function_pointer
             batch, few = single, 1
             if several:
-                batch = self._code(batch_lanes()).addresses["kernel"]
+                batch = self.batch_address
                 # A register that is not full takes as long as 2 single samples, or half its lanes where most of the
                 # time goes into writing (of a humanoid's regressor, up to its lanes, and no longer than they take).
                 few = batch_lanes() // 2 if self._width > 8 / 3 * self._cost else 2
