@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.dynamics.threads import in_threads
+
+from .products_code import STEP, add_products
 
 __all__ = [
     "Factor",
@@ -39,15 +41,9 @@ nothing is shown, rounding leaves about 1e-13."""
 PIECE = 32768
 """Rows of a long matrix that one thread reduces; fixed, so that the result does not depend on the number of threads."""
 
-NUMBERS = 2**16
-"""Numbers that are multiplied at a time: half a megabyte, which stays in the cache of each core. A quarter of it costs
-a tenth more in calls, four times as much up to twice the time in memory."""
-
-STEP = 16
-"""Widest block on the diagonal that is inverted. From 8 to 24 the time is the same within a tenth."""
-
-FEW_NUMBERS = 100000
-"""Numbers in rows below which QR, which then stays in the cache, is as fast: measured with 12 to 77 columns."""
+FEW_NUMBERS = 45000
+"""Numbers in rows below which QR is as fast: measured with 8 to 77 columns, 36000 to 54000. What products cost by
+themselves, 0.2 to 0.3 ms, is the cost of 500 to 2000 rows by QR."""
 
 FEW_ROWS = 3072
 """Rows from which on QR takes three to five times as long for each, measured with 8 to 60 columns between 3000 and 6000
@@ -129,13 +125,11 @@ def _of_rows(rows: Array) -> Array:
     stride = 0 if _is_quick(count, width) else count // (4 * width)
     if stride < FEWEST_SHARE:
         return _in_blocks(rows)
-    even = count - count % stride
-    groups = rows[:even].reshape(-1, stride, width)
-    first = _householder(groups[:, 0])
+    first = _householder(rows[::stride])
     present = _not_empty(first, [rows])
     if len(present) < width:
         return _widened(_of_rows(rows[:, present]), present, width)
-    factor = _by_products(first, 1.0 / np.sqrt(stride), [groups[:, 1:], rows[even:]])
+    factor = _by_products(first, 1.0 / np.sqrt(stride), [rows], stride)
     return _in_blocks(rows) if factor is None else factor
 
 
@@ -185,11 +179,11 @@ def _widened(part: Array, present: NDArray[np.intp], width: int) -> Array:
     return whole
 
 
-def _by_products(triangle: Array, share: float, pieces: Sequence[Array]) -> Array | None:
+def _by_products(triangle: Array, share: float, pieces: Sequence[Array], spared: int = 0) -> Array | None:
     """Compute the factor of a triangle and of rows by products; None where QR would be more exact.
 
-    The preconditioner is the triangle divided by `share`, so that it is about the factor of all rows. Pieces may also
-    be (groups, rows, c).
+    The preconditioner is the triangle divided by `share`, so that it is about the factor of all rows. The first of
+    `spared` neighbouring rows is left out each time.
     """
     from scipy.linalg import lapack
 
@@ -205,10 +199,8 @@ def _by_products(triangle: Array, share: float, pieces: Sequence[Array]) -> Arra
         if steps is None:
             return None
         square = np.diag(np.full(width, share * share))
-        for rows in _in_cache(pieces, width):
-            for start, end, factors in steps:
-                rows[:, start:end] = rows[:, :end] @ factors
-            square += rows.T @ rows
+        for rows in pieces:
+            add_products(square, np.ascontiguousarray(rows), steps, spared)
         if not np.all(np.isfinite(square)):
             return None
         root, failed = lapack.dpotrf(square, lower=0)
@@ -248,22 +240,6 @@ def _division(triangle: Array, sizes: Array) -> list[tuple[int, int, Array]] | N
         steps.append((start, end, np.concatenate([-triangle[:start, start:end] @ inverse, inverse])))
         start = end
     return steps
-
-
-def _in_cache(pieces: Iterable[Array], width: int) -> Iterator[Array]:
-    """Yield copies of a few rows at a time, (rows, c); each is used up before the next."""
-    most = max(NUMBERS // width, 1)
-    memory = np.empty((most, width))
-    for piece in pieces:
-        inner = piece.shape[1] if piece.ndim == 3 else 1
-        groups = max(most // inner, 1)
-        if groups * inner > len(memory):
-            memory = np.empty((groups * inner, width))
-        for start in range(0, len(piece), groups):
-            some = piece[start : start + groups]
-            rows = memory[: len(some) * inner]
-            rows.reshape(some.shape)[...] = some
-            yield rows
 
 
 @dataclass(frozen=True, eq=False)
