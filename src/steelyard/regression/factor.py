@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 
 from steelyard.dynamics.threads import in_threads
 
-from .products_code import STEP, add_products
-
 __all__ = [
     "Factor",
     "Reduced",
@@ -40,6 +38,10 @@ nothing is shown, rounding leaves about 1e-13."""
 
 PIECE = 32768
 """Rows of a long matrix that one thread reduces; fixed, so that the result does not depend on the number of threads."""
+
+STEP = 16
+"""Widest block on the diagonal that is inverted, `products_code.WIDEST` at most. From 8 to 24 the time is the same within
+a tenth."""
 
 FEW_NUMBERS = 45000
 """Numbers in rows below which QR is as fast: measured with 8 to 77 columns, 36000 to 54000. What products cost by
@@ -186,6 +188,8 @@ def _by_products(triangle: Array, share: float, pieces: Sequence[Array], spared:
     `spared` neighbouring rows is left out each time.
     """
     from scipy.linalg import lapack
+
+    from .products_code import add_products  # only where rows are many
 
     width = len(triangle)
     sizes = np.abs(triangle).max(axis=0) / share

@@ -13,13 +13,12 @@ from steelyard.graph.kernel import address_of
 from steelyard.graph.loops import Code
 from steelyard.graph.machine import batch_lanes, host_machine
 
-__all__ = ["STEP", "add_products"]
+__all__ = ["WIDEST", "add_products"]
 
 Array = NDArray[np.float64]
 
-STEP = 16
-"""Widest block on the diagonal of a triangle that is inverted, and columns that are divided at a time. From 8 to 24 the
-time is the same within a tenth."""
+WIDEST = 16
+"""Columns that are divided at a time, at most."""
 
 TILE = 32
 """Rows that are divided before they are multiplied, so that the nearest cache holds them."""
@@ -37,7 +36,7 @@ def add_products(square: Array, rows: Array, steps: list[tuple[int, int, Array]]
     rows : ndarray
         (m, c), C-contiguous.
     steps : list of (int, int, ndarray)
-        First column, the column behind the last one, of `STEP` at most, and the (last, columns) matrix by which the
+        First column, the column behind the last one, of `WIDEST` at most, and the (last, columns) matrix by which the
         quotients of all columns before them, and the given numbers of these, are multiplied to get their quotients.
     spared : int
         The first of so many neighbouring rows is left out each time; 0 for none.
@@ -56,12 +55,12 @@ def add_products(square: Array, rows: Array, steps: list[tuple[int, int, Array]]
         return
     pair = 2 * batch_lanes()
     wide = -(-width // pair) * pair
-    padded = wide + STEP
-    factors = np.zeros((sum(end for _, end, _ in steps), STEP))
+    padded = wide + WIDEST
+    factors = np.zeros((sum(end for _, end, _ in steps), WIDEST))
     ends, first = np.empty((len(steps), 3), np.int64), 0
     for place, (start, end, factor) in enumerate(steps):
         factors[first : first + end, : end - start] = factor
-        ends[place], first = (start, end, first * STEP), first + end
+        ends[place], first = (start, end, first * WIDEST), first + end
     room, sums = np.zeros((TILE + 8, padded)), np.zeros((wide, wide))
     arrays = (rows, sums, factors, ends, room)
     if not rows.flags.c_contiguous or rows.dtype != np.float64:
@@ -85,7 +84,7 @@ def _compiled() -> Callable[..., None]:
 
 def _source(lanes: int, triple: str) -> str:
     """Return the function as LLVM assembly; eight registers hold the sums of its innermost loops."""
-    code, registers = Code(lanes, triple), STEP // lanes
+    code, registers = Code(lanes, triple), WIDEST // lanes
     together = 8 // registers
     names, integers = ("rows", "sums", "factors", "steps", "room"), "count group skipped width wide padded number"
     with code.function("products", *names, integers=integers) as given:
@@ -102,7 +101,7 @@ def _source(lanes: int, triple: str) -> str:
                     values = [code.number(0.0)] * (together * registers)
                     for one, begin, stop in ((made, 0, start), (sources, start, end)):
                         with code.fold(values, stop, begin) as loop:
-                            line = lines.shared_at(loop.index * STEP)
+                            line = lines.shared_at(loop.index * WIDEST)
                             own = [line[k] for k in range(registers)]
                             loop.next = [
                                 loop.values[k * registers + j] + source.shared(loop.index) * own[j]
