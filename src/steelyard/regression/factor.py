@@ -40,8 +40,8 @@ PIECE = 32768
 """Rows of a long matrix that one thread reduces; fixed, so that the result does not depend on the number of threads."""
 
 STEP = 16
-"""Widest block on the diagonal that is inverted, `products_code.WIDEST` at most. From 8 to 24 the time is the same within
-a tenth."""
+"""Widest block on the diagonal that is inverted, at most `products_code.WIDEST`. From 8 to 24 the time is the same
+within a tenth."""
 
 FEW_NUMBERS = 45000
 """Numbers in rows below which QR is as fast: measured with 8 to 77 columns, 36000 to 54000. What products cost by
