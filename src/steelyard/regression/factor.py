@@ -189,7 +189,7 @@ def _by_products(triangle: Array, share: float, pieces: Sequence[Array], spared:
     """
     from scipy.linalg import lapack
 
-    from .products_code import add_products  # only where rows are many
+    from .products_code import Division  # only where rows are many
 
     width = len(triangle)
     sizes = np.abs(triangle).max(axis=0) / share
@@ -199,12 +199,12 @@ def _by_products(triangle: Array, share: float, pieces: Sequence[Array], spared:
     # QR knows a diagonal no better than to the rounding errors of its column.
     np.fill_diagonal(preconditioner, np.maximum(np.diagonal(preconditioner), ROUNDING * sizes))
     with np.errstate(all="ignore"):  # what is not finite has QR
-        steps = _division(preconditioner, sizes)
-        if steps is None:
+        division = Division(preconditioner, sizes, STEP, LARGEST_GROWTH)
+        if not division.is_finite:
             return None
         square = np.diag(np.full(width, share * share))
         for rows in pieces:
-            add_products(square, np.ascontiguousarray(rows), steps, spared)
+            division.add_products(square, np.ascontiguousarray(rows), spared)
         if not np.all(np.isfinite(square)):
             return None
         root, failed = lapack.dpotrf(square, lower=0)
@@ -216,34 +216,6 @@ def _by_products(triangle: Array, share: float, pieces: Sequence[Array], spared:
         if not np.max(np.diagonal(square)) * np.max(np.sum(inverse**2, axis=1)) < WORST_SQUARE:
             return None
         return np.asarray(np.triu(root @ preconditioner))
-
-
-def _division(triangle: Array, sizes: Array) -> list[tuple[int, int, Array]] | None:
-    """Return the steps of a division by a triangle from the right; None where a number is out of range.
-
-    Each step replaces some columns of the rows by the product of those and the ones before them with a matrix. That is
-    faster than substitution column by column, and as exact as long as each block on the diagonal is well conditioned,
-    which narrow ones always are.
-    """
-    width, steps, start = len(triangle), [], 0
-    scaled = triangle / sizes
-    while start < width:
-        end = min(start + STEP, width)
-        try:
-            inverse = np.linalg.inv(scaled[start:end, start:end])
-        except np.linalg.LinAlgError:
-            return None
-        growth = np.sum(np.abs(inverse) @ np.abs(scaled[start:end, start:end]), axis=0)
-        large = np.flatnonzero(~(growth < LARGEST_GROWTH))
-        if len(large):
-            end = start + max(int(large[0]), 1)
-        # The inverse of a leading block of a triangle is the leading block of the inverse.
-        inverse = inverse[: end - start, : end - start] / sizes[start:end, None]
-        if not np.all(np.isfinite(inverse)):
-            return None
-        steps.append((start, end, np.concatenate([-triangle[:start, start:end] @ inverse, inverse])))
-        start = end
-    return steps
 
 
 @dataclass(frozen=True, eq=False)
