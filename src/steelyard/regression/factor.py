@@ -43,9 +43,9 @@ STEP = 16
 """Widest block on the diagonal that is inverted, at most `products_code.WIDEST`. From 8 to 24 the time is the same
 within a tenth."""
 
-FEW_NUMBERS = 45000
-"""Numbers in rows below which QR is as fast: measured with 8 to 77 columns, 36000 to 54000. What products cost by
-themselves, 0.2 to 0.3 ms, is the cost of 500 to 2000 rows by QR."""
+FEW_NUMBERS = 25000
+"""Numbers in rows below which QR is as fast: measured with 8 to 77 columns, 20000 to 32000. What products cost by
+themselves, some 0.1 ms, is the cost of 200 to 3000 rows by QR."""
 
 FEW_ROWS = 3072
 """Rows from which on QR takes three to five times as long for each, measured with 8 to 60 columns between 3000 and 6000
@@ -127,6 +127,8 @@ def _of_rows(rows: Array) -> Array:
     stride = 0 if _is_quick(count, width) else count // (4 * width)
     if stride < FEWEST_SHARE:
         return _in_blocks(rows)
+    # Neighbours that were combined are four or eight rows, which say different things: an odd stride meets all of them.
+    stride -= 1 - stride % 2
     first = _householder(rows[::stride])
     present = _not_empty(first, [rows])
     if len(present) < width:
@@ -213,9 +215,10 @@ def _by_products(triangle: Array, share: float, pieces: Sequence[Array], spared:
         inverse = lapack.dtrtri(root)[0]
         # Longest columns of the root and of its inverse: their product is below the condition number, and at least
         # its 1/c. Rounding errors grow with its square.
-        if not np.max(np.diagonal(square)) * np.max(np.sum(inverse**2, axis=1)) < WORST_SQUARE:
+        rows_of_inverse = np.einsum("ij,ij->i", inverse, inverse)
+        if not np.diagonal(square).max() * rows_of_inverse.max() < WORST_SQUARE:
             return None
-        return np.asarray(np.triu(root @ preconditioner))
+        return np.asarray(root @ preconditioner)
 
 
 @dataclass(frozen=True, eq=False)
