@@ -193,32 +193,39 @@ def _by_products(triangle: Array, share: float, pieces: Sequence[Array], spared:
 
     from .products_code import Division  # only where rows are many
 
-    width = len(triangle)
-    sizes = np.abs(triangle).max(axis=0) / share
-    if not sizes.all():
-        return None
-    preconditioner = triangle / share
-    # QR knows a diagonal no better than to the rounding errors of its column.
-    np.fill_diagonal(preconditioner, np.maximum(np.diagonal(preconditioner), ROUNDING * sizes))
+    preconditioner, square = triangle / share, np.diag(np.full(len(triangle), share * share))
+    given = [(np.ascontiguousarray(rows), spared) for rows in pieces]
     with np.errstate(all="ignore"):  # what is not finite has QR
-        division = Division(preconditioner, sizes, STEP, LARGEST_GROWTH)
-        if not division.is_finite:
-            return None
-        square = np.diag(np.full(width, share * share))
-        for rows in pieces:
-            division.add_products(square, np.ascontiguousarray(rows), spared)
-        if not np.all(np.isfinite(square)):
-            return None
-        root, failed = lapack.dpotrf(square, lower=0)
-        if failed:
-            return None
-        inverse = lapack.dtrtri(root)[0]
-        # Longest columns of the root and of its inverse: their product is below the condition number, and at least
-        # its 1/c. Rounding errors grow with its square.
-        rows_of_inverse = np.einsum("ij,ij->i", inverse, inverse)
-        if not np.diagonal(square).max() * rows_of_inverse.max() < WORST_SQUARE:
-            return None
-        return np.asarray(root @ preconditioner)
+        for _ in range(2):
+            sizes = np.abs(preconditioner).max(axis=0)
+            if not sizes.all():
+                return None
+            # QR knows a diagonal no better than to the rounding errors of its column.
+            least = ROUNDING * sizes
+            raised = np.diagonal(preconditioner) < least
+            np.fill_diagonal(preconditioner, np.maximum(np.diagonal(preconditioner), least))
+            division = Division(preconditioner, sizes, STEP, LARGEST_GROWTH)
+            if not division.is_finite:
+                return None
+            if not square.any():  # rows of that size change nothing, and keep what no row shows from being singular
+                given.append((np.ascontiguousarray(np.diag(least)[raised]), 0))
+            for rows, left_out in given:
+                division.add_products(square, rows, left_out)
+            if not np.all(np.isfinite(square)):
+                return None
+            root, failed = lapack.dpotrf(square, lower=0)
+            if failed:
+                return None
+            inverse = lapack.dtrtri(root)[0]
+            # Longest columns of the root and of its inverse: their product is below the condition number, and at least
+            # its 1/c. Rounding errors grow with its square.
+            growth = np.diagonal(square).max() * np.einsum("ij,ij->i", inverse, inverse).max()
+            factor = np.asarray(root @ preconditioner)
+            if growth < WORST_SQUARE:
+                return factor
+            # Where rows are of unlike kinds, what was found is a better preconditioner than some of them.
+            preconditioner, square, given = factor, np.zeros_like(square), [(triangle, 0), *given]
+    return None
 
 
 @dataclass(frozen=True, eq=False)
