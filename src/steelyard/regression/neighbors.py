@@ -159,21 +159,15 @@ class NeighborCombinations:
         counts, lacking = used.sum(axis=(1, 2)), work.lacking
         sums = [np.zeros((groups, end - begin + 1)) for begin, end in zip(self.starts, self.ends, strict=True)]
         lacking[:] = 0.0
-        rows: list[list[Array]] = [[] for _ in sums]
-        step = work.groups
-        for start in range(0, groups, step):
-            part = slice(start, min(start + step, groups))
+        parts = [slice(start, min(start + work.groups, groups)) for start in range(0, groups, work.groups)]
+        taken = []
+        for part in parts:
             work.combine(source, torque, used, sums, part)
-            for held, own in zip(rows, work.taken(), strict=True):
-                held.append(own)
-        for held, own in zip(rows, sums, strict=True):
-            held.append(np.zeros((1, own.shape[1])))
-        for held, lost in zip(rows, lacking, strict=True):
-            held[-1][0, -1] = np.sqrt(max(float(lost), 0.0))
-        return [
-            CombinedRows(np.concatenate(held), int(count), own)
-            for held, count, own in zip(rows, counts, sums, strict=True)
-        ]
+            taken.append(work.taken(room=part.stop == groups))
+        rows = [own[0] if len(own) == 1 else np.concatenate(own) for own in zip(*taken, strict=True)]
+        for own, lost in zip(rows, lacking.tolist(), strict=True):
+            own[-1, -1] = np.sqrt(max(lost, 0.0))
+        return [CombinedRows(*one) for one in zip(rows, counts.tolist(), sums, strict=True)]
 
     def _limits(self, work: _Work) -> Array:
         """Return the mean square that each column may lose, (C,)."""
@@ -375,10 +369,17 @@ class _Work:
             self._held[Word.ENTRIES][: entries.size] = entries.ravel()
             functions.from_rows(address, first, first + count)
 
-    def taken(self) -> list[Array]:
-        """Return copies of the rows of each joint that were written."""
-        pairs = zip(self._target, self.joints[:, Field.COUNT] + 1, self.joints[:, Field.TAKEN], strict=True)
-        return [own[: taken * width].reshape(taken, width).copy() for own, width, taken in pairs]
+    def taken(self, room: bool) -> list[Array]:
+        """Return copies of the rows of each joint that were written, perhaps with a row of zeros behind them."""
+        found = []
+        for own, width, taken in zip(
+            self._target, self.joints[:, Field.COUNT] + 1, self.joints[:, Field.TAKEN], strict=True
+        ):
+            rows = np.empty((taken + room, width))
+            rows[:taken] = own[: taken * width].reshape(taken, width)
+            rows[taken:] = 0.0
+            found.append(rows)
+        return found
 
 
 @dataclass(frozen=True, eq=False)
