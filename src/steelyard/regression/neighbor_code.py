@@ -66,7 +66,7 @@ class Word(IntEnum):
     HALVES, PLACE_HALVES = auto(), auto()  # of polynomials over all rows, and of interpolation
     POLYNOMIALS = auto()  # by rows
     RUNS, RUN_NUMBERS, MAPS = auto(), auto(), auto()
-    NUMBERS = auto()  # see `Number`
+    NUMBERS = auto()  # see `Constant`
     # what is found,
     UNTOLD = auto()
     NOISE, TORQUES, LACKING, WHOLE, SQUARES = auto(), auto(), auto(), auto(), auto()
