@@ -53,3 +53,35 @@ def test_roots_by_newtons_method_until_all_are_found() -> None:
     call(code, "roots", given, out)
     with np.errstate(invalid="ignore"):
         np.testing.assert_allclose(out, np.where(given > 0.0, np.sqrt(given), -1.0), rtol=1e-14)
+
+
+def test_numbers_that_all_problems_share_and_conditions() -> None:
+    """Bits of bytes that are set, rows that hold one of them, and the sum over all columns of these."""
+    code = new_code()
+    with code.function("chosen", "used", "rows", "out", "counts", integers="width") as given:
+        used, rows, out, counts, width = given
+        bits = used.bytes_set(0)
+        counts.put_integer(0, bits.count("ctpop"))
+        counts.put_integer(1, bits.count("cttz"))
+        counts.put_integer(2, code.known(63) - bits.count("ctlz"))
+        counts.put_integer(3, width.below(5))
+        for k in code.range(64):
+            with code.when(bits.bits("lshr", k).bits("and", 1).holds("eq", 1) & ~(rows.at(k)[0] < -9.0).any()):
+                out.put(0, out.shared(0) + code.total(rows[k]) * width.number())
+                code.copy(out.shared_at(1), rows.at(k), code.lanes)
+        code.leave_when(width.holds("sgt", 5) | width.holds("eq", 3))
+        counts.put_integer(4, 1)
+    random = np.random.default_rng(3)
+    used, rows = random.random(64) < 0.4, random.normal(size=(64, code.lanes))
+    used[:8], used[58:], used[[8, 57]] = False, False, True
+    rows[8, 1] = -10.0
+    loaded = host_machine(code.lanes).load_source(code.text, ("chosen",), {})
+    function = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 4, ctypes.c_int64)(loaded.addresses["chosen"])
+    for width, goes_on in ((3, 0), (4, 1), (6, 0)):
+        out, counts = np.zeros(1 + code.lanes), np.zeros(5, np.int64)
+        function(*(address_of(array) for array in (used, rows, out, counts)), width)
+        chosen = used.copy()
+        chosen[8] = False
+        np.testing.assert_allclose(out[0], width * rows[chosen].sum(), rtol=1e-12)
+        np.testing.assert_array_equal(out[1:], rows[57])
+        assert counts.tolist() == [used.sum(), 8, 57, min(width, 5), goes_on]

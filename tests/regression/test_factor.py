@@ -23,7 +23,7 @@ extended_precision = pytest.mark.skipif(np.finfo(np.longdouble).eps > 1e-18, rea
 def _products_of_few_rows():
     """Thresholds so small that matrices of tests take all ways."""
     with pytest.MonkeyPatch.context() as patch:
-        for name, value in {"FEW_NUMBERS": 60, "PIECE": 300, "NUMBERS": 512, "STEP": 5}.items():
+        for name, value in {"FEW_NUMBERS": 60, "PIECE": 300, "STEP": 5}.items():
             patch.setattr(factor, name, value)
         patch.setattr(time_blocks, "HELD", 200)
         patch.setattr(factor, "FEWEST_HELD", 100)

@@ -5,8 +5,9 @@ import pytest
 
 import steelyard as sy
 from steelyard.dynamics import ByJoint, Stribeck
+from steelyard.graph.machine import batch_lanes
 from steelyard.identification.prediction_verdict import white_noise
-from steelyard.regression import reduction
+from steelyard.regression import neighbor_code, neighbors, reduction
 from steelyard.regression.batch_means import BATCH_LENGTHS
 
 RATE, ROWS, EXACT = 1000.0, 45_000, 8192
@@ -160,6 +161,20 @@ def test_batches_that_are_long_enough_are_those_of_all_rows(model: sy.Model) -> 
                 found = level[joint].triangle
                 assert found[:, -1] @ found[:, -1] == pytest.approx(sums[:, -1] @ sums[:, -1], rel=1e-9)
                 np.testing.assert_allclose(found.T @ found, sums.T @ sums, atol=1e-9 * np.abs(sums.T @ sums).max())
+
+
+@pytest.mark.parametrize("cutoff", [None, 5.0])
+def test_registers_of_other_processors(model: sy.Model, monkeypatch: pytest.MonkeyPatch, cutoff: float | None) -> None:
+    samples = motion(model, 0.5, True, cutoff)
+    expected = sy.Information.from_samples(model, samples)
+    lanes = 12 - batch_lanes()  # 8 or 4, in parts where they are wider than this processor's
+    for module in (neighbors, neighbor_code):
+        monkeypatch.setattr(module, "batch_lanes", lambda: lanes)
+    monkeypatch.setattr(neighbors, "compiled", neighbor_code.compiled.__wrapped__)
+    found = sy.Information.from_samples(model, samples)
+    for x, y in zip(found.factors, expected.factors, strict=True):
+        assert x.count == y.count
+        np.testing.assert_allclose(x.triangle, y.triangle, atol=1e-11 * np.abs(y.triangle).max())
 
 
 def test_chunks_change_no_bit(model: sy.Model) -> None:

@@ -275,7 +275,12 @@ class Kernel:
         `stride` is negative, or with the layout ``"columns"`` to ``out[j * stride + s]``. It keeps no state, so that
         threads may share it, and lives as long as the kernel.
         """
-        return self._prototype(self._code(batch_lanes()).addresses["kernel"])
+        return self._prototype(self.batch_address)
+
+    @property
+    def batch_address(self) -> int:
+        """The address of `batch_function`, for compiled loops."""
+        return self._code(batch_lanes()).addresses["kernel"]
 
     @cached_property
     def single_function(self) -> Any:
@@ -436,7 +441,7 @@ class Kernel:
         single = self.function_pointer
         batch, few = single, 1
         if several:
-            batch = self._code(batch_lanes()).addresses["kernel"]
+            batch = self.batch_address
             # A register that is not full takes as long as 2 single samples, or half its lanes where most of the
             # time goes into writing. Where nearly all outputs are zero, which is where there is little code for each
             # of them, single samples are always as fast: ns for one of 2, 4, 8 and 16 samples one by one and side by

@@ -1,7 +1,7 @@
 """Loops over arrays as LLVM assembly, for algorithms on many problems that stand side by side in the registers.
 
 An expression graph has no loops; here each element of an array is a vector with one number of each problem, so that an
-algorithm is written once, as for one problem.
+algorithm is written once, as for one problem. The problems may as well be neighbouring columns of matrices.
 """
 
 from __future__ import annotations
@@ -10,8 +10,9 @@ import math
 import struct
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from typing import Any
 
-__all__ = ["Array", "Code", "Fold", "Index", "Mask", "Number"]
+__all__ = ["Array", "Code", "Condition", "Fold", "Index", "Mask", "Number"]
 
 
 class Index:
@@ -37,6 +38,42 @@ class Index:
 
     def __mul__(self, other: Index | int) -> Index:
         return self._with("mul", other)
+
+    def bits(self, operation: str, other: Index | int) -> Index:
+        """Return what an operation of the processor makes of the bits of both, such as ``"and"`` or ``"shl"``."""
+        return Index(self.code, self.code.let(f"{operation} i64 {self}, {other}"))
+
+    def count(self, what: str) -> Index:
+        """Return how many bits are set (``"ctpop"``), or are not before the first (``"cttz"``) or the last one."""
+        return self.code.counted(what, self)
+
+    def below(self, other: Index | int) -> Index:
+        """Return the less of both."""
+        return self.code.lesser(self, other)
+
+    def number(self) -> Number:
+        """Return it as a number that all problems share."""
+        return self.code.spread(self.code.let(f"sitofp i64 {self} to double"))
+
+    def holds(self, comparison: str, other: Index | int) -> Condition:
+        """Tell whether a comparison holds, such as ``"eq"``, ``"sgt"`` (above) or ``"sle"`` (at most)."""
+        return Condition(self.code, self.code.let(f"icmp {comparison} i64 {self}, {other}"))
+
+
+class Condition:
+    """Something that holds or does not, for all problems alike."""
+
+    def __init__(self, code: Code, text: str) -> None:
+        self.code, self.text = code, text
+
+    def __and__(self, other: Condition) -> Condition:
+        return Condition(self.code, self.code.let(f"and i1 {self.text}, {other.text}"))
+
+    def __or__(self, other: Condition) -> Condition:
+        return Condition(self.code, self.code.let(f"or i1 {self.text}, {other.text}"))
+
+    def __invert__(self) -> Condition:
+        return Condition(self.code, self.code.let(f"xor i1 {self.text}, true"))
 
 
 class Number:
@@ -97,6 +134,10 @@ class Number:
         """Return the number without its sign."""
         return self.code.call("fabs", self)
 
+    def total(self) -> Number:
+        """Return the sum over all problems, which each of them receives."""
+        return self.code.total(self)
+
     def is_finite(self) -> Mask:
         """Tell of which problems it is neither infinite nor not a number."""
         return self.size() < math.inf
@@ -113,6 +154,12 @@ class Mask:
 
     def __or__(self, other: Mask) -> Mask:
         return Mask(self.code, self.code.let(f"or {self.code.mask} {self.text}, {other.text}"))
+
+    def any(self) -> Condition:
+        """Tell whether it holds of any problem."""
+        code = self.code
+        bits = code.let(f"bitcast {code.mask} {self.text} to i{code.lanes}")
+        return Condition(code, code.let(f"icmp ne i{code.lanes} {bits}, 0"))
 
     def choose(self, one: Number | float, other: Number | float) -> Number:
         """Return one number where it holds, the other where it does not."""
@@ -148,12 +195,24 @@ class Array:
 
     def shared(self, index: Index | int) -> Number:
         """Return a number that all problems share."""
-        code, kind = self.code, self.code.vector
-        one = code.let(f"load double, ptr {self._place('double', index)}, align 8")
-        lane = code.let(f"insertelement {kind} poison, double {one}, i32 0")
-        return Number(
-            code, code.let(f"shufflevector {kind} {lane}, {kind} poison, <{code.lanes} x i32> zeroinitializer")
-        )
+        return self.code.spread(self.code.let(f"load double, ptr {self._place('double', index)}, align 8"))
+
+    def put(self, index: Index | int, value: Number | float) -> None:
+        """Store the number of the first problem, as one that all share."""
+        code = self.code
+        one = code.let(f"extractelement {code.vector} {code.number(value).text}, i32 0")
+        code.add(f"store double {one}, ptr {self._place('double', index)}, align 8")
+
+    def put_integer(self, index: Index | int, value: Index | int) -> None:
+        """Store an integer that all problems share."""
+        self.code.add(f"store i64 {value}, ptr {self._place('i64', index)}, align 8")
+
+    def bytes_set(self, index: Index | int) -> Index:
+        """Return which of 64 bytes from this one on are not zero, as bits of an integer."""
+        code = self.code
+        found = code.let(f"load <64 x i8>, ptr {self._place('i8', index)}, align 1")
+        bits = code.let(f"icmp ne <64 x i8> {found}, zeroinitializer")
+        return Index(code, code.let(f"bitcast <64 x i1> {bits} to i64"))
 
     def integer(self, index: Index | int) -> Index:
         """Return an integer that all problems share."""
@@ -195,14 +254,13 @@ class Code:
         self.lanes = lanes
         self.vector, self.mask = f"<{lanes} x double>", f"<{lanes} x i1>"
         self._lines = [f'target triple = "{triple}"']
-        self._declared: set[str] = set()
+        self._declared: dict[str, str] = {}
         self._count, self._block = 0, "entry"
 
     @property
     def text(self) -> str:
         """The assembly."""
-        declared = [f"declare {self.vector} {name}({self.vector})" for name in sorted(self._declared)]
-        return "\n".join([*self._lines, *declared, ""])
+        return "\n".join([*self._lines, *(self._declared[name] for name in sorted(self._declared)), ""])
 
     def add(self, line: str) -> None:
         """Add a line to the function that is written."""
@@ -227,22 +285,56 @@ class Code:
 
     def call(self, name: str, value: Number) -> Number:
         """Call one of LLVM's functions of a number."""
-        name = f"@llvm.{name}.v{self.lanes}f64"
-        self._declared.add(name)
+        name = self._declare(f"@llvm.{name}.v{self.lanes}f64", self.vector, self.vector)
         return Number(self, self.let(f"call {self.vector} {name}({self.vector} {value.text})"))
 
+    def total(self, value: Number) -> Number:
+        """Return the sum over all problems, which each of them receives."""
+        name = self._declare(f"@llvm.vector.reduce.fadd.v{self.lanes}f64", "double", f"double, {self.vector}")
+        return self.spread(self.let(f"call double {name}(double -0.0, {self.vector} {value.text})"))
+
+    def counted(self, what: str, value: Index) -> Index:
+        """Return a count of the bits of an integer: ``"ctpop"``, ``"cttz"`` or ``"ctlz"``."""
+        name = self._declare(f"@llvm.{what}.i64", "i64", "i64" if what == "ctpop" else "i64, i1")
+        return Index(self, self.let(f"call i64 {name}(i64 {value}{'' if what == 'ctpop' else ', i1 false'})"))
+
+    def lesser(self, one: Index, other: Index | int) -> Index:
+        """Return the less of two integers."""
+        name = self._declare("@llvm.smin.i64", "i64", "i64, i64")
+        return Index(self, self.let(f"call i64 {name}(i64 {one}, i64 {other})"))
+
+    def copy(self, target: Array, source: Array, numbers: Index | int) -> None:
+        """Copy so many numbers, one after the other, between places that do not overlap."""
+        name = self._declare("@llvm.memcpy.p0.p0.i64", "void", "ptr, ptr, i64, i1")
+        size = self.known(8) * numbers
+        self.add(f"call void {name}(ptr {target.text}, ptr {source.text}, i64 {size}, i1 false)")
+
+    def spread(self, one: str) -> Number:
+        """Return a number that all problems share."""
+        kind = self.vector
+        lane = self.let(f"insertelement {kind} poison, double {one}, i32 0")
+        return Number(
+            self, self.let(f"shufflevector {kind} {lane}, {kind} poison, <{self.lanes} x i32> zeroinitializer")
+        )
+
+    def _declare(self, name: str, result: str, arguments: str) -> str:
+        self._declared[name] = f"declare {result} {name}({arguments})"
+        return name
+
     @contextmanager
-    def function(self, name: str, *arguments: str, exported: bool = True) -> Iterator[list[Array]]:
-        """Write a function of arrays; what is not exported is called by others."""
-        listed = ", ".join(f"ptr %{argument}" for argument in arguments)
+    def function(self, name: str, *arguments: str, exported: bool = True, integers: str = "") -> Iterator[list[Any]]:
+        """Write a function of arrays, and integers whose names follow; what is not exported is called by others."""
+        own = integers.split()
+        listed = ", ".join([*(f"ptr %{argument}" for argument in arguments), *(f"i64 %{one}" for one in own)])
         self._lines += [f"define {'' if exported else 'internal '}void @{name}({listed}) {{", "entry:"]
         self._block = "entry"
-        yield [Array(self, f"%{argument}") for argument in arguments]
+        yield [*(Array(self, f"%{argument}") for argument in arguments), *(Index(self, f"%{one}") for one in own)]
         self._lines += ["  ret void", "}"]
 
-    def run(self, name: str, *arguments: Array) -> None:
-        """Call a function of this code."""
-        self.add(f"call void @{name}({', '.join(f'ptr {one.text}' for one in arguments)})")
+    def run(self, name: str | Array, *arguments: Array | Index | int) -> None:
+        """Call a function of this code, or one whose address is given."""
+        given = (f"ptr {one.text}" if isinstance(one, Array) else f"i64 {one}" for one in arguments)
+        self.add(f"call void {name.text if isinstance(name, Array) else f'@{name}'}({', '.join(given)})")
 
     def _label(self, kind: str) -> str:
         self._count += 1
@@ -283,12 +375,24 @@ class Code:
         with self.fold([], stop, start, step) as loop:
             yield loop.index
 
+    @contextmanager
+    def when(self, condition: Condition) -> Iterator[None]:
+        """Do something where a condition holds; what it finds has to go into arrays."""
+        then, end = self._label("then"), self._label("end")
+        self.add(f"br i1 {condition.text}, label %{then}, label %{end}")
+        self._begin(then)
+        yield
+        self.add(f"br label %{end}")
+        self._begin(end)
+
     def leave(self, going: Mask) -> None:
         """Return from the function where something holds of no problem."""
+        self.leave_when(~going.any())
+
+    def leave_when(self, condition: Condition) -> None:
+        """Return from the function where a condition holds."""
         rest, out = self._label("rest"), self._label("out")
-        bits = self.let(f"bitcast {self.mask} {going.text} to i{self.lanes}")
-        none = self.let(f"icmp eq i{self.lanes} {bits}, 0")
-        self.add(f"br i1 {none}, label %{out}, label %{rest}")
+        self.add(f"br i1 {condition.text}, label %{out}, label %{rest}")
         self._begin(out)
         self.add("ret void")
         self._begin(rest)

@@ -845,19 +845,17 @@ class DrawnRows:
 
     def _places(self, samples: Samples, size: int) -> NDArray[np.intp]:
         """Return which rows of each group of so many neighbours are those extremes, (G, 4 N)."""
-        # Neighbours in memory are compared ten times as fast.
-        by_joint = np.empty((2 * self.model.dof, samples.count))
-        by_joint[: self.model.dof], by_joint[self.model.dof :] = samples.torque.T, self._left(samples).T
-        groups = by_joint.reshape(len(by_joint), -1, size)
-        return np.concatenate([groups.argmin(axis=2), groups.argmax(axis=2)]).T
+        from steelyard.graph.extreme_rows import extreme_rows  # only long logs need it
 
-    def _left(self, samples: Samples) -> Array:
-        """Return what the preliminary model leaves of the torques."""
+        return extreme_rows(samples.torque, self._predicted(samples), size)
+
+    def _predicted(self, samples: Samples) -> Array:
+        """Return the torques that the preliminary model predicts."""
         assert self._base is not None
         if samples.regressor is not None:
-            return np.vstack([errors for _, errors in residuals(self.model, samples, self._base)])
+            return samples.torque - np.vstack([errors for _, errors in residuals(self.model, samples, self._base)])
         parameters = self.model.base_parameters().Pb @ self._base
-        return samples.torque - np.asarray(self.model.inverse_dynamics(samples.q, samples.dq, samples.ddq, parameters))
+        return np.asarray(self.model.inverse_dynamics(samples.q, samples.dq, samples.ddq, parameters))
 
     def _refit(self, table: Array) -> None:
         samples = self._samples(table[np.unique(np.linspace(0, len(table) - 1, _FITTED_ROWS).astype(int))])

@@ -249,11 +249,11 @@ def clock_of(blocks: Iterable[Array]) -> ClockStatistics:
         regular = off if not wide.size else off[spans[own] == 1.0]
         intervals += [regular.size, regular.sum(), (regular**2).sum()]
         # Rows behind the intervals, and the very first one.
-        behind = np.arange(start + 1 if count else 0, stop + 1)
-        n = number + numbers[behind] - numbers[start]
-        r = (t[behind] - origin) - guess * n
+        begin = start + 1 if count else 0
+        n = number + numbers[begin : stop + 1] - numbers[start]
+        r = (t[begin : stop + 1] - origin) - guess * n
         sums += [n.size, n.sum(), (n**2).sum(), r.sum(), (n * r).sum(), (r**2).sum()]
-        ticks.append(t[behind][(first + behind) % TICK == 0])
+        ticks.append(t[begin + (-first - begin) % TICK : stop + 1 : TICK].copy())
         number, count, last = int(n[-1]), first + stop + 1, float(t[stop])
     size, sum_n, sum_nn, sum_r, sum_nr, sum_rr = sums
     spread = sum_nn - sum_n**2 / size

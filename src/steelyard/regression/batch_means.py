@@ -116,7 +116,7 @@ class _Levels:
         sums = held[0] if len(held) == 1 else np.concatenate(held)
         held.clear()
         for level in range(last + 1):
-            self._counts[level][index] += int(np.count_nonzero(np.any(sums != 0.0, axis=-1)))
+            self._counts[level][index] += int(np.count_nonzero(_not_zero(sums)))
             if level < last:
                 if len(sums) % 2:
                     sums = np.concatenate([sums, np.zeros((1, *sums.shape[1:]))])
@@ -125,7 +125,8 @@ class _Levels:
             else:
                 differences = sums
             rows = differences.reshape(-1, differences.shape[-1])
-            rows = rows[np.any(rows != 0.0, axis=1)]
+            kept = _not_zero(rows)
+            rows = rows if kept.all() else rows[kept]
             self._triangles[level][index] = extended(self._triangles[level][index], rows)
 
     def factors(self) -> list[list[tuple[Array, int]]]:
@@ -138,13 +139,22 @@ class _Levels:
         return found
 
 
+def _not_zero(rows: Array) -> NDArray[np.bool_]:
+    """Tell which rows hold a number other than zero, (...,) of (..., c + 1); most do in the last column."""
+    found = rows[..., -1] != 0.0
+    zero = ~found
+    if zero.any():
+        found[zero] = np.any(rows[zero] != 0.0, axis=-1)
+    return np.asarray(found)
+
+
 def sums_of_all_lengths(sums: Array) -> Iterator[Array]:
     """Yield for each of `BATCH_LENGTHS` the sums that are not zero, (batches, c + 1), from its sums."""
     for level in range(len(BATCH_LENGTHS)):
         if level:
             sums = summed(sums, 2)
         rows = sums.reshape(-1, sums.shape[-1])
-        yield rows[np.any(rows != 0.0, axis=1)]
+        yield rows[_not_zero(rows)]
 
 
 def summed(rows: Array, size: int) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -39,15 +39,13 @@ nothing is shown, rounding leaves about 1e-13."""
 PIECE = 32768
 """Rows of a long matrix that one thread reduces; fixed, so that the result does not depend on the number of threads."""
 
-NUMBERS = 2**16
-"""Numbers that are multiplied at a time: half a megabyte, which stays in the cache of each core. A quarter of it costs
-a tenth more in calls, four times as much up to twice the time in memory."""
-
 STEP = 16
-"""Widest block on the diagonal that is inverted. From 8 to 24 the time is the same within a tenth."""
+"""Widest block on the diagonal that is inverted, at most `products_code.WIDEST`. From 8 to 24 the time is the same
+within a tenth."""
 
-FEW_NUMBERS = 100000
-"""Numbers in rows below which QR, which then stays in the cache, is as fast: measured with 12 to 77 columns."""
+FEW_NUMBERS = 25000
+"""Numbers in rows below which QR is as fast: measured with 8 to 77 columns, 20000 to 32000. What products cost by
+themselves, some 0.1 ms, is the cost of 200 to 3000 rows by QR."""
 
 FEW_ROWS = 3072
 """Rows from which on QR takes three to five times as long for each, measured with 8 to 60 columns between 3000 and 6000
@@ -129,13 +127,13 @@ def _of_rows(rows: Array) -> Array:
     stride = 0 if _is_quick(count, width) else count // (4 * width)
     if stride < FEWEST_SHARE:
         return _in_blocks(rows)
-    even = count - count % stride
-    groups = rows[:even].reshape(-1, stride, width)
-    first = _householder(groups[:, 0])
+    # Neighbours that were combined are four or eight rows, which say different things: an odd stride meets all of them.
+    stride -= 1 - stride % 2
+    first = _householder(rows[::stride])
     present = _not_empty(first, [rows])
     if len(present) < width:
         return _widened(_of_rows(rows[:, present]), present, width)
-    factor = _by_products(first, 1.0 / np.sqrt(stride), [groups[:, 1:], rows[even:]])
+    factor = _by_products(first, 1.0 / np.sqrt(stride), [rows], stride)
     return _in_blocks(rows) if factor is None else factor
 
 
@@ -185,85 +183,49 @@ def _widened(part: Array, present: NDArray[np.intp], width: int) -> Array:
     return whole
 
 
-def _by_products(triangle: Array, share: float, pieces: Sequence[Array]) -> Array | None:
+def _by_products(triangle: Array, share: float, pieces: Sequence[Array], spared: int = 0) -> Array | None:
     """Compute the factor of a triangle and of rows by products; None where QR would be more exact.
 
-    The preconditioner is the triangle divided by `share`, so that it is about the factor of all rows. Pieces may also
-    be (groups, rows, c).
+    The preconditioner is the triangle divided by `share`, so that it is about the factor of all rows. The first of
+    `spared` neighbouring rows is left out each time.
     """
     from scipy.linalg import lapack
 
-    width = len(triangle)
-    sizes = np.abs(triangle).max(axis=0) / share
-    if not sizes.all():
-        return None
-    preconditioner = triangle / share
-    # QR knows a diagonal no better than to the rounding errors of its column.
-    np.fill_diagonal(preconditioner, np.maximum(np.diagonal(preconditioner), ROUNDING * sizes))
+    from .products_code import Division  # only where rows are many
+
+    preconditioner, square = triangle / share, np.diag(np.full(len(triangle), share * share))
+    given = [(np.ascontiguousarray(rows), spared) for rows in pieces]
     with np.errstate(all="ignore"):  # what is not finite has QR
-        steps = _division(preconditioner, sizes)
-        if steps is None:
-            return None
-        square = np.diag(np.full(width, share * share))
-        for rows in _in_cache(pieces, width):
-            for start, end, factors in steps:
-                rows[:, start:end] = rows[:, :end] @ factors
-            square += rows.T @ rows
-        if not np.all(np.isfinite(square)):
-            return None
-        root, failed = lapack.dpotrf(square, lower=0)
-        if failed:
-            return None
-        inverse = lapack.dtrtri(root)[0]
-        # Longest columns of the root and of its inverse: their product is below the condition number, and at least
-        # its 1/c. Rounding errors grow with its square.
-        if not np.max(np.diagonal(square)) * np.max(np.sum(inverse**2, axis=1)) < WORST_SQUARE:
-            return None
-        return np.asarray(np.triu(root @ preconditioner))
-
-
-def _division(triangle: Array, sizes: Array) -> list[tuple[int, int, Array]] | None:
-    """Return the steps of a division by a triangle from the right; None where a number is out of range.
-
-    Each step replaces some columns of the rows by the product of those and the ones before them with a matrix. That is
-    faster than substitution column by column, and as exact as long as each block on the diagonal is well conditioned,
-    which narrow ones always are.
-    """
-    width, steps, start = len(triangle), [], 0
-    scaled = triangle / sizes
-    while start < width:
-        end = min(start + STEP, width)
-        try:
-            inverse = np.linalg.inv(scaled[start:end, start:end])
-        except np.linalg.LinAlgError:
-            return None
-        growth = np.sum(np.abs(inverse) @ np.abs(scaled[start:end, start:end]), axis=0)
-        large = np.flatnonzero(~(growth < LARGEST_GROWTH))
-        if len(large):
-            end = start + max(int(large[0]), 1)
-        # The inverse of a leading block of a triangle is the leading block of the inverse.
-        inverse = inverse[: end - start, : end - start] / sizes[start:end, None]
-        if not np.all(np.isfinite(inverse)):
-            return None
-        steps.append((start, end, np.concatenate([-triangle[:start, start:end] @ inverse, inverse])))
-        start = end
-    return steps
-
-
-def _in_cache(pieces: Iterable[Array], width: int) -> Iterator[Array]:
-    """Yield copies of a few rows at a time, (rows, c); each is used up before the next."""
-    most = max(NUMBERS // width, 1)
-    memory = np.empty((most, width))
-    for piece in pieces:
-        inner = piece.shape[1] if piece.ndim == 3 else 1
-        groups = max(most // inner, 1)
-        if groups * inner > len(memory):
-            memory = np.empty((groups * inner, width))
-        for start in range(0, len(piece), groups):
-            some = piece[start : start + groups]
-            rows = memory[: len(some) * inner]
-            rows.reshape(some.shape)[...] = some
-            yield rows
+        for _ in range(2):
+            sizes = np.abs(preconditioner).max(axis=0)
+            if not sizes.all():
+                return None
+            # QR knows a diagonal no better than to the rounding errors of its column.
+            least = ROUNDING * sizes
+            raised = np.diagonal(preconditioner) < least
+            np.fill_diagonal(preconditioner, np.maximum(np.diagonal(preconditioner), least))
+            division = Division(preconditioner, sizes, STEP, LARGEST_GROWTH)
+            if not division.is_finite:
+                return None
+            if not square.any():  # rows of that size change nothing, and keep what no row shows from being singular
+                given.append((np.ascontiguousarray(np.diag(least)[raised]), 0))
+            for rows, left_out in given:
+                division.add_products(square, rows, left_out)
+            if not np.all(np.isfinite(square)):
+                return None
+            root, failed = lapack.dpotrf(square, lower=0)
+            if failed:
+                return None
+            inverse = lapack.dtrtri(root)[0]
+            # Longest columns of the root and of its inverse: their product is below the condition number, and at least
+            # its 1/c. Rounding errors grow with its square.
+            growth = np.diagonal(square).max() * np.einsum("ij,ij->i", inverse, inverse).max()
+            factor = np.asarray(root @ preconditioner)
+            if growth < WORST_SQUARE:
+                return factor
+            # Where rows are of unlike kinds, what was found is a better preconditioner than some of them.
+            preconditioner, square, given = factor, np.zeros_like(square), [(triangle, 0), *given]
+    return None
 
 
 @dataclass(frozen=True, eq=False)

@@ -165,7 +165,6 @@ class JointReduction:
         self._exact = EXACT if exact is None else exact
         self._squares, self._seen = np.zeros(sum(self._widths)), 0
         self._neighbors: NeighborCombinations | None = None
-        self._rooms: dict[int, Array] = {}
 
     def add(self, samples: Samples, scales: Array | None = None) -> None:
         """Add samples, perhaps with factors (S, N) of their rows, the square roots of weights.
@@ -207,40 +206,22 @@ class JointReduction:
 
     def _source(self, samples: Samples) -> RegressorSource:
         """Return what computes the base regressor of some samples; each of its arrays is used up before the next."""
-        from .neighbors import LENGTH, PLACES, RegressorSource
+        from .neighbors import RegressorSource, SmoothMotion
 
         model, columns = self.model, self.model.base_columns
         regressor = samples.regressor if samples.regressor_model is model else None
         if regressor is not None:
             return RegressorSource(lambda part: regressor[part])
-        motion = samples.q, *columns.moving(samples.dq, samples.ddq)
+        # What no filter has made smooth may change anywhere between a few rows.
+        few = not model.robot.channels and 4 * len(columns.uneven) <= len(self._squares)
+        motion = q, dq, ddq = [np.ascontiguousarray(one, np.float64) for one in (samples.q, samples.dq, samples.ddq)]
+        smooth = SmoothMotion(q, dq, ddq, columns) if few and samples.cutoff is not None else None
 
         def entries(part: slice) -> Array:
             q, dq, ddq = (one[part] for one in motion)
-            logged = samples.channels_for(model, part)
-            return columns.of_motion(q, dq, ddq, logged, out=self._room(len(q), len(self._squares)))
+            return columns.entries(q, dq, ddq, samples.channels_for(model, part))
 
-        # What no filter has made smooth may change anywhere between a few rows.
-        if samples.cutoff is None or model.robot.channels or 4 * len(columns.uneven) > len(self._squares):
-            return RegressorSource(entries)
-        grouped = [one.reshape(-1, LENGTH, one.shape[1])[:, PLACES] for one in motion]
-
-        def at_places(part: slice) -> Array:
-            q, dq, ddq = (one[part].reshape(-1, one.shape[2]) for one in grouped)
-            return columns.of_motion(q, dq, ddq, out=self._room(len(q), len(self._squares)))
-
-        def uneven_entries(part: slice) -> Array:
-            q, dq, ddq = (one[part] for one in motion)
-            return columns.uneven_kernel(q, dq, ddq, out=self._room(len(q), len(columns.uneven)))
-
-        return RegressorSource(entries, at_places, uneven_entries, columns.uneven)
-
-    def _room(self, rows: int, width: int) -> Array:
-        """Return an array that is used again and again, so that the cache holds it."""
-        held = self._rooms.get(width)
-        if held is None or len(held) < rows:
-            held = self._rooms[width] = np.empty((rows, width))
-        return held[:rows]
+        return RegressorSource(entries, smooth)
 
     def factors(self) -> tuple[Factor, ...]:
         """One for each joint."""

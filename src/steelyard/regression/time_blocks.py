@@ -119,7 +119,7 @@ class TimeBlocks:
         self._blocks[-1].add(rows, counts)
         self._filled += 0 if self.most == 1 else samples
         self._held += sum(own.size for own in rows)
-        if self._held >= self._most_held // 2:  # they are long, and several sections may be held at a time
+        if self._held >= self._most_held:
             self._reduce()
 
     def _reduce(self) -> None:
