@@ -159,11 +159,20 @@ def test_an_arm_that_met_a_stop_is_not_said_to_predict_as_well_as_its_noise(arms
     path: Path = arms.folder / "fleet.toml"
     text = "".join(f'[[robots]]\nid = "{name}"\nlogs = ["{name}.csv"]\n' for name in ("sound", "struck"))
     path.write_text('robot = "robot.toml"\n' + text, encoding="utf-8")
-    sound, struck = (row.values for row in identify_fleet(path).rows)
+    fleet = identify_fleet(path)
+    sound, struck = (row.values for row in fleet.rows)
     assert sound["model_error"] < 0.01
     part = float(np.sqrt(np.sum(impact**2) / np.sum((torque + impact) ** 2)))
     assert struck["model_error"] == pytest.approx(part, rel=0.2)
     assert any("at t = 5.0" in remark and "14.0" in remark for remark in struck["remarks"])
+    assert not any("hold no rows" in remark for remark in fleet.remarks)
+    # An Information does not hold the rows that tell an impact from noise; the fleet says so.
+    [reduced] = sy.fleet.reduce_data_sets([sy.fleet.DataSet(arms.folder / "robot.toml", [arms.folder / "struck.csv"])])
+    reduced.information.save(arms.folder / "struck.json")
+    path.write_text('robot = "robot.toml"\n[[robots]]\nid = "A"\ninformations = ["struck.json"]\n', encoding="utf-8")
+    blind = identify_fleet(path)
+    assert blind.rows[0].values["model_error"] < 0.7 * part
+    assert any(remark.startswith("1 entry gives Informations, which hold no rows") for remark in blind.remarks)
 
 
 @pytest.mark.slow

@@ -33,7 +33,7 @@ from steelyard.robot import RobotFile
 
 from .checkpoints import robot_content
 from .data_sets import reduced_logs
-from .manifest import FleetEntry
+from .manifest import FleetEntry, is_information
 from .packed import packed
 
 __all__ = ["Known", "inputs_of", "known_of", "model_of", "robot_estimate", "task_of"]
@@ -235,7 +235,7 @@ def _validation(known: Known, paths: Sequence[str]) -> tuple[list[Information], 
     found: list[Information] = []
     each: list[ReducedLog] = []
     for path in paths:
-        if path.lower().endswith(".json"):
+        if is_information(path):
             information = Information.load(path)
         else:
             information = reduced_logs(known.file, known.model, given_logs([path], None)[0], each.append).information
