@@ -102,7 +102,7 @@ KINDS = {
     "log velocities swapped": (lambda p: rows(p, swapped_velocities), "swapped"),
     "log torque stuck": (
         lambda p: rows(p, lambda c: c | {"tau1": 0 * c["tau1"] + 1.0}),
-        "torque of joint 1 (shoulder) is 1 throughout",
+        "torque of joint 'shoulder' is 1 throughout",
     ),
     "log too short": (lambda p: rows(p, lambda c: {k: v[:5] for k, v in c.items()}), "log.csv"),
     "log of another kind": (lambda p: (p / "log.csv").write_bytes(bytes(range(256)) * 20), "log.csv"),
