@@ -132,11 +132,16 @@ def test_what_is_wrong_with_one_robot_is_its_row(arms: Arms) -> None:
     other = sy.Model(sy.Robot.from_dh([(0, 1.0, 0, "q")], gravity=(0, -9.81, 0)))
     sy.Information.empty(other).save(folder / "other.json")
     sy.Information.empty(arms.model).save(folder / "empty.json")
+    (folder / "zero.csv").symlink_to("/dev/zero")
     (folder / "damaged.json").write_text("{", encoding="utf-8")
     rows = [*(f"R{k},,{k}.json" for k in range(3)), "X,,other.json", "Y,,damaged.json", "Z,,empty.json"]
-    fleet = identify_fleet(arms.manifest(rows))
+    endless = '[[robots]]\nid = "W"\nlogs = ["zero.csv"]\n[[robots]]\nid = "V"\nlogs = ["' + 5000 * "v" + '"]\n'
+    with Checkpoints(folder / "out") as kept:  # they need hashes of the files
+        fleet = identify_fleet(arms.manifest(rows, more=endless), checkpoints=kept)
     reasons = {row.entry.id: row.reason for row in fleet.failed}
-    assert set(reasons) == {"X", "Y", "Z"}
+    assert set(reasons) == {"V", "W", "X", "Y", "Z"}
+    assert "is a device and no regular file" in reasons["W"]
+    assert "is longer than a path can be" in reasons["V"]
     assert "is of another robot or of other terms" in reasons["X"]
     assert "damaged.json" in reasons["Y"]
     assert "0 rows do not suffice" in reasons["Z"]
