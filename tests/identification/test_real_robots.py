@@ -160,7 +160,7 @@ def test_kinova_gen3_with_held_out_log(shared_data, monkeypatch, tmp_path, capsy
 
 def test_a_dead_torque_sensor_is_found(shared_data):
     """In RunTrajectory1 the sensor of joint 1 reads 0 throughout (README there)."""
-    with pytest.raises(sy.InputError, match="joint 1"):
+    with pytest.raises(sy.InputError, match="joint 'joint_1' is 0 throughout"):
         sy.identify(EXAMPLES / "kinova_gen3.toml", [shared_data / "kinova_gen3" / "RunTrajectory1.csv"])
 
 
