@@ -8,10 +8,12 @@ from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
 from html import escape
 
 __all__ = [
+    "capital",
     "combination",
     "few_digits",
     "html_sentences",
     "html_table",
+    "joint_label",
     "outward",
     "percent",
     "shortened",
@@ -20,16 +22,16 @@ __all__ = [
 
 
 def text_table(heads: Sequence[str], rows: Sequence[Sequence[str]], numbers: Sequence[int] = ()) -> str:
-    """Return columns side by side, those with the indices `numbers` aligned to the right.
+    """Return columns side by side, those with the indices `numbers` aligned to the right, and a line for each row.
 
     Examples
     --------
-    >>> print(text_table(("name", "kg"), [("arm", "1.5"), ("forearm", "12")], numbers=(1,)))
-    name      kg
-    arm      1.5
-    forearm   12
+    >>> print(text_table(("name", "kg"), [("arm", "1.5"), ("fore\\narm", "12")], numbers=(1,)))
+    name       kg
+    arm       1.5
+    fore arm   12
     """
-    table = [list(heads), *(list(row) for row in rows)]
+    table = [[" ".join(cell.splitlines()) for cell in row] for row in (heads, *rows)]  # names of files may be anything
     widths = [max(len(row[i]) for row in table) for i in range(len(heads))]
     lines = []
     for row in table:
@@ -108,6 +110,31 @@ def shortened(text: str, most: int) -> str:
     ('elbow', 'shou…')
     """
     return text if len(text) <= most else f"{text[: most - 1]}…"
+
+
+def joint_label(index: int, names: Sequence[str] | None) -> str:
+    """Name a joint (from 0) in a sentence: by its name where it has one, and by its number, from 1, otherwise.
+
+    Numbers of parameters count joints that no log has, too, such as those that follow another one, so that a number
+    beside a name would be read as that of other parameters.
+
+    Examples
+    --------
+    >>> joint_label(2, None), joint_label(2, ("shoulder", "elbow", "joint4"))
+    ('joint 3', "joint 'joint4'")
+    """
+    return f"joint {index + 1}" if names is None else f"joint {shortened(names[index], LONGEST)!r}"
+
+
+def capital(sentence: str) -> str:
+    """A sentence with its first letter as a capital, and all others as they are.
+
+    Examples
+    --------
+    >>> capital("joint 'J3' rests.")
+    "Joint 'J3' rests."
+    """
+    return sentence[:1].upper() + sentence[1:]
 
 
 def few_digits(value: float, digits: int = 4) -> str:

@@ -1,6 +1,9 @@
 """Broken robots, logs and options: each gives one clear sentence, exit code 2, and nothing half-written."""
 
+import importlib
 import json
+import sys
+import types
 
 import numpy as np
 import pytest
@@ -102,7 +105,7 @@ KINDS = {
     "log velocities swapped": (lambda p: rows(p, swapped_velocities), "swapped"),
     "log torque stuck": (
         lambda p: rows(p, lambda c: c | {"tau1": 0 * c["tau1"] + 1.0}),
-        "torque of joint 1 (shoulder) is 1 throughout",
+        "torque of joint 'shoulder' is 1 throughout",
     ),
     "log too short": (lambda p: rows(p, lambda c: {k: v[:5] for k, v in c.items()}), "log.csv"),
     "log of another kind": (lambda p: (p / "log.csv").write_bytes(bytes(range(256)) * 20), "log.csv"),
@@ -178,6 +181,17 @@ def test_a_failure_keeps_earlier_results(run, place):
     assert run("identify", place / "robot.toml", place / "log.csv", "--output", place / "result")[0] == 2
     assert {p.name: p.read_bytes() for p in (place / "result").iterdir()} == before
     assert json.loads(before["run.json"])["format"] == "steelyard-run-1"
+
+
+def test_an_interrupt_while_the_command_line_is_loaded_is_told(monkeypatch, capsys):
+    class Interrupted(types.ModuleType):
+        def __getattr__(self, name):
+            raise KeyboardInterrupt
+
+    monkeypatch.setitem(sys.modules, "steelyard.cli", Interrupted("steelyard.cli"))
+    with pytest.raises(SystemExit, match="130"):
+        importlib.import_module("steelyard.__main__").main()
+    assert capsys.readouterr() == ("", "steelyard: interrupted\n")
 
 
 @pytest.mark.parametrize("cause", ["a log that says nothing", "an interrupt"])

@@ -92,7 +92,7 @@ def test_laws_are_tables():
 
 
 def test_two_laws_with_one_parameter_at_a_joint_are_refused():
-    with pytest.raises(sy.InputError, match="'Ts1j' at joint 1"):
+    with pytest.raises(sy.InputError, match="'Ts1j' at joint 'joint1'"):
         sy.Robot.from_dh(ROWS).with_terms(ByJoint([Cogging([6]), Cogging([9], joints=[1])]))
     with pytest.raises(sy.InputError, match="must be a list of terms"):
         ByJoint([])

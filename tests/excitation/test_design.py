@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import steelyard as sy
-from steelyard.dynamics import PolynomialFriction, Spring, Stribeck, ViscousByDirection
+from steelyard.dynamics import LuGre, PolynomialFriction, Spring, Stribeck, ViscousByDirection
 from steelyard.excitation import ExcitationObjective, FourierTrajectory, MotionLimits, SearchOptions
 from steelyard.excitation.friction_laws import with_friction_laws
 
@@ -294,6 +294,17 @@ def test_laws_that_the_model_has_count_as_those_that_it_lacks(arm, arm_limits, t
     model = sy.Model(arm.robot.with_terms(*terms))
     names = with_friction_laws(model, MotionLimits.of(arm.robot.joint_names, **arm_limits))[1]
     assert counted <= set(names)
+
+
+def test_what_the_state_of_friction_shows_is_said_not_to_be_judged(arm, arm_limits):
+    """The numbers are those of `inspect`, and a remark tells why the motion is judged by fewer."""
+    model = sy.Model(arm.robot.with_terms(LuGre(displacement=0.01, ratio=0.5, velocity=0.1)))
+    design = designed(model, arm_limits, starts=1)
+    count = model.base_parameters().count
+    assert (design.parameter_count, design.base_count) == (model.parameter_count, count)
+    [remark] = [one for one in design.remarks if "judged" in one]
+    assert f"by {count - model.dof} of {count} base parameters, without Fbj1, Fbj2, Fbj3:" in remark
+    assert not any("judged" in one for one in designed(arm, arm_limits, starts=1).remarks)
 
 
 def test_fast_repetitions_keep_limits_between_the_samples_of_the_first_period():

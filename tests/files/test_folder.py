@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from steelyard.errors import InputError
-from steelyard.files import replaced_folder, writing
+from steelyard.files import replaced_folder, write_text, writing
 
 posix = pytest.mark.skipif(os.name != "posix", reason="needs fork and signals")
 
@@ -45,6 +45,18 @@ def test_a_failure_leaves_what_was_there(tmp_path: Path) -> None:
     with pytest.raises(RuntimeError):
         fail()
     assert content(tmp_path) == {f"results/{name}": "old" for name in ("estimate", "report", "run")}
+
+
+def test_a_refusal_names_the_folder_that_was_asked_for(tmp_path: Path) -> None:
+    def fail() -> None:
+        with replaced_folder(tmp_path / "out") as made:
+            (made / "log").mkdir()
+            write_text("no file can be here", made / "log")
+
+    with pytest.raises(InputError) as caught:
+        fail()
+    assert str(caught.value).startswith(str(tmp_path / "out" / "log"))
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems refuse such names")
@@ -100,7 +112,7 @@ def test_folders_on_which_more_hangs_stay_themselves(
 KILLED = """
 import os, signal, sys
 from pathlib import Path
-from steelyard.files import replaced_folder, writing
+from steelyard.files import replaced_folder, write_text, writing
 
 place, case = Path(sys.argv[1]), sys.argv[2]
 target = place / "results"

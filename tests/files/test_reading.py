@@ -8,10 +8,10 @@ from typing import Any
 import pytest
 
 from steelyard.errors import InputError
-from steelyard.files import read_bytes, read_json, read_text, read_toml, require_file, shown
+from steelyard.files import file_hash, read_bytes, read_json, read_text, read_toml, require_file, shown
 
 posix = pytest.mark.skipif(os.name != "posix", reason="needs pipes and devices")
-READERS: list[Callable[[Any], Any]] = [read_bytes, read_text, read_json, read_toml, require_file]
+READERS: list[Callable[[Any], Any]] = [read_bytes, read_text, read_json, read_toml, require_file, file_hash]
 
 
 def refused(read: Callable[[Any], Any], path: object, phrase: str) -> None:

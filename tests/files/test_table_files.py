@@ -2,13 +2,15 @@
 
 import base64
 import datetime
+import errno
+import os
 
 import numpy as np
 import polars as pl
 import pytest
 
 from steelyard.errors import InputError
-from steelyard.files import check_parquet, read_table
+from steelyard.files import check_parquet, read_table, write_table
 from steelyard.recording import Recording
 
 pa = pytest.importorskip("pyarrow", reason="pyarrow is not installed")
@@ -135,3 +137,11 @@ def _varint(value):
         found.append(value & 0x7F | 0x80)
         value >>= 7
     return bytes([*found, value])
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no device that is always full")
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_a_full_disk_is_told_by_the_system(suffix):
+    with open("/dev/full", "wb") as full, pytest.raises(OSError, match="No space left on device") as caught:
+        write_table(pl.DataFrame({"q1": np.arange(1e5)}), full, suffix)
+    assert caught.value.errno == errno.ENOSPC

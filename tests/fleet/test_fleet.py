@@ -132,11 +132,16 @@ def test_what_is_wrong_with_one_robot_is_its_row(arms: Arms) -> None:
     other = sy.Model(sy.Robot.from_dh([(0, 1.0, 0, "q")], gravity=(0, -9.81, 0)))
     sy.Information.empty(other).save(folder / "other.json")
     sy.Information.empty(arms.model).save(folder / "empty.json")
+    (folder / "zero.csv").symlink_to("/dev/zero")
     (folder / "damaged.json").write_text("{", encoding="utf-8")
     rows = [*(f"R{k},,{k}.json" for k in range(3)), "X,,other.json", "Y,,damaged.json", "Z,,empty.json"]
-    fleet = identify_fleet(arms.manifest(rows))
+    endless = '[[robots]]\nid = "W"\nlogs = ["zero.csv"]\n[[robots]]\nid = "V"\nlogs = ["' + 5000 * "v" + '"]\n'
+    with Checkpoints(folder / "out") as kept:  # they need hashes of the files
+        fleet = identify_fleet(arms.manifest(rows, more=endless), checkpoints=kept)
     reasons = {row.entry.id: row.reason for row in fleet.failed}
-    assert set(reasons) == {"X", "Y", "Z"}
+    assert set(reasons) == {"V", "W", "X", "Y", "Z"}
+    assert "is a device and no regular file" in reasons["W"]
+    assert "is longer than a path can be" in reasons["V"]
     assert "is of another robot or of other terms" in reasons["X"]
     assert "damaged.json" in reasons["Y"]
     assert "0 rows do not suffice" in reasons["Z"]
@@ -159,11 +164,20 @@ def test_an_arm_that_met_a_stop_is_not_said_to_predict_as_well_as_its_noise(arms
     path: Path = arms.folder / "fleet.toml"
     text = "".join(f'[[robots]]\nid = "{name}"\nlogs = ["{name}.csv"]\n' for name in ("sound", "struck"))
     path.write_text('robot = "robot.toml"\n' + text, encoding="utf-8")
-    sound, struck = (row.values for row in identify_fleet(path).rows)
+    fleet = identify_fleet(path)
+    sound, struck = (row.values for row in fleet.rows)
     assert sound["model_error"] < 0.01
     part = float(np.sqrt(np.sum(impact**2) / np.sum((torque + impact) ** 2)))
     assert struck["model_error"] == pytest.approx(part, rel=0.2)
     assert any("at t = 5.0" in remark and "14.0" in remark for remark in struck["remarks"])
+    assert not any("hold no rows" in remark for remark in fleet.remarks)
+    # An Information does not hold the rows that tell an impact from noise; the fleet says so.
+    [reduced] = sy.fleet.reduce_data_sets([sy.fleet.DataSet(arms.folder / "robot.toml", [arms.folder / "struck.csv"])])
+    reduced.information.save(arms.folder / "struck.json")
+    path.write_text('robot = "robot.toml"\n[[robots]]\nid = "A"\ninformations = ["struck.json"]\n', encoding="utf-8")
+    blind = identify_fleet(path)
+    assert blind.rows[0].values["model_error"] < 0.7 * part
+    assert any(remark.startswith("1 entry gives Informations, which hold no rows") for remark in blind.remarks)
 
 
 @pytest.mark.slow

@@ -2,6 +2,7 @@
 
 import os
 import random
+import signal
 import subprocess
 import sys
 import threading
@@ -117,6 +118,15 @@ def test_a_cluster_that_is_not_there_is_named() -> None:
 def test_a_number_of_workers_is_a_whole_one(count: Any) -> None:
     with pytest.raises(sy.InputError, match="whole number"):
         sy.fleet.Workers(count)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+def test_processes_begin_deaf_to_an_interrupt() -> None:
+    """A terminal sends Ctrl-C to all processes; those that still load their modules would print traces."""
+    workers, blocked = sy.fleet.Workers(1), signal.pthread_sigmask(signal.SIG_BLOCK, [])
+    leaf: Any = signal.pthread_sigmask  # returns what is blocked where it runs
+    assert list(workers.run(leaf, log_reduction.first_of, signal.SIG_BLOCK, [[[]]])) == [(0, {signal.SIGINT})]
+    assert signal.pthread_sigmask(signal.SIG_BLOCK, []) == blocked
 
 
 def test_a_cluster_without_dask_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:

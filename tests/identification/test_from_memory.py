@@ -286,6 +286,21 @@ def test_what_is_in_memory_is_named_and_hashed(files, tmp_path):
     assert any("was used to make" in remark for remark in found.remarks)
 
 
+def test_rows_that_are_given_twice_are_named_and_test_no_prediction(files):
+    path, log, other, alone = files
+    copied = sy.identify(path, [log, by_columns(log)], [by_matrices(log), other, by_columns(other)])
+    told = [remark for remark in copied.remarks if " the rows of " in remark]
+    assert [remark.split(": ")[0] for remark in told] == ["data[1]", "validate[0]", "validate[2]"]
+    assert "count twice, so that intervals are too narrow" in told[0]
+    assert "is no test of a prediction" in told[1]
+    assert "count once" in told[2]
+    # Twice the same rows have the same optimum, and one log is left that the fit has not seen.
+    assert copied.prediction.source == "the validation log"
+    assert copied.prediction.joint_error == pytest.approx(alone.prediction.joint_error, rel=1e-2)
+    assert not any(" the rows of " in remark for remark in alone.remarks)
+    assert "each left out in turn" in sy.identify(path, log, log).prediction.source
+
+
 def test_nothing_is_written_unasked(files, tmp_path, monkeypatch):
     path, log, _, _ = files
     monkeypatch.chdir(tmp_path)

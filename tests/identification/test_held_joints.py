@@ -90,7 +90,7 @@ def test_a_joint_at_rest_spoils_nothing(tmp_path, kind):
     path = robot_file(tmp_path)
     model = sy.Model.load(path)
     result = sy.identify(path, [recorded(model, tmp_path / "log.npz", held=(0,), **kind)])
-    assert any("Joint 1 (joint1) does not move (it stays at 0.7" in remark for remark in result.remarks)
+    assert any("Joint 'joint1' does not move (it stays at 0.7" in remark for remark in result.remarks)
     assert error_on(model, result.estimate.parameters, held=(0,)) < 0.003
     # While joint 1 moves, which it never did, so that lengths of links and one density say how heavy it is.
     assert error_on(model, result.estimate.parameters) < 0.1

@@ -13,7 +13,7 @@ from simulated_arm import MASSES, SimulatedArm, blurred, simulated_arm
 import steelyard as sy
 from steelyard.dynamics import Model, RotorInertia
 from steelyard.errors import InputError
-from steelyard.estimators import EntropicPrior
+from steelyard.estimators import EntropicPrior, proved_estimate
 from steelyard.estimators.cross_validation import cross_validation, term_deviations
 from steelyard.feasibility import DensityInBox, FeasibleSet, LinearBound, TotalMass
 from steelyard.identification.parameter_table import LinkRows, ParameterRow, ParameterTable, parameter_table
@@ -238,6 +238,31 @@ def test_large_robots_have_the_intervals_of_least_squares(found, monkeypatch) ->
     assert large["m1"].basis == "assumed"
     assert "of the data alone" in large.sentences[0]
     assert large["Fvj1"].basis == table["Fvj1"].basis == "measured"
+
+
+def test_rounding_is_no_number_of_a_link(found) -> None:
+    """A solver's zero is 0 in what is proved and written; 1e-9 of the size of a link is a number."""
+    arm, _ = found
+    symmetric = arm.truth.copy()
+    for columns in arm.model.link_columns:
+        symmetric[columns] = [0.02, 0.0, 0.0, 0.1, 0.0, 0.1, 0.0, 0.0, 0.0, 2.0]
+    names = list(arm.model.parameter_names)
+    given = symmetric.copy()
+    given[[names.index("Lxy1"), names.index("lx2"), names.index("Lyz3")]] = 1e-49, -1e-17, 1e-10
+    symmetric[names.index("Lyz3")] = 1e-10
+    estimate = proved_estimate(arm.information, arm.feasible_set, given, "a solver")
+    assert np.array_equal(estimate.parameters, symmetric)
+    assert estimate.certificate["proof"]["parameters"][names.index("Lxy1")] == "0"
+
+
+def test_values_are_shown_as_far_as_their_intervals_resolve_them() -> None:
+    row = ParameterRow("Lxy6", "moment of inertia xy of link_6", "kg m²", 4.1e-11, -0.0022, 0.0021, 0.0, "assumed")
+    assert " 0 " in str(ParameterTable((row,))).splitlines()[1]
+    assert repr(row).startswith("ParameterRow(Lxy6 = 0 kg m²")
+    assert "4.1e-11" in ParameterTable((row,)).to_csv()
+    # Nothing is known of how far an open interval resolves.
+    assert "4.1e-11" in str(ParameterTable((replace(row, upper=np.inf),)))
+    assert "4.1e-11" in str(ParameterTable((replace(row, value=4.1e-11, lower=4.0e-11, upper=4.2e-11),)))
 
 
 def test_rows_and_links_are_printed_in_a_line():

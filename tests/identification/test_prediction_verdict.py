@@ -155,7 +155,10 @@ def test_of_a_joint_that_is_left_out_no_error_is_told() -> None:
     assert np.isnan(found.joint_relative_error).tolist() == [False, True, False]
     assert found.joint_model_error[1] == 0.0
     assert np.isfinite([found.model_error, found.relative_error, found.relative_noise]).all()
-    assert str(found).splitlines()[-2].split() == [information.joint_names[1]]
+    assert str(found).splitlines()[-2].split() == [information.joint_names[1], "N"]
+    cells = [f"<td>{information.joint_names[k]}</td>" for k in range(3)]
+    units = [found._repr_html_().split(cell)[1].split("</tr>")[0].split("<td>")[4] for cell in cells]
+    assert units == ["N·m</td>", "N</td>", "N·m</td>"]
 
 
 def test_plain_data() -> None:

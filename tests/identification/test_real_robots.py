@@ -61,6 +61,11 @@ def test_staubli_tx40_from_the_motor_side(shared_data, monkeypatch, tmp_path, ca
     assert "joint_6" in capsys.readouterr().out
     written = sy.Robot.from_urdf(tmp_path / "out" / "robot.urdf")
     assert written.links[5].inertia.mass > 0.0
+    # The description has 0 for these of the first link, and no data says otherwise.
+    with (tmp_path / "out" / "parameters.csv").open(newline="") as file:
+        told = {row["name"]: row["value"] for row in csv.DictReader(file)}
+    assert [told[name] for name in ("Lxy1", "Lxz1", "lx1", "cx1")] == ["0.0"] * 4
+    assert written.links[0].inertia.com[0] == 0.0
 
 
 def test_staubli_tx40_friction_is_the_published_one(shared_data):
@@ -155,7 +160,7 @@ def test_kinova_gen3_with_held_out_log(shared_data, monkeypatch, tmp_path, capsy
 
 def test_a_dead_torque_sensor_is_found(shared_data):
     """In RunTrajectory1 the sensor of joint 1 reads 0 throughout (README there)."""
-    with pytest.raises(sy.InputError, match="joint 1"):
+    with pytest.raises(sy.InputError, match="joint 'joint_1' is 0 throughout"):
         sy.identify(EXAMPLES / "kinova_gen3.toml", [shared_data / "kinova_gen3" / "RunTrajectory1.csv"])
 
 

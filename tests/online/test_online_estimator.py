@@ -1,6 +1,7 @@
 """Samples as they come, and as a robot should not send them; what comes out is that of the whole log."""
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -213,6 +214,45 @@ def test_a_search_that_is_stopped_gives_a_possible_answer(model: sy.Model, motio
     assert "stopped" in answer.remark
     assert estimator.feasible_set.contains(answer.parameters)
     assert estimator.estimate().converged
+
+
+LIGHT = """<robot name="light"><link name="base"/>
+<link name="l1"><inertial><mass value="1.36"/><inertia ixx="0.0014" iyy="0.0014" izz="0.0009"
+  ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="j1" type="revolute"><parent link="base"/><child link="l1"/><axis xyz="1 0 0"/>
+<limit lower="-3" upper="3" effort="100" velocity="10"/></joint>
+<link name="l2"><inertial><mass value="0.495"/><inertia ixx="0.011" iyy="0.0079" izz="0.0083"
+  ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="j2" type="revolute"><parent link="l1"/><child link="l2"/><axis xyz="0 1 0"/>
+<origin xyz="0.17 0.7 0.37" rpy="1.5707963 0 0"/>
+<limit lower="-3" upper="3" effort="100" velocity="10"/></joint></robot>"""
+"""A description that has a tenth of the masses that the robot has, and centres of mass elsewhere."""
+
+
+@pytest.mark.parametrize("seconds", [np.inf, 1e-3])
+def test_a_robot_unlike_its_description_has_answers_at_all_times(seconds: float, tmp_path: Path) -> None:
+    """The search alone ends in corners, singular to rounding; where there is time, every answer is the best."""
+    (tmp_path / "light.urdf").write_text(LIGHT)
+    model = sy.Model(sy.Robot.from_urdf(tmp_path / "light.urdf"))
+    heavy = [0.5, -0.01, 0.17, 0.55, -0.09, 0.31, -1.23, 0.28, 1.24, 11.5]
+    truth = np.array([*heavy, 0.0096, 0.0044, 0.0044, 0.0187, -0.0011, 0.0193, 0.25, -0.13, -0.09, 5.4])
+    t = np.arange(2000) / 1000
+    q, dq, ddq = np.zeros((3, len(t), 2))
+    for pace, size in ((np.array([5.2, 1.8]), np.array([0.8, 0.35])), (np.array([4.4, 4.1]), np.array([0.4, 0.5]))):
+        angle = pace * t[:, None] + 5.4
+        q, dq = q + size * np.sin(angle), dq + size * pace * np.cos(angle)
+        ddq = ddq - size * pace**2 * np.sin(angle)
+    torque = model.inverse_dynamics(q, dq, ddq, truth)
+    torque = torque + 1e-3 * torque.std(axis=0) * np.random.default_rng(0).normal(size=torque.shape)
+    estimator = sy.OnlineEstimator(model, forget=2.0)
+    answers = []
+    for start in range(0, len(t), 100):
+        estimator.update(t[start : start + 100], q[start : start + 100], torque[start : start + 100])
+        answers.append(estimator.estimate(seconds=seconds))
+        assert estimator.feasible_set.contains(answers[-1].parameters)
+    if seconds == np.inf:
+        assert all(one.converged for one in answers if one.rows)
+        assert estimator.information.relative_error(answers[-1].base) < 0.2
 
 
 def test_answers_are_proved(model: sy.Model, motion: tuple[Array, ...]) -> None:

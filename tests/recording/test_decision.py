@@ -80,7 +80,7 @@ def test_threshold_is_where_friction_turns(arm):
     assert found.thresholds.sticking.all()
     # Within it 2 % of the friction lack at least, and beyond it at most 12 %.
     assert np.all((found.thresholds.thresholds > TURN) & (found.thresholds.thresholds < 5.0 * TURN))
-    assert "joints 1, 2 show less friction" in found.remarks[1]
+    assert "joint 'joint1', joint 'joint2' show less friction" in found.remarks[1]
     assert found.processing.velocity_threshold == tuple(found.thresholds.thresholds)
     sharp = decide(Processing(), [log(arm, 3, 1e-5, seconds=30.0, turn=1e-6)], arm[0])
     assert sharp.thresholds is not None

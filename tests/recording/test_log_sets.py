@@ -1,9 +1,12 @@
 """Folders, patterns, partitions and object stores stand for logs, in an order that follows from their names."""
 
+import contextlib
 import os
 import subprocess
 import sys
+import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +14,7 @@ import polars as pl
 import pytest
 
 import steelyard as sy
+from steelyard.files import file_hash
 from steelyard.identification.given import given_logs
 from steelyard.recording.formats import content_hash, hashed_log
 from steelyard.recording.formats.log_sets import is_log_set, logs_in
@@ -115,6 +119,38 @@ def test_objects_are_read_as_files_are(store: str) -> None:
     assert int(identity["size"]) > 400
     assert len(content_hash(identity)) == 64  # a store without entity tags
     assert content_hash({"path": "s3://a/b", "etag": "9b"}) == "9b"
+
+
+@contextlib.contextmanager
+def unreadable(path: Path) -> Iterator[None]:
+    """Take away the rights to a path; whoever may read everything is nobody meanwhile."""
+    mode, is_root = path.stat().st_mode, os.geteuid() == 0
+    path.chmod(0)
+    if is_root:
+        os.seteuid(65534)
+    try:
+        yield
+    finally:
+        if is_root:
+            os.seteuid(0)
+        path.chmod(mode)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="rights are those of POSIX")
+def test_what_nobody_may_read_is_refused_and_not_left_out() -> None:
+    with tempfile.TemporaryDirectory() as place:  # those of pytest are closed to others
+        folder, inner = Path(place), Path(place, "inner")
+        folder.chmod(0o755)
+        inner.mkdir()
+        for one in (folder, inner):
+            (one / "run.csv").write_text(LOG)
+        assert len(logs_in(place)) == 2
+        with unreadable(inner):
+            for attempt in (lambda: logs_in(place), lambda: sy.Recording.read(inner / "run.csv")):
+                with pytest.raises(sy.InputError, match="Permission denied"):
+                    attempt()
+        with unreadable(inner / "run.csv"), pytest.raises(sy.InputError, match="Permission denied"):
+            file_hash(inner / "run.csv")
 
 
 def test_messages_name_the_object(store: str) -> None:

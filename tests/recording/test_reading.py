@@ -217,8 +217,8 @@ def test_limits(log: Columns, write: Callable[..., Path]) -> None:
     assert recording.check_against(-wide * np.inf, wide * np.inf, fast * np.inf) == ()
     swapped = recording.check_against([-0.55, -1.0], [0.55, 1.0], fast)
     assert len(swapped) == 1
-    assert "joint 1 (elbow)" in swapped[0]
-    assert "with joint 2 (wrist) in its place both would fit" in swapped[0]
+    assert "joint 'elbow'" in swapped[0]
+    assert "with joint 'wrist' in its place both would fit" in swapped[0]
     slow = recording.check_against(-wide, wide, [1.0, 3.0])
     assert "velocity limit of 1" in slow[0]
     with pytest.raises(InputError, match="2 joints but there are limits for 3"):

@@ -130,5 +130,5 @@ def test_bad_covariances_are_refused(arm):
     mask = np.ones((50, 3), dtype=bool)
     mask[:25, 0] = mask[25:, 1] = False
     apart = Samples(q=samples.q, dq=samples.dq, ddq=samples.ddq, torque=samples.torque, mask=mask)
-    with pytest.raises(InputError, match="joints 1 and 2 are never used in the same sample"):
+    with pytest.raises(InputError, match="joint 'joint1' and joint 'joint2' are never used in the same sample"):
         residual_covariance(arm, apart, np.zeros(arm.base_parameters().count))

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from steelyard.display import joint_label
 from steelyard.errors import InputError
 from steelyard.files import shown
 from steelyard.robot import Condition, Joint, Robot, Term, TermParameter
@@ -179,8 +180,8 @@ class ByJoint(Term):
             twice = next((symbol for symbol in symbols if symbols.count(symbol) > 1), None)
             if twice is not None:
                 raise InputError(
-                    f"Two laws of a term of kind 'by_joint' have the parameter {twice!r} at joint {k + 1}; let only "
-                    "one of them act there."
+                    f"Two laws of a term of kind 'by_joint' have the parameter {twice!r} at "
+                    f"{joint_label(k, robot.joint_names)}; let only one of them act there."
                 )
 
     def to_dict(self) -> dict[str, Any]:

@@ -39,6 +39,9 @@ _CONSISTENT = 1e-6
 """Relative difference up to which what an estimate says is what its parameters make: rounding is far below that, and a
 number that belongs to other parameters far above it."""
 
+DUST = 1e-12
+"""Times the size of a link: numbers of it up to this are zero. Solvers and linear algebra leave 1e-13 at best."""
+
 
 def _checked_estimator(name: str, offered: object) -> Estimator:
     if not callable(offered):
@@ -111,6 +114,8 @@ def proved_estimate(
             f"The parameters that {method} found are not feasible, so that they are no answer; "
             "steelyard.check tells which conditions they violate."
         )
+    # Before the proof, so that what is proved, written and shown are the same numbers.
+    parameters = _without_dust(feasible_set, parameters)
     joint_names = info.joint_names
     drives: dict[str, Any] = {}
     if isinstance(model, Model):
@@ -142,6 +147,21 @@ def proved_estimate(
         remarks=(*info.remarks, *remarks),
         optimality_gap=optimality_gap,
     )
+
+
+def _without_dust(feasible_set: FeasibleSet, parameters: Vector) -> Vector:
+    """Return the parameters with zero where a number of a link is rounding beside the size of that link.
+
+    Where a link is symmetric and no data says otherwise, solvers end at a centre of mass of 1e-49 m, which in a
+    description or a table looks like a result.
+    """
+    columns = feasible_set.link_columns
+    bodies = parameters[columns]
+    mass, second = np.abs(bodies[:, 9]), 0.5 * np.abs(bodies[:, [0, 3, 5]]).sum(axis=1)
+    sizes = np.repeat(np.column_stack([second, np.sqrt(mass * second)]), [6, 3], axis=1)
+    cleaned = parameters.copy()
+    cleaned[columns[:, :9]] = np.where(np.abs(bodies[:, :9]) <= DUST * sizes, 0.0, bodies[:, :9])
+    return cleaned if feasible_set.contains(cleaned) else parameters
 
 
 def estimate_with(estimator: str | Estimator, info: Information, feasible_set: FeasibleSet, **options: Any) -> Estimate:
@@ -213,6 +233,8 @@ def _checked(given: object, info: Information, feasible_set: FeasibleSet) -> Est
     # What nobody measured is not told, and the proof is that of these parameters.
     return replace(
         given,
+        parameters=own.parameters,
+        base=own.base,
         certificate=own.certificate,
         damping=own.damping,
         friction=own.friction,

@@ -176,7 +176,7 @@ def design_excitation(
     >>> design.condition_number < 10, design.margins[0].clearance >= 0
     (True, True)
     """
-    model = model.without_channels  # no motion sets a temperature
+    whole, model = model, model.without_channels  # no motion sets a temperature
     say = progress or (lambda _: None)
     if not (np.isfinite(rate) and rate > 0.0):
         raise InputError(f"rate must be positive, got {rate!r}.")
@@ -194,7 +194,7 @@ def design_excitation(
         periods=played[1] if periods is None else periods,
         slow_time=played[2] if slow_time is None else slow_time,
     )
-    remarks: list[str] = []
+    remarks: list[str] = [] if whole is model else [_not_judged(whole)]
     where = "limits"
     sections: dict[str, Any] = {}
     if isinstance(limits, str | Path):
@@ -283,8 +283,8 @@ def design_excitation(
         figure=found,
         subset=() if subset is None else measure.subset.names,
         terms=tuple(term.kind for term in model.robot.terms),
-        parameter_count=model.parameter_count,
-        base_count=model.base_parameters().count,
+        parameter_count=whole.parameter_count,
+        base_count=whole.base_parameters().count,
         uncertainty=shown.uncertainty,
         unidentifiable=shown.unidentifiable,
         unchecked=unchecked,
@@ -502,6 +502,18 @@ def _hopeless(shown: Identifiability, count: int, margins: Sequence[Margin], per
     )
 
 
+def _not_judged(model: Model) -> str:
+    """Return the remark that a motion is planned without what terms need beside the motion of one instant."""
+    base, judged = model.base_parameters(), model.without_channels.base_parameters().expressions
+    kinds = " and ".join(term.kind for term in model.robot.terms if term.channels)
+    left = [_short(one) for one in base.expressions if one not in judged]
+    return (
+        f"The motion was judged by {len(judged)} of {base.count} base parameters, without {listed(left)}: the torque "
+        f"of {kinds} follows from more than the motion of one instant; it counted as in steady sliding, without "
+        "channels."
+    )
+
+
 def _short(expression: str) -> str:
     """Return the first terms of the expression of a base parameter."""
     return expression if len(expression) <= _SHORT else expression[: expression.rindex(" ", 0, _SHORT)] + " ..."
@@ -545,7 +557,8 @@ class ExcitationDesign:
     terms : tuple of str
         Terms of the model besides rigid links, such as ``"viscous"``.
     parameter_count, base_count : int
-        Numbers of parameters and of base parameters of the model.
+        Numbers of parameters and of base parameters of the model. A remark says which of them the motion was not judged
+        by, as the state of friction or a temperature alone shows them.
     uncertainty : float
         Expected standard deviation, with torque noise of one per cent and the prior information, of the least certain
         combination of the parameters in the subset, relative to the 2-norm of all base parameters. Above 1 the motion

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
-from steelyard.files import listed, replaced_file, write_json, write_text
+from steelyard.files import listed, replaced_file, write_json, write_table, write_text
 
 from .ros import joint_trajectory_text
 
@@ -170,8 +170,4 @@ def _write_table(file: BinaryIO, suffix: str, t: Array, motion: tuple[Array, Arr
     columns = {"t": t}
     for name, values in zip(("q", "dq", "ddq"), motion, strict=True):
         columns |= {f"{name}{k + 1}": values[:, k] for k in range(values.shape[1])}
-    frame = polars.DataFrame(columns)
-    if suffix == ".csv":
-        frame.write_csv(file)
-    else:
-        frame.write_parquet(file)
+    write_table(polars.DataFrame(columns), file, suffix)

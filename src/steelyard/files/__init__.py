@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from .reading import shown as shown
     from .table_files import check_parquet as check_parquet
     from .table_files import read_table as read_table
+    from .table_files import write_table as write_table
     from .toml_table import TomlSection as TomlSection
     from .toml_table import TomlTable as TomlTable
     from .toml_table import made_from_table as made_from_table

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import hashlib
+import io
 import json
 import math
 import os
@@ -86,9 +87,34 @@ def require_file(path: str | os.PathLike[str], remedy: str = "give the path of a
     _require_regular(mode, path, remedy)
 
 
-def file_hash(path: Path) -> str:
-    """Return the SHA-256 hash of the content of a file, by which one can tell whether it is the same."""
-    with path.open("rb") as file:
+@contextlib.contextmanager
+def _opened(path: str | os.PathLike[str], remedy: str) -> Iterator[io.BufferedReader]:
+    """Open a regular file; refuse what is none, and what cannot be read, also while it is."""
+    # Without O_NONBLOCK a pipe that nobody writes to would be waited for in `open`.
+    flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
+    try:
+        if os.path.isdir(path):
+            raise InputError(f"{path}: is a folder; {remedy}.")
+        with open(os.open(path, flags), "rb") as file:
+            _require_regular(os.fstat(file.fileno()).st_mode, path, remedy)
+            yield file
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or error}); {remedy}.") from None
+    except InputError:
+        raise
+    except ValueError:  # the path holds a NUL, or half of a surrogate pair
+        raise InputError(f"{shown(os.fspath(path))}: is not a valid path; {remedy}.") from None
+
+
+def file_hash(path: Path, *, remedy: str = "give the path of a file") -> str:
+    """Return the SHA-256 hash of the content of a file, by which one can tell whether it is the same.
+
+    Raises
+    ------
+    InputError
+        For a file that cannot be read, a folder, a device or a pipe.
+    """
+    with _opened(path, remedy) as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
@@ -110,24 +136,11 @@ def read_bytes(
     InputError
         For a file that is missing, too large or cannot be read, a folder, a device or a pipe.
     """
-    # Without O_NONBLOCK a pipe that nobody writes to would be waited for in `open`.
-    flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
-    try:
-        if os.path.isdir(path):
-            raise InputError(f"{path}: is a folder; {remedy}.")
-        with open(os.open(path, flags), "rb") as file:
-            status = os.fstat(file.fileno())
-            _require_regular(status.st_mode, path, remedy)
-            if status.st_size <= largest:
-                content = file.read(largest + 1)
-                if len(content) <= largest:
-                    return content
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror or error}); {remedy}.") from None
-    except InputError:
-        raise
-    except ValueError:  # the path holds a NUL, or half of a surrogate pair
-        raise InputError(f"{shown(os.fspath(path))}: is not a valid path; {remedy}.") from None
+    with _opened(path, remedy) as file:
+        if os.fstat(file.fileno()).st_size <= largest:
+            content = file.read(largest + 1)
+            if len(content) <= largest:
+                return content
     raise InputError(f"{path}: has more than {largest / 1e6:.0f} MB, which is too large; {remedy}.")
 
 

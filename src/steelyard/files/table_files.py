@@ -1,20 +1,24 @@
-"""Tables of CSV and Parquet, read whole; and what a Parquet file says of its pages, before Polars believes it."""
+"""Tables of CSV and Parquet, read and written; and what a Parquet file says of its pages, before Polars believes it."""
 
 from __future__ import annotations
 
 import mmap
+import os
+import re
 import struct
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from steelyard.errors import InputError
 
 from .reading import reading_table, require_file
 
-__all__ = ["check_parquet", "read_table"]
+__all__ = ["check_parquet", "read_table", "write_table"]
 
 MARK = b"PAR1"
+GROUP_ROWS = 100_000
+_OF_SYSTEM = re.compile(r"\(os error (\d+)\)")
 LARGEST_FOOTER = 2**28
 """Bytes; that of a table of a hundred million numbers, written as Polars does, has a few hundred thousand."""
 
@@ -55,6 +59,36 @@ def read_table(path: str | Path, remedy: str, *, text: bool = False) -> Any:
             check_parquet(path)
             return polars.read_parquet(path, glob=False)
         return polars.read_csv(path, glob=False, infer_schema=not text)
+
+
+def write_table(frame: Any, file: IO[bytes], suffix: str) -> None:
+    """Write a data frame of Polars as CSV, or as Parquet in row groups that are small enough to be read one by one.
+
+    Parameters
+    ----------
+    frame : polars.DataFrame
+    file : binary file
+        As `replaced_file` opens it, which tells why it cannot be written.
+    suffix : str
+        ``".csv"``, or that of Parquet.
+
+    Raises
+    ------
+    OSError
+        If the system refuses it, as where a disk is full.
+    """
+    from polars.exceptions import PolarsError
+
+    try:
+        if suffix == ".csv":
+            frame.write_csv(file)
+        else:
+            frame.write_parquet(file, row_group_size=GROUP_ROWS)
+    except (OSError, PolarsError) as error:  # whose words are those of the library, and wrong
+        code = _OF_SYSTEM.search(str(error))
+        if code is None:
+            raise
+        raise OSError(int(code[1]), os.strerror(int(code[1]))) from None
 
 
 def check_parquet(path: str | Path) -> None:

@@ -327,6 +327,8 @@ def replaced_folder(
         synchronise(target.parent)
     except OSError as error:
         raise refusal(Path(folder), error) from None
+    except InputError as error:  # of a file in the folder that is made, of which the user knows nothing
+        raise InputError(str(error).replace(str(part), str(folder))) from None
     finally:
         if handle is not None:
             os.close(handle)

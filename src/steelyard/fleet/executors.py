@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import multiprocessing
 import os
 import signal
 import threading
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from itertools import islice
@@ -127,7 +128,8 @@ class Workers:
                 while waiting or running:
                     while waiting and len(running) < _IN_FLIGHT * workers:
                         number, place = waiting.pop()
-                        running[pool.submit(_do, groups[number][place])] = number, place
+                        with _begun_deaf():
+                            running[pool.submit(_do, groups[number][place])] = number, place
                     for done in wait(running, return_when=FIRST_COMPLETED).done:
                         number, place = running[done]
                         results[number][place] = done.result()
@@ -151,6 +153,19 @@ class Workers:
                 pool.shutdown(wait=not processes, cancel_futures=True)
                 for process in processes:
                     process.kill()
+
+
+@contextlib.contextmanager
+def _begun_deaf() -> Iterator[None]:
+    """Let processes begin that Ctrl-C does not reach, which this one sees to: they would print traces as they load."""
+    if os.name != "posix":
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 class _Here:

@@ -406,6 +406,12 @@ def identify_fleet(
             f"The torques of {filtered} entries were filtered and their regressor was not, so that no interval holds: "
             "they are left out of the comparison of siblings."
         )
+    blind = sum(not row.reason and row.entry.gives_informations for row in rows)
+    if blind:
+        remarks.append(
+            f"{blind} entr{'y gives' if blind == 1 else 'ies give'} Informations, which hold no rows: what impacts and "
+            "other short events leave counts as noise there. Give the logs where that may hide a poor prediction."
+        )
     return Fleet(given, tuple(rows), tuple(groups), tuple(findings), tuple(dict.fromkeys(remarks)))
 
 

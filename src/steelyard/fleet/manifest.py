@@ -22,6 +22,11 @@ SEPARATOR = ";"
 """Between several paths in a cell of a table."""
 
 
+def is_information(path: str) -> bool:
+    """Whether a path is that of an Information, and not of a log."""
+    return path.lower().endswith(".json")
+
+
 @dataclass(frozen=True)
 class FleetEntry:
     """One robot at one date, with its data.
@@ -56,6 +61,11 @@ class FleetEntry:
     def label(self) -> str:
         """The robot, with its date where there is one."""
         return f"{self.id} ({self.date})" if self.date else self.id
+
+    @property
+    def gives_informations(self) -> bool:
+        """Whether some of its data are Informations, so that their rows are not at hand."""
+        return bool(self.informations) or any(is_information(path) for path in self.validate)
 
     def files(self, key: str) -> tuple[str, ...]:
         """Return the files of `informations` or `validate`, those of a pattern in the order of their names.

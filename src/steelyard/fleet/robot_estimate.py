@@ -23,6 +23,7 @@ from steelyard.feasibility import FeasibleSet, check
 from steelyard.files import file_hash
 from steelyard.identification.default_terms import wider_model
 from steelyard.identification.given import given_constraints, given_logs
+from steelyard.identification.log_checks import copies_among
 from steelyard.identification.log_reader import ReducedLog
 from steelyard.identification.parameter_table import parameter_table
 from steelyard.identification.prediction_verdict import prediction_verdict, said_of
@@ -33,7 +34,7 @@ from steelyard.robot import RobotFile
 
 from .checkpoints import robot_content
 from .data_sets import reduced_logs
-from .manifest import FleetEntry
+from .manifest import FleetEntry, is_information
 from .packed import packed
 
 __all__ = ["Known", "inputs_of", "known_of", "model_of", "robot_estimate", "task_of"]
@@ -129,9 +130,11 @@ def _estimate(task: dict[str, Any]) -> dict[str, Any]:
         information, stretches, remarks = Information.total(parts), tuple(parts), list(parts[0].remarks)
         if len(parts) < FEWEST_FOLDS:
             stretches = ()
+        given = [(path, "identification", part) for path, part in zip(task["informations"], parts, strict=True)]
         own: list[ReducedLog] = []  # whose rows are not known
     else:
         known, information, stretches, remarks, own = _reduced(robot, task["logs"])
+        given = [(log.name, "identification", log.information) for log in own]
     model, feasible_set = known.model, known.feasible_set
     if information.count <= information.base_count:
         raise InputError(
@@ -146,6 +149,10 @@ def _estimate(task: dict[str, Any]) -> dict[str, Any]:
     estimate = plausible.estimate
     assert estimate.parameters is not None
     validation, others = _validation(known, task["validate"])
+    given += [(path, "validation", part) for path, part in zip(task["validate"], validation, strict=True)]
+    copies = copies_among(given)
+    remarks += copies.values()
+    validation = [part for index, (_, role, part) in enumerate(given) if role == "validation" and index not in copies]
     few = [
         rows
         for role, logs in (("identification", own), ("validation", others))
@@ -235,7 +242,7 @@ def _validation(known: Known, paths: Sequence[str]) -> tuple[list[Information], 
     found: list[Information] = []
     each: list[ReducedLog] = []
     for path in paths:
-        if path.lower().endswith(".json"):
+        if is_information(path):
             information = Information.load(path)
         else:
             information = reduced_logs(known.file, known.model, given_logs([path], None)[0], each.append).information

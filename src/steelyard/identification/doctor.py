@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from steelyard.display import capital
 from steelyard.dynamics import Model
 from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError
@@ -460,7 +461,7 @@ class _Patient:
             counts = float(np.ptp(recording.q[:, j]) / diagnosis.position_resolution[j])
             if counts < COUNTS:
                 statement = (
-                    f"{_capital(recording.joint_label(int(j)))} moves over {counts:.0f} steps of its encoder "
+                    f"{capital(recording.joint_label(int(j)))} moves over {counts:.0f} steps of its encoder "
                     f"({diagnosis.position_resolution[j]:.3g}), too few for its accelerations."
                 )
                 advice = "Move the joint farther, or log its position with more digits."
@@ -468,7 +469,7 @@ class _Patient:
         spread = recording.torque.std(axis=0)
         for j in np.flatnonzero(spread > 0.0):
             step, noise = diagnosis.torque_resolution[j] / spread[j], diagnosis.torque_noise[j] / spread[j]
-            label = _capital(recording.joint_label(int(j)))
+            label = recording.joint_label(int(j))
             if step > COARSE:
                 size = diagnosis.torque_resolution[j]
                 statement = f"The torque of {label} has steps of {size:.3g}, {step:.0%} of its spread."
@@ -476,7 +477,7 @@ class _Patient:
                 self.add(Finding("torque resolution", statement, "worse", float(step), advice=advice))
             elif noise > LOUD:
                 size = diagnosis.torque_noise[j]
-                statement = f"{label} has noise of {size:.3g} on its torque, {noise:.0%} of its spread."
+                statement = f"{capital(label)} has noise of {size:.3g} on its torque, {noise:.0%} of its spread."
                 advice = "Record for longer, or move the joint faster and farther."
                 self.add(Finding("torque noise", statement, "worse", float(noise), advice=advice))
 
@@ -835,10 +836,6 @@ def _kind_of(remedy: Settings) -> str:
 def _significant(values: Array) -> Any:
     rounded = np.vectorize(lambda value: float(f"{value:.3g}"))(values)
     return rounded.tolist() if rounded.ndim else float(rounded)
-
-
-def _capital(label: str) -> str:
-    return label[:1].upper() + label[1:]
 
 
 def _day(seconds: float) -> str:

@@ -28,7 +28,7 @@ from steelyard.regression.time_blocks import TimeBlocks
 
 from .default_terms import RotorDecision, decide_rotors, wider_model
 from .given import Data, GivenLog, GivenRobot, digests, given_constraints, given_logs, given_robot, given_settings
-from .log_checks import SHORTEST_DRIFT, heavy_ends, implausible_mass, mistakes_in_logs
+from .log_checks import SHORTEST_DRIFT, copies_among, heavy_ends, implausible_mass, mistakes_in_logs
 from .log_reader import DrawnLog, LogReader, LogReduction, LogTask, Progress, one_by_one
 from .mistakes import POOR, sentence
 from .parameter_table import parameter_table
@@ -263,6 +263,8 @@ def identify(
                 blocks.append(own_blocks)
             drawn.append(one.drawn)
             parts.append((one.name, "identification" if fitted else "validation", one.information, one.samples))
+    copies = copies_among([part[:3] for part in parts])
+    reader.remarks.extend(copies.values())
     information = Information.total([p[2] for p in parts if p[1] == "identification"])
     information = replace(information, batch_means=means.total())
     folds = FEWEST_FOLDS if model.parameter_count > MANY_PARAMETERS else 5
@@ -335,7 +337,7 @@ def identify(
     prediction = prediction_verdict(
         measured,
         estimate.base,
-        validation=[p[2] for p in parts if p[1] == "validation"],
+        validation=[p[2] for k, p in enumerate(parts) if p[1] == "validation" and k not in copies],
         held_out_error=held_out,
         fold_count=len(stretches),
         units=model.robot.torque_units,

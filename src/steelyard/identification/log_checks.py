@@ -18,7 +18,7 @@ from steelyard.recording import LogColumns, Samples
 from steelyard.recording.correction import correction_settings
 from steelyard.recording.formats import LogFiles
 from steelyard.recording.recognition import Layout
-from steelyard.regression import Estimate
+from steelyard.regression import Estimate, Information
 from steelyard.robot import RobotFile
 
 from .given import GivenLog, GivenSamples
@@ -26,7 +26,7 @@ from .log_reader import LogReader
 from .mistakes import MOTION_UNITS, TOO_MANY_JOINTS, Hypothesis, find_mistakes
 from .parameter_table import ParameterTable
 
-__all__ = ["heavy_ends", "implausible_mass", "mistakes_in_logs"]
+__all__ = ["copies_among", "heavy_ends", "implausible_mass", "mistakes_in_logs"]
 
 SHORTEST_DRIFT = 60.0
 """s of a log below which no drift of friction is looked for: gears warm up in minutes, and what changes in seconds is
@@ -38,6 +38,39 @@ _WORST = 12
 """Logs that are looked at, the worst predicted of all: a look takes 10 ms where nothing is wrong."""
 _DENSE_ROWS = 4000
 """Rows in the middle of a log by which a delay is told where the samples at hand are too far apart."""
+
+
+def copies_among(logs: Sequence[tuple[str, str, Information]]) -> dict[int, str]:
+    """Find logs that hold the very rows of one before them, and say of each what that does to the answer.
+
+    Parameters
+    ----------
+    logs : sequence of (str, str, Information)
+        Name, role and reduction of each log, those of the fit first. Sums of products that are the same to ten digits
+        are those of the same rows: noise alone makes others different.
+
+    Returns
+    -------
+    dict
+        The sentence by the index of the log.
+    """
+    first: dict[tuple[tuple[int, str], ...], int] = {}
+    found = {}
+    for index, (name, role, information) in enumerate(logs):
+        # Sums of squares of one mixture of all columns; the last digits depend on how blocks were joined.
+        mixed = [factor.triangle @ np.linspace(1.0, 2.0, len(factor.triangle)) for factor in information.factors]
+        rows = tuple((f.count, f"{one @ one:.9e}") for f, one in zip(information.factors, mixed, strict=True))
+        before = first.setdefault(rows, index)
+        if before == index or not information.count:
+            continue
+        other, other_role, _ = logs[before]
+        same = "the rows of this log" if other == name else f"the rows of {other}"
+        if role != other_role:
+            found[index] = f"{name}: {same} were used in the fit, so that its error is no test of a prediction."
+        else:
+            harm = "twice, so that intervals are too narrow" if role == "identification" else "once"
+            found[index] = f"{name}: {same} were given twice, and count {harm}."
+    return found
 
 
 def mistakes_in_logs(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import importlib
 import io
+import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal
@@ -97,9 +98,17 @@ class ParameterRow:
     cad: float
     basis: Basis
 
+    @property
+    def resolved(self) -> float:
+        """The value as tables show it: what is less than a hundred-thousandth of its interval is rounded away."""
+        width = self.upper - self.lower
+        if not 0.0 < width < np.inf:
+            return self.value
+        return round(self.value, 5 - math.floor(math.log10(width))) + 0.0
+
     def __repr__(self) -> str:
         lower, upper = outward(self.lower, self.upper) if np.isfinite(self.lower) else ("?", "?")
-        return f"ParameterRow({self.name} = {few_digits(self.value)} {self.unit}, {lower} to {upper}, {self.basis})"
+        return f"ParameterRow({self.name} = {few_digits(self.resolved)} {self.unit}, {lower} to {upper}, {self.basis})"
 
 
 @dataclass(frozen=True, eq=False)
@@ -300,7 +309,7 @@ def _written(row: ParameterRow) -> tuple[str, ...]:
 
     return (
         row.name,
-        number(row.value),
+        number(row.resolved),
         number(row.lower),
         number(row.upper),
         number(row.cad),

@@ -76,6 +76,7 @@ PAUSE = 0.25
 
 MOST_TIMES, MOST_SAID = 3, 3
 
+_HEADS = ("joint", "error", "RMS", "noise", "unit", "white")
 _SAID: dict[Word, str] = {
     "good": "predicts well",
     "usable": "predicts usably",
@@ -164,6 +165,8 @@ class PredictionVerdict:
     whiteness : ndarray
         (N,): the part of the mean square of the residuals of the fit that is white, 0 to 1. Little says that what is
         left follows a pattern, which a better model would explain.
+    units : tuple of str
+        Of the torque of each joint, ``"N·m"`` or ``"N"``; ``"N·m or N"`` where it is not known.
     sentences : tuple of str
     few_rows : tuple of FewRows
         Few rows that hold most of the squared error of a joint, such as those of an impact.
@@ -178,6 +181,7 @@ class PredictionVerdict:
     joint_error: Array = field(repr=False)
     noise_floor: Array = field(repr=False)
     whiteness: Array = field(repr=False)
+    units: tuple[str, ...] = field(repr=False)
     sentences: tuple[str, ...] = field(default=(), repr=False)
     few_rows: tuple[FewRows, ...] = field(default=(), repr=False)
 
@@ -247,19 +251,19 @@ class PredictionVerdict:
         def number(value: float, unit: str = "") -> str:
             return f"{value:.3g}{unit}" if np.isfinite(value) else ""
 
-        columns = (self.joint_names, self.joint_relative_error, self.joint_error, self.noise_floor, self.whiteness)
+        errors = (self.joint_relative_error, self.joint_error, self.noise_floor)
+        columns = (self.joint_names, *errors, self.units, self.whiteness)
         return [
-            (name, number(100 * relative, " %"), number(error), number(floor), number(100 * white, " %"))
-            for name, relative, error, floor, white in zip(*columns, strict=True)
+            (name, number(100 * relative, " %"), number(error), number(floor), unit, number(100 * white, " %"))
+            for name, relative, error, floor, unit, white in zip(*columns, strict=True)
         ]
 
     def __str__(self) -> str:
-        heads = ("joint", "error", "RMS", "noise", "white")
-        return "\n".join((*self.sentences, text_table(heads, self._rows(), numbers=(1, 2, 3, 4))))
+        return "\n".join((*self.sentences, text_table(_HEADS, self._rows(), numbers=(1, 2, 3, 5))))
 
     def _repr_html_(self) -> str:
-        heads = ("joint", "error", "RMS, N·m or N", "noise, N·m or N", "white")
-        return html_table(f"{self.word}: {self.model_error:.1%} on {self.source}", heads, self._rows(), self.sentences)
+        caption = f"{self.word}: {self.model_error:.1%} on {self.source}"
+        return html_table(caption, _HEADS, self._rows(), self.sentences)
 
     def to_dict(self) -> dict[str, Any]:
         """As plain data for JSON; numbers that are not finite are None."""
@@ -509,7 +513,7 @@ def prediction_verdict(
     told = tuple(sentences)
     seen = np.where((torque > 0.0) | (error > 0.0), error, np.nan)  # of a joint that was left out nothing is known
     return PredictionVerdict(
-        word, source, model, whole, tuple(names), relative, seen, floor, white, told, tuple(few_rows)
+        word, source, model, whole, tuple(names), relative, seen, floor, white, of_joint, told, tuple(few_rows)
     )
 
 

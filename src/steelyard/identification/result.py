@@ -304,14 +304,12 @@ class Identification:
 
     def joint_table(self) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
         """The table of how well each joint is predicted: its heads and its rows, the last of them all the joints."""
-        told, units = self.prediction, self.model.robot.torque_units
-        if len(units) != len(told.joint_names):
-            units = ("",) * len(told.joint_names)
+        told = self.prediction
 
         def written(value: float) -> str:
             return f"{value:.3g}" if np.isfinite(value) else "-"
 
-        columns = (told.joint_names, told.joint_relative_error, told.joint_error, told.noise_floor, units)
+        columns = (told.joint_names, told.joint_relative_error, told.joint_error, told.noise_floor, told.units)
         rows = [
             (name, f"{error:.1%}" if np.isfinite(error) else "-", written(size), written(floor), unit)
             for name, error, size, floor, unit in zip(*columns, strict=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,15 +14,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.dynamics import Model
 from steelyard.dynamics.threads import one_thread
-from steelyard.errors import InputError
+from steelyard.errors import InputError, SolverError
 from steelyard.estimators import ConstantPullbackPrior
 from steelyard.estimators.cross_validation import term_deviations
 from steelyard.estimators.estimator import proved_estimate
-from steelyard.estimators.fitting_problems import WarmFit
+from steelyard.estimators.fitting_problems import GAP, WarmFit
 from steelyard.estimators.physical_prior import PhysicalPrior, physical_prior
 from steelyard.estimators.plausible_fit import set_with_habits, untested_weight
 from steelyard.estimators.prior import PreparedPrior, Prior, distance_from
 from steelyard.estimators.reduced_fit import fit_reduced
+from steelyard.estimators.reduced_regression import ReducedRegression
 from steelyard.feasibility import FeasibleSet
 from steelyard.feasibility.bounds.quantities import standard_errors
 from steelyard.files.arguments import read_number
@@ -62,6 +64,9 @@ are few. Without it, the first dozens of rows, which any parameters explain, wou
 
 START = 0.1
 """Terms start at this part of their usual deviation: anywhere inside does."""
+
+DEPTHS = (10.0, 3.0, 1.1)
+"""Margins by which a search starts inside the set, where the prior is not inside: the first of them that has room."""
 
 LEAST_DEVIATION = 1e-4
 """The least deviation of the torques, relative to them: no drive tells its torque better. Data of a simulation without
@@ -519,35 +524,59 @@ class OnlineEstimator:
         slow = self._slow
         if slow is None or rows > GROWTH * slow.rows or rows < slow.rows / GROWTH:
             slow = self._slow = self._slowly(info)
-        problem = info.reduced(slow.weights)
-        variance = _variance(problem)
         left = max(seconds - (perf_counter() - begun), 0.0) if np.isfinite(seconds) else np.inf
-        found = self._search.solve(
-            problem.R, problem.rho, variance, slow.prepared, slow.prior_weight, accuracy=accuracy, seconds=left
-        )
-        parameters, remark = found.parameters, ""
-        if not found.converged:
-            # A search that ended by itself may stand in a corner; it begins anew when rows have grown.
-            self._stuck = found.seconds < left
-            remark = f"The search was stopped after {found.steps} steps; the parameters are possible, not yet the best."
+        parameters, converged, steps = self._searched(info.reduced(slow.weights), slow, accuracy, left)
+        remark = ""
+        if not converged:
+            remark = f"The search was stopped after {steps} steps; the parameters are possible, not yet the best."
         if not self._set.contains(parameters):
             assert self._possible is not None
-            parameters, remark = self._possible, "The search left the feasible set; these are the parameters before it."
+            parameters, converged = self._possible, False
+            remark = "The search left the feasible set; these are the parameters before it."
         self._possible = parameters
         self._answer = OnlineEstimate(
             self._t,
             self._set.K @ parameters,
             parameters,
-            found.converged and parameters is found.parameters,
+            converged,
             remark,
             rows,
             slow.weights,
             slow.prior,
             slow.prior_weight,
-            found.steps,
+            steps,
             perf_counter() - begun,
         )
         return self._answer
+
+    def _searched(self, problem: Reduced, slow: _Slow, accuracy: float, seconds: float) -> tuple[Array, bool, int]:
+        """Return the parameters to which a search from the last answer comes, whether they are the best, and its steps.
+
+        A search that ends by itself before its end stands in a corner, where rounding hides the way. Where there is
+        time, the problem is then solved as that of a log, which takes ten times as long; else the search begins anew
+        when rows have grown.
+        """
+        assert self._possible is not None
+        parameters, steps, variance = self._possible, 0, _variance(problem)
+        with contextlib.suppress(np.linalg.LinAlgError):  # at the very edge matrices are singular to rounding
+            found = self._search.solve(
+                problem.R, problem.rho, variance, slow.prepared, slow.prior_weight, accuracy=accuracy, seconds=seconds
+            )
+            parameters, steps = found.parameters, found.steps
+            if found.converged or found.seconds >= seconds:
+                return parameters, found.converged, steps
+        self._stuck = True
+        if np.isfinite(seconds):
+            return parameters, False, steps
+        own = ReducedRegression.of(problem, self._set).variance  # by which `fit_reduced` divides
+        with contextlib.suppress(SolverError):
+            fitted = fit_reduced(problem, self._set, prior=slow.prior, prior_weight=slow.prior_weight * variance / own)
+            parameters = fitted.parameters
+            if self._search.inside(parameters):
+                self._search.begin(parameters)
+                self._stuck = False
+            return parameters, fitted.optimality_gap <= GAP, steps
+        return parameters, False, steps
 
     def _without_data(self, begun: float, rows: int) -> OnlineEstimate:
         prior = self._prior(np.where(self._of_links, np.inf, 1.0))
@@ -592,10 +621,18 @@ class OnlineEstimator:
         if self._search.inside(start) and self._set.satisfies_equations(start):
             return np.asarray(start)
         given = self._set
-        deeper = FeasibleSet(self.model, given.consistency, given.constraints, 10.0 * given.margin, given.terms)
         nothing = np.zeros(given.K.shape[0])
         near = Reduced(np.diag(np.full(len(nothing), 1e-6)), nothing + 1e-6, 0.0, 10 * len(nothing), 1.0)
-        return fit_reduced(near, deeper, prior=self._prior(deviations), prior_weight=1e3).parameters
+        for depth in DEPTHS:
+            deeper = FeasibleSet(self.model, given.consistency, given.constraints, depth * given.margin, given.terms)
+            with contextlib.suppress(SolverError):  # links of a few grams have no room so far inside
+                found = fit_reduced(near, deeper, prior=self._prior(deviations), prior_weight=1e3).parameters
+                if self._search.inside(found):
+                    return found
+        raise SolverError(
+            f"no parameters of {self.model.robot.name} are inside all conditions by {DEPTHS[-1]:g} of their margin; "
+            "loosen the constraints, or give FeasibleSet a smaller margin."
+        )
 
     def settle(self) -> None:
         """Let the next answer rest on weights and on a prior that are computed anew, not only when rows have grown."""

@@ -560,7 +560,7 @@ class OpenedLog:
             Where a torque is stuck, or nothing moves.
         """
         survey = seen.survey
-        remarks = *survey.remarks(), *masking_remarks(seen.masked)
+        remarks = *survey.remarks(), *masking_remarks(seen.masked, survey.first_row.joint_names)
         low, high = survey.torque
         self.processing.check_torques(survey.first_row, low, high, survey.travel)
         return remarks

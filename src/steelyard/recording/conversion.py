@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from steelyard.display import joint_label
 from steelyard.errors import InputError
 
 from .clock import ClockStatistics, clock_of
@@ -264,7 +265,7 @@ def turned_on(q: NDArray[np.float64]) -> tuple[NDArray[np.float64], tuple[int, .
 def turn_remarks(q: NDArray[np.float64], joint_names: Sequence[str] | None = None) -> tuple[str, ...]:
     """Say of which joints positions (S, N) jump by whole turns, which reading takes out."""
     return tuple(
-        f"The position of joint {j + 1}{'' if joint_names is None else f' ({joint_names[j]})'} jumps by a turn {count} "
+        f"The position of {joint_label(j, joint_names)} jumps by a turn {count} "
         f"time{'s' * (count > 1)}: it was logged modulo a turn, and was put together."
         for j, count in enumerate(turned_on(q)[1])
         if count

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from steelyard.display import html_table
+from steelyard.display import html_table, joint_label
 from steelyard.errors import InputError
 from steelyard.files.arguments import LARGEST
 
@@ -127,7 +127,7 @@ class Measurements:
 
     def joint_label(self, index: int) -> str:
         """Name joint `index` (from 0) for messages."""
-        return f"joint {index + 1}" if self.joint_names is None else f"joint {index + 1} ({self.joint_names[index]})"
+        return joint_label(index, self.joint_names)
 
     def lacks_torque(self, index: int) -> bool:
         """Return whether no row has a torque of joint `index` (from 0)."""

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard import recording as room
+from steelyard.display import joint_label
 from steelyard.errors import InputError
 
 from . import diagnosis, filters  # their names are imported when they are used
@@ -184,11 +185,11 @@ class Plan:
                         f"{source} has {sum(part.count for part in parts)} rows in "
                         f"{parts[-1].t[-1] - parts[0].t[0]:.6g} s, of which [processing] leaves none to use; check "
                         "delay, velocity_threshold, exclude_joints and the other options that leave rows out.",
-                        *masking_remarks(counts),
+                        *masking_remarks(counts, parts[0].joint_names),
                     )
                 )
             )
-        return replace(joined, remarks=(*notes, *masking_remarks(counts)))
+        return replace(joined, remarks=(*notes, *masking_remarks(counts, parts[0].joint_names)))
 
     def held_remarks(self, recording: Measurements) -> tuple[str, ...]:
         """Return one sentence for each joint that does not move.
@@ -470,7 +471,9 @@ class Plan:
         mask = self.usual_mask(recording, samples.dq)
         if samples.mask is not None:
             mask &= samples.mask
-        counts = masking_remarks({name: f.sum(axis=0) for name, f in flags.items()}, "before averaging")
+        counts = masking_remarks(
+            {name: f.sum(axis=0) for name, f in flags.items()}, recording.joint_names, "before averaging"
+        )
         return replace(
             samples,
             mask=None if mask.all() else mask,
@@ -479,12 +482,16 @@ class Plan:
         )
 
 
-def masking_remarks(counts: dict[str, NDArray[np.intp]], when: str = "") -> tuple[str, ...]:
+def masking_remarks(
+    counts: dict[str, NDArray[np.intp]], joint_names: Sequence[str] | None, when: str = ""
+) -> tuple[str, ...]:
     """Return one sentence for each reason why rows were masked."""
     sentences = []
     for name, of_joints in counts.items():
         if of_joints.any():
-            shares = ", ".join(f"{count} of joint {j + 1}" for j, count in enumerate(of_joints) if count)
+            shares = ", ".join(
+                f"{count} of {joint_label(j, joint_names)}" for j, count in enumerate(of_joints) if count
+            )
             if len(of_joints) > 1 and np.all(of_joints == of_joints[0]):
                 shares = f"{of_joints[0]} of each joint"
             sentences.append(f"Rows left out{' ' * bool(when)}{when} because they are {name}: {shares}.")

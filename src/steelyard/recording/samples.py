@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from steelyard.display import html_table
+from steelyard.display import html_table, joint_label
 from steelyard.errors import InputError
 
 from .cutoff.evidence import CutoffChoice
@@ -181,7 +181,9 @@ class Samples:
         known = weights <= FORGOTTEN
         mask = known if self.mask is None else known & self.mask
         lost = np.count_nonzero((~known) if self.mask is None else (self.mask & ~known), axis=0)
-        told = ", ".join(f"{count} of joint {j + 1}" for j, count in enumerate(lost) if count)
+        told = ", ".join(
+            f"{count} of {joint_label(j, model.robot.joint_names)}" for j, count in enumerate(lost) if count
+        )
         remark = f"Rows left out because they are {TOO_EARLY}: {told}."
         return replace(
             self,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from steelyard.display import capital
 from steelyard.errors import InputError
 
 from .measurements import Measurements
@@ -335,7 +336,7 @@ class LogSurvey:
             )
         for j in map(int, np.flatnonzero(self.speed > 1.5 * fastest)):
             remarks.append(
-                f"{self.label(j).capitalize()} moves at {self.speed[j]:.4g} per s, beyond its velocity "
+                f"{capital(self.label(j))} moves at {self.speed[j]:.4g} per s, beyond its velocity "
                 f"limit of {fastest[j]:.4g}; check the units of time and position."
             )
         return tuple(remarks)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from steelyard.display import joint_label
 from steelyard.errors import InputError
 from steelyard.recording import Samples
 
@@ -85,11 +86,8 @@ def residual_covariance(
             counts += used.T @ used
     if np.any(counts == 0.0):
         first, second = np.argwhere(counts == 0.0)[0]
-        what = (
-            f"joint {first + 1} is never used"
-            if first == second
-            else (f"joints {first + 1} and {second + 1} are never used in the same sample")
-        )
+        one, other = (joint_label(int(joint), model.robot.joint_names) for joint in (first, second))
+        what = f"{one} is never used" if one == other else f"{one} and {other} are never used in the same sample"
         raise InputError(f"the covariance cannot be estimated: {what}; mask fewer rows.")
     matrix = sums / np.maximum(counts - count, 0.5 * counts)
     return definite(matrix)

@@ -25,10 +25,9 @@ _KNOWN_FROM = {"description": "the description", "shape": "its shape", "kinemati
 
 def prediction(identification: Identification) -> Markup:
     """Return how well each joint is predicted, beside the noise, and what the word means."""
-    told, units = identification.prediction, identification.model.robot.torque_units
-    if len(units) != len(told.joint_names):
-        units = ("N·m or N",) * len(told.joint_names)
-    columns = (told.joint_names, told.joint_relative_error, told.joint_error, told.noise_floor, units, told.whiteness)
+    told = identification.prediction
+    errors = (told.joint_relative_error, told.joint_error, told.noise_floor)
+    columns = (told.joint_names, *errors, told.units, told.whiteness)
     rows = [
         (name, percent(error), f"{size:.3g}", _short(floor), unit, "–" if np.isnan(white) else f"{100 * white:.0f}")
         for name, error, size, floor, unit, white in zip(*columns, strict=True)
@@ -134,7 +133,7 @@ def number_tables(told: ParameterTable, robot: Robot) -> Markup:
         [
             (
                 row.name,
-                *(_short_value(v) for v in (row.value, row.lower, row.upper, row.cad)),
+                *(_short_value(v) for v in (row.resolved, row.lower, row.upper, row.cad)),
                 row.unit,
                 _badge(row),
                 row.meaning,
@@ -186,7 +185,7 @@ def _group(
     for place, line in enumerate(lines):
         row = line.row
         interval = f"{written(row.lower)} … {written(row.upper)}"
-        cells = (line.name, written(row.value), _bar(line), _badge(row), interval, written(row.cad))
+        cells = (line.name, written(row.resolved), _bar(line), _badge(row), interval, written(row.cad))
         rows.append(_chosen(cells, shown))
         if row.basis == "assumed":
             muted.append(place)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from steelyard.files import replaced_folder, write_json, write_text
+from steelyard.files import replaced_file, replaced_folder, write_json, write_table, write_text
 from steelyard.fleet import Fleet
 
 from .fleet_page import fleet_html
@@ -50,9 +50,10 @@ def save_fleet(fleet: Fleet, folder: str | Path, *, stale: Sequence[str] = ()) -
     target = Path(folder)
     require_apart(target, (fleet.manifest.path, fleet.manifest.table), FLEET_FILES)
     with replaced_folder(target, record=RECORD, stale=tuple(stale)) as made:
-        _frame(fleet.robot_rows(), _ROBOTS).write_parquet(made / "robots.parquet")
-        _frame(fleet.finding_rows(), _FINDINGS).write_parquet(made / "findings.parquet")
-        _long(fleet).write_parquet(made / "parameters.parquet")
+        robots, findings = _frame(fleet.robot_rows(), _ROBOTS), _frame(fleet.finding_rows(), _FINDINGS)
+        for name, frame in (("robots", robots), ("findings", findings), ("parameters", _long(fleet))):
+            with replaced_file(made / f"{name}.parquet", durable=False) as file:
+                write_table(frame, file, ".parquet")
         write_text(fleet_html(fleet), made / "fleet.html")
         document = fleet.to_dict() | {"manifest": hashed_file(fleet.manifest.path), "versions": versions()}
         write_json(document, made / RECORD)

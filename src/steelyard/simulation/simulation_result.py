@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.display import html_table
 from steelyard.errors import InputError
-from steelyard.files import replaced_file
+from steelyard.files import replaced_file, write_table
 from steelyard.recording import Recording
 
 from .events import Occurrence, Status
@@ -298,11 +298,7 @@ def save_result(result: SimulationResult, path: Path) -> Path:
         else:
             import polars
 
-            frame = polars.DataFrame(_columns(result))
-            if path.suffix == ".csv":
-                frame.write_csv(file)
-            else:
-                frame.write_parquet(file)
+            write_table(polars.DataFrame(_columns(result)), file, path.suffix)
     return path
 
 

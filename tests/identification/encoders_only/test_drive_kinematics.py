@@ -83,7 +83,7 @@ def test_columns_that_are_missing_or_another_joints_are_told(tmp_path):
     ((finding,), _) = told(path, {**log, "link1": log["q1"]})
     assert "it is a copy, and shows no deflection" in finding["statement"]
     _, facts = told(path, {name: values[:100] for name, values in log.items()})
-    assert facts["backlash, joint 1 (joint1)"] == "not told: the log is too short, or the joint rests"
+    assert facts["backlash, joint 'joint1'"] == "not told: the log is too short, or the joint rests"
 
 
 def test_commands_in_another_unit_are_told(tmp_path):
@@ -112,4 +112,4 @@ def test_the_doctor_tells_a_gap(tmp_path):
     log |= {"q1": sound[0], "link1": sound[1], "tau1": sound[2]}
     found = examine(log, robot_file(tmp_path))
     assert not [one for one in found.findings if one.kind in ("backlash", "gear ratio")]
-    assert found.facts["backlash, joint 1 (joint1)"].startswith("at most ")
+    assert found.facts["backlash, joint 'joint1'"].startswith("at most ")

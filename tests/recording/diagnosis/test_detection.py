@@ -1,5 +1,7 @@
 """Faults of known place and size are found there, and nowhere else."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.ndimage import maximum_filter1d
@@ -19,6 +21,7 @@ from steelyard.recording import (
 )
 from steelyard.recording.diagnosis import advanced, noise_deviation, resolution, saturation_levels
 from steelyard.recording.diagnosis.detectors import _largest_around
+from steelyard.recording.diagnosis.rest import HeldJoints
 
 RATE = 1000.0
 T = np.arange(12000) / RATE
@@ -324,3 +327,19 @@ def test_whole_log_filters_refuse_chunks(tmp_path):
     for options in ({"filter": "fourier"}, {"filter": "fourier", "average": True}):
         with pytest.raises(InputError, match="needs the log whole, in memory"):
             list(process_chunks(path, processing=Processing.from_dict(options)))
+
+
+def test_joints_with_names_are_called_by_them() -> None:
+    """The number of a column is not that of parameters, which count joints that no log has."""
+    t = np.arange(0.0, 10.0, 0.005)
+    q = np.column_stack([np.sin(t), np.sin(1.3 * t)])
+    torque = np.column_stack([np.cos(t), np.clip(2.0 * np.cos(1.3 * t), -1.0, 1.0)])
+    recording = Recording(t=t, q=q, torque=torque, joint_names=("Elbow", "joint4"))
+    [clipped] = recording.diagnose().saturation.sentences()
+    assert clipped.startswith("Joint 'joint4': ")
+    [unnamed] = replace(recording, joint_names=None).diagnose().saturation.sentences()
+    assert unnamed.startswith("Joint 2: ")
+    still = replace(recording, q=q * [0.0, 1.0])
+    assert HeldJoints.of(still).remarks(still)[0].startswith("Joint 'Elbow' does not move")
+    samples = recording.process(cutoff=10.0, saturation=True)
+    assert any("of joint 'joint4'" in remark for remark in samples.remarks)

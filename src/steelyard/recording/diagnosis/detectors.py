@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from steelyard.display import html_sentences
+from steelyard.display import capital, html_sentences, joint_label
 from steelyard.errors import InputError
 
 from ..measurements import Measurements
@@ -78,12 +78,15 @@ class Intervals:
         (S,) s.
     level : ndarray or None
         (N,) what was compared with: the level of saturation, the tolerance of a rest.
+    joint_names : tuple of str or None
+        For sentences; None where the joints have none.
     """
 
     kind: str
     flags: NDArray[np.bool_]
     t: NDArray[np.float64]
     level: NDArray[np.float64] | None = None
+    joint_names: tuple[str, ...] | None = None
 
     @property
     def count(self) -> NDArray[np.intp]:
@@ -109,8 +112,9 @@ class Intervals:
             if rows:
                 pieces = runs(self.flags[:, joint])
                 longest = max(stop - start for start, stop in pieces)
+                whose = "All joints" if alike else capital(joint_label(joint, self.joint_names))
                 found.append(
-                    f"{'All joints' if alike else f'Joint {joint + 1}'}: {rows} rows in {len(pieces)} intervals are "
+                    f"{whose}: {rows} rows in {len(pieces)} intervals are "
                     f"{self.kind}, the longest of {longest} "
                     f"rows, the first at t = {self.t[pieces[0][0]]:.6g} s."
                 )
@@ -260,7 +264,8 @@ def find_saturation(recording: Measurements, levels: ArrayLike | None = None) ->
     flags[:-1] |= at[1:]
     if levels is None:
         flags[:, _resting_throughout(recording, at)] = False
-    return Intervals("at a level where the torque is clipped", flags, recording.t, np.abs(bounds).min(axis=1))
+    names = recording.joint_names
+    return Intervals("at a level where the torque is clipped", flags, recording.t, np.abs(bounds).min(axis=1), names)
 
 
 def _resting_throughout(recording: Measurements, at: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -289,7 +294,10 @@ def _resting_throughout(recording: Measurements, at: NDArray[np.bool_]) -> NDArr
 def find_missing(recording: Measurements) -> Intervals | None:
     """Return where the log had no position or no torque; None where all are there."""
     parts = [part for part in (recording.position_missing, recording.torque_missing) if part is not None]
-    return Intervals("missing in the log", np.logical_or.reduce(parts), recording.t) if parts else None
+    if not parts:
+        return None
+    flags = np.logical_or.reduce(parts)
+    return Intervals("missing in the log", flags, recording.t, joint_names=recording.joint_names)
 
 
 def find_repeated(recording: Measurements) -> Intervals:
@@ -322,7 +330,7 @@ def find_repeated(recording: Measurements) -> Intervals:
         speed = np.abs(q[ahead] - q[behind]) / (ahead - behind)[:, None]
         same &= np.any(speed > np.maximum(2.0 * resolution(q), 1e-12), axis=1)
     flags = np.repeat(same[:, None], recording.joint_count, axis=1)
-    return Intervals("copies of the row before", flags, recording.t)
+    return Intervals("copies of the row before", flags, recording.t, joint_names=recording.joint_names)
 
 
 def stiction_duration(recording: Measurements) -> tuple[Array, Array]:
@@ -385,7 +393,7 @@ def find_stiction(
     for j in range(recording.joint_count):
         for start, stop in runs(flags[:, j]):
             flags[start:stop, j] = _changes(recording.torque[start:stop, j])
-    return Intervals(AT_REST, flags, recording.t, tolerance)
+    return Intervals(AT_REST, flags, recording.t, tolerance, recording.joint_names)
 
 
 def stuck_while_others_move(recording: Measurements) -> Intervals:
@@ -404,7 +412,7 @@ def stuck_while_others_move(recording: Measurements) -> Intervals:
         # Joints do not come to rest in the very same row.
         if one.start == 0 or one.stop == recording.count or np.mean(together[rows]) > TOGETHER:
             flags[rows, one.joint] = False
-    return Intervals(AT_REST, flags, recording.t, tolerance)
+    return Intervals(AT_REST, flags, recording.t, tolerance, recording.joint_names)
 
 
 def _resting(recording: Measurements, tolerance: Array, lengths: Array) -> NDArray[np.bool_]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from steelyard.display import capital, joint_label
 from steelyard.dynamics.threads import one_thread
 
 from ..cutoff.by_torques import FAST, TorqueFit
@@ -133,7 +134,7 @@ class HeldJoints:
     def reasons(self, recording: Measurements) -> tuple[str, ...]:
         """Return what does not show for each joint that does not move, without a full stop."""
         return tuple(
-            f"J{recording.joint_label(j)[1:]} does not move (it stays at {self.position[j]:.6g}): the log shows "
+            f"{capital(recording.joint_label(j))} does not move (it stays at {self.position[j]:.6g}): the log shows "
             "nothing of its friction and rotor inertia, and of the links beyond it only what the other joints' motion "
             "and gravity show"
             for j in map(int, np.flatnonzero(self.mask))
@@ -156,6 +157,8 @@ class VelocityThresholds:
         (N,) share of the rows of each joint that are slower than its threshold.
     by_noise : ndarray
         (N,) rad/s or m/s, from where on the sign of a velocity is certain: the thresholds where no joint sticks.
+    joint_names : tuple of str or None
+        For sentences; None where the joints have none.
     """
 
     thresholds: Array
@@ -163,6 +166,7 @@ class VelocityThresholds:
     sticking: NDArray[np.bool_]
     share: Array
     by_noise: Array
+    joint_names: tuple[str, ...] | None = None
 
     @property
     def remark(self) -> str:
@@ -175,9 +179,8 @@ class VelocityThresholds:
         values = ", ".join(f"{value:.3g}" for value in self.thresholds)
         reason = "below three standard deviations of its noise, the sign of a velocity is not certain"
         if self.sticking.any():
-            joints = ", ".join(str(j + 1) for j in np.flatnonzero(self.sticking))
-            plural = "s" if np.count_nonzero(self.sticking) > 1 else ""
-            reason = f"there the torques of joint{plural} {joints} show less friction than faster motion does"
+            joints = ", ".join(joint_label(int(j), self.joint_names) for j in np.flatnonzero(self.sticking))
+            reason = f"there the torques of {joints} show less friction than faster motion does"
             if not self.sticking.all():
                 reason += ", and of the others the sign of the velocity is not certain"
         return (
@@ -245,7 +248,8 @@ def velocity_thresholds(samples: Sequence[Samples], noise: Array, model: Model |
         sticking = limits > 0.0
         thresholds = np.maximum(thresholds, limits)
     share = sum((np.abs(one.dq) < thresholds).sum(axis=0) for one in samples) / count
-    return VelocityThresholds(thresholds, noise, sticking, share, by_noise)
+    names = None if model is None else tuple(model.robot.joint_names)
+    return VelocityThresholds(thresholds, noise, sticking, share, by_noise, names)
 
 
 def _lacks(samples: Sequence[Samples], usual: Array, model: Model, every: int) -> Array:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError, require_package
-from steelyard.files import reading_table, shown, tell
+from steelyard.files import reading_table, shown, tell, write_table
 
 from ..columns import LogColumns
 from .decoded import DecodedColumns, decoded_once
@@ -193,7 +193,7 @@ class CsvFile(LogFile):
         """Write the columns under a line of their names."""
         import polars as pl
 
-        pl.DataFrame(flattened(arrays)).write_csv(file)
+        write_table(pl.DataFrame(flattened(arrays)), file, ".csv")
 
     def count(self) -> int:
         """Count the rows that hold data."""

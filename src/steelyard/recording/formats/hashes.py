@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Mapping
 from functools import lru_cache
 from pathlib import Path
 
 from steelyard.files import file_hash
 
-from .registry import STANDARD_INPUT, split_source
+from .registry import REMEDY, STANDARD_INPUT, split_source
 from .standard_input import standard_input
 
 __all__ = ["content_hash", "hashed_log"]
@@ -36,7 +37,7 @@ def hashed_log(source: str | Path) -> list[dict[str, str]]:
 
         return [remote_identity(str(source))]
     files = [path for path in split_source(source) if isinstance(path, Path)]
-    paths = [path for path in files if str(path) == STANDARD_INPUT or path.exists()]
+    paths = [path for path in files if str(path) == STANDARD_INPUT or os.path.exists(path)]
     return [{"path": str(path), "sha256": _hash(path)} for path in paths]
 
 
@@ -62,10 +63,10 @@ def _hash(path: Path) -> str:
         return digest.hexdigest()
     known = path.stat()
     if known.st_size < LARGE:
-        return file_hash(path)
+        return file_hash(path, remedy=REMEDY)
     return _hash_of_large(path, known.st_ino, known.st_size, known.st_mtime_ns)
 
 
 @lru_cache(maxsize=100_000)
 def _hash_of_large(path: Path, *unchanged: int) -> str:
-    return file_hash(path)
+    return file_hash(path, remedy=REMEDY)

@@ -87,8 +87,11 @@ def _files_in(text: str) -> list[str]:
 
 
 def _inside(folder: Path) -> list[Path]:
+    def refuse(error: OSError) -> None:  # what is left out silently is missing in the answer
+        raise InputError(f"{error.filename}: cannot be listed ({error.strerror}); give the right to read it.")
+
     found = []
-    for place, folders, names in os.walk(folder):
+    for place, folders, names in os.walk(folder, onerror=refuse):
         folders[:] = sorted(name for name in folders if not name.startswith((".", "_")))
         if _is_bag(place):
             folders.clear()

@@ -8,7 +8,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.files import check_parquet
+from steelyard.files import check_parquet, write_table
 
 from .log_file import flattened
 from .table_file import TableFile
@@ -33,4 +33,4 @@ class ParquetFile(TableFile):
         """Write the columns in row groups small enough to be read one by one."""
         import polars as pl
 
-        pl.DataFrame(flattened(arrays)).write_parquet(file, row_group_size=100_000)
+        write_table(pl.DataFrame(flattened(arrays)), file, ".parquet")

@@ -234,7 +234,7 @@ def _reading(path: Path) -> Iterator[None]:
             raise type(error)(str(error).replace(str(path), _SPOOLED[path])) from None
         raise
     except OSError as error:
-        raise InputError(f"{path} cannot be read: {error.strerror or error}.") from None
+        raise InputError(f"{path} cannot be read ({error.strerror or error}); {REMEDY}.") from None
     except Exception as error:
         reason = " ".join(str(error).split())[:200]
         raise InputError(f"{path} cannot be read ({type(error).__name__}: {reason}); mend the file.") from error
@@ -270,7 +270,7 @@ def split_source(source: Source) -> list[Path | LogFile]:
             copy = local_copy(text)
             _SPOOLED[copy] = text
             return [copy]
-        if "+" in text and not Path(text).exists():
+        if "+" in text and not os.path.exists(text):
             pieces = [piece.strip() for piece in text.split("+")]
             if all(pieces):
                 return [Path(piece) for piece in pieces]
@@ -299,8 +299,12 @@ def open_log(path: Path, columns: LogColumns | None = None) -> LogFile:
 
         path = standard_input()
         _SPOOLED[path] = "the standard input"
-    if not path.exists():
-        raise InputError(f"{path} does not exist{_neighbour(path)}; {REMEDY}.")
+    try:
+        os.stat(path)
+    except (FileNotFoundError, NotADirectoryError):
+        raise InputError(f"{path} does not exist{_neighbour(path)}; {REMEDY}.") from None
+    except OSError:
+        require_file(path, REMEDY)  # says why
     is_bag = path.is_dir() and (path / "metadata.yaml").is_file()
     if path.is_dir() and not is_bag:
         raise InputError(f"{path} is a folder, and no bag of ROS 2 (no metadata.yaml); give the log file itself.")
@@ -325,5 +329,7 @@ def open_log(path: Path, columns: LogColumns | None = None) -> LogFile:
 def _neighbour(path: Path) -> str:
     if not path.parent.is_dir():
         return f" (nor does its folder {path.parent})"
-    near = closest(path.name, [other.name for other in path.parent.iterdir()])
+    near = None
+    with contextlib.suppress(OSError):  # nobody may list the folder
+        near = closest(path.name, os.listdir(path.parent))
     return f' (did you mean "{near}"?)' if near else ""
