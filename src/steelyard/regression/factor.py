@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.dynamics.threads import in_threads
+
+from .householder import householder
 
 __all__ = [
     "Factor",
@@ -85,7 +86,7 @@ def triangular(rows: Array) -> Array:
         return _of_rows(rows)
     starts = range(0, len(rows) - PIECE + 1, PIECE)
     pieces = [rows[start : start + PIECE] for start in starts[:-1]] + [rows[starts[-1] :]]
-    return _householder(*in_threads(_of_rows, pieces))
+    return householder(*in_threads(_of_rows, pieces))
 
 
 def extended(triangle: Array, *pieces: Array) -> Array:
@@ -113,14 +114,14 @@ def extended(triangle: Array, *pieces: Array) -> Array:
     if not triangle.any():
         return _of_rows(np.concatenate(pieces))
     if _is_quick(sum(map(len, pieces)), width):
-        return _householder(triangle, *pieces)
+        return householder(triangle, *pieces)
     present = _not_empty(triangle, pieces)
     if len(present) < width:
         # The row of a missing column need not be zero.
-        part = extended(_householder(triangle[:, present]), *(rows[:, present] for rows in pieces))
+        part = extended(householder(triangle[:, present]), *(rows[:, present] for rows in pieces))
         return _widened(part, present, width)
     factor = _by_products(triangle, 1.0, pieces)
-    return _householder(triangle, _of_rows(np.concatenate(pieces))) if factor is None else factor
+    return householder(triangle, _of_rows(np.concatenate(pieces))) if factor is None else factor
 
 
 def _of_rows(rows: Array) -> Array:
@@ -131,7 +132,7 @@ def _of_rows(rows: Array) -> Array:
         return _in_blocks(rows)
     even = count - count % stride
     groups = rows[:even].reshape(-1, stride, width)
-    first = _householder(groups[:, 0])
+    first = householder(groups[:, 0])
     present = _not_empty(first, [rows])
     if len(present) < width:
         return _widened(_of_rows(rows[:, present]), present, width)
@@ -147,28 +148,10 @@ def _is_quick(count: int, width: int) -> bool:
 def _in_blocks(rows: Array) -> Array:
     """Return the factor of rows by Householder's QR, of so many at a time that they stay in the cache."""
     size = max(min(FEW_NUMBERS // max(rows.shape[1], 1), FEW_ROWS), rows.shape[1], 1)
-    factor = _householder(rows[:size])
+    factor = householder(rows[:size])
     for start in range(size, len(rows), size):
-        factor = _householder(factor, rows[start : start + size])
+        factor = householder(factor, rows[start : start + size])
     return factor
-
-
-def _householder(*parts: Array) -> Array:
-    """Return the factor of all parts by Householder's QR, as LAPACK has it."""
-    rows = parts[0] if len(parts) == 1 else np.concatenate(parts)
-    factor = np.zeros((rows.shape[1], rows.shape[1]))
-    if len(rows):
-        # NumPy's own way to R alone makes the mask of its triangle each time, a third of the time of a narrow QR.
-        reduced = np.linalg.qr(rows, mode="raw")[0][:, : rows.shape[1]].T
-        signs = np.where(np.diagonal(reduced) < 0.0, -1.0, 1.0)
-        np.multiply(reduced, signs[:, None], out=factor[: len(reduced)], where=_upper(*reduced.shape))
-    return factor
-
-
-@lru_cache(maxsize=64)
-def _upper(rows: int, columns: int) -> NDArray[np.bool_]:
-    """Return where the upper triangle of a matrix is."""
-    return np.triu(np.ones((rows, columns), dtype=bool))
 
 
 def _not_empty(triangle: Array, pieces: Sequence[Array]) -> NDArray[np.intp]:
