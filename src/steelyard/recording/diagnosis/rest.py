@@ -260,19 +260,21 @@ def _lacks(samples: Sequence[Samples], usual: Array, model: Model, every: int) -
     base, relative = torques.fitted()
     edges = LARGEST * RATIO ** np.arange(1.0 - BINS, 1.0)
     passes: list[list[list[Array]]] = [[[] for _ in range(BINS)] for _ in usual]
+    told = np.isfinite(relative) & (usual > 0.0)
     for one, own, mask in zip(samples, rows, kept, strict=True):
-        for k, columns in enumerate(torques.parts(one, own)):
-            if not np.isfinite(relative[k]) or usual[k] == 0.0:
+        slow = mask & told & (np.abs(one.dq[own]) < LARGEST * usual)
+        places = np.flatnonzero(slow.any(axis=1))
+        left = one.torque[own[places]] - torques.predicted(one, own[places], base)
+        for k, of_joint in enumerate(slow.T):
+            at = np.flatnonzero(of_joint)
+            if not len(at):
                 continue
-            slow = np.flatnonzero(mask[:, k] & (np.abs(one.dq[own, k]) < LARGEST * usual[k]))
-            if not len(slow):
-                continue
-            velocity, torque = one.dq[own[slow], k], one.torque[own[slow], k]
-            against = np.sign(velocity) * (torque - columns[slow] @ base[torques.columns.joints[k]])
+            velocity = one.dq[own[at], k]
+            against = np.sign(velocity) * left[np.searchsorted(places, at), k]
             bins = np.searchsorted(edges * usual[k], np.abs(velocity), side="right")
-            new = (np.diff(slow) > 1) | (np.diff(bins) != 0) | (np.diff(np.sign(velocity)) != 0.0)
+            new = (np.diff(at) > 1) | (np.diff(bins) != 0) | (np.diff(np.sign(velocity)) != 0.0)
             starts = np.concatenate([[0], np.flatnonzero(new) + 1])
-            means = np.add.reduceat(against, starts) / np.diff(np.append(starts, len(slow)))
+            means = np.add.reduceat(against, starts) / np.diff(np.append(starts, len(at)))
             for index in range(BINS):
                 passes[k][index].append(means[bins[starts] == index])
     return (
