@@ -86,7 +86,7 @@ def dual_face(feasible_set: FeasibleSet) -> DualFace:
 
 def _dual_face(feasible_set: FeasibleSet) -> DualFace:
     whole = [np.eye(block.size) for block in feasible_set.blocks]
-    stack = BlockProblem.of(feasible_set, np.zeros(feasible_set.parameter_count), whole).stack
+    stack = BlockProblem.of(feasible_set, np.zeros(feasible_set.parameter_count)).stack
     middle = _dual_point_of_greatest_rank(feasible_set, stack)
     if middle is None:  # nothing is known about the face: take the whole cone
         exact = tuple(_complement(block.size, np.zeros((0, block.size))) for block in feasible_set.blocks)
