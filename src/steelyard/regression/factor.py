@@ -76,17 +76,20 @@ def most_held(rows: int, width: int) -> int:
     return max(FEWEST_HELD, min(rows, HELD_NUMBERS // max(width, 1)))
 
 
-def triangular(rows: Array) -> Array:
-    """Return the upper-triangular factor R (c, c) of rows (m, c), its diagonal not negative: ``R'R = rows' rows``.
+def triangular(*pieces: Array) -> Array:
+    """Return the upper-triangular factor R (c, c) of rows (m_i, c), its diagonal not negative: ``R'R = rows' rows``.
 
     Many rows are reduced by products, see `extended`, and very many in pieces by several threads, as many as BLAS may
     use. The result is the same, to the last bit, however many there are.
     """
+    if _is_quick(sum(map(len, pieces)), pieces[0].shape[1]):
+        return householder(*pieces)
+    rows = pieces[0] if len(pieces) == 1 else np.concatenate(pieces)
     if len(rows) < 2 * PIECE:
         return _of_rows(rows)
     starts = range(0, len(rows) - PIECE + 1, PIECE)
-    pieces = [rows[start : start + PIECE] for start in starts[:-1]] + [rows[starts[-1] :]]
-    return householder(*in_threads(_of_rows, pieces))
+    parts = [rows[start : start + PIECE] for start in starts[:-1]] + [rows[starts[-1] :]]
+    return householder(*in_threads(_of_rows, parts))
 
 
 def extended(triangle: Array, *pieces: Array) -> Array:
@@ -112,7 +115,7 @@ def extended(triangle: Array, *pieces: Array) -> Array:
     if not pieces:
         return triangle
     if not triangle.any():
-        return _of_rows(np.concatenate(pieces))
+        return triangular(*pieces)
     if _is_quick(sum(map(len, pieces)), width):
         return householder(triangle, *pieces)
     present = _not_empty(triangle, pieces)
@@ -271,9 +274,7 @@ class Factor:
     count: int
 
     def __add__(self, other: Factor) -> Factor:
-        return Factor(
-            self.joint, self.columns, triangular(np.vstack([self.triangle, other.triangle])), self.count + other.count
-        )
+        return Factor(self.joint, self.columns, triangular(self.triangle, other.triangle), self.count + other.count)
 
     def changed(self, change: Array, columns: NDArray[np.intp]) -> Factor:
         """Return the factor for base parameters (n_c,) by which these are ``change @ others``, (n_b, n_c).

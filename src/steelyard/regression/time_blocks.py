@@ -52,10 +52,8 @@ class _Block:
 
     def factor(self, joint: int) -> Array:
         """Return the triangular factor of the rows of a joint."""
-        triangle, rows = self.triangles[joint], self.rows[joint]
-        if triangle is None:
-            return triangular(self._together(joint))
-        return extended(triangle, *rows) if rows else triangle
+        width, triangle = self.widths[joint], self.triangles[joint]
+        return extended(np.zeros((width, width)) if triangle is None else triangle, *self.rows[joint])
 
     @property
     def kept(self) -> tuple[Array, ...]:
@@ -105,7 +103,10 @@ class TimeBlocks:
             take = count - done if self.most == 1 else min(self._length - self._filled, count - done)
             part = slice(done, done + take)
             self._blocks[-1].add(
-                [own[part] if mask is None else own[part][mask[part, joint]] for joint, own in enumerate(rows)]
+                [
+                    own[part] if mask is None else np.compress(mask[part, joint], own[part], axis=0)
+                    for joint, own in enumerate(rows)
+                ]
             )
             self._filled, done = (0 if self.most == 1 else self._filled + take), done + take
             self._held += take * sum(own.shape[1] for own in rows)
@@ -186,6 +187,6 @@ class TimeBlocks:
         found = []
         for joint, factor in enumerate(self.empty):
             own = triangles[joint * len(blocks) : (joint + 1) * len(blocks)]
-            triangle = triangular(np.concatenate(own)) if len(own) > 1 else own[0] if own else factor.triangle
+            triangle = triangular(*own) if len(own) > 1 else own[0] if own else factor.triangle
             found.append(replace(factor, triangle=triangle, count=int(sum(block.counts[joint] for block in blocks))))
         return tuple(found)
