@@ -236,7 +236,10 @@ class Estimate:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the estimate as plain data, with None for numbers that are not finite."""
-        return {"format": FORMAT, **plain(self)}
+        return {**plain(self._document())}
+
+    def _document(self) -> dict[str, Any]:
+        return {"format": FORMAT, **{item.name: getattr(self, item.name) for item in fields(self)}}
 
     @classmethod
     def from_dict(cls, document: Mapping[str, Any], where: str = "estimate", *, certified: bool = True) -> Estimate:
@@ -302,7 +305,7 @@ class Estimate:
 
     def save(self, path: str | Path) -> None:
         """Write the estimate as JSON; the file appears whole or not at all."""
-        write_json(self.to_dict(), path)
+        write_json(self._document(), path)
 
     @classmethod
     def load(cls, path: str | Path, *, certified: bool = True) -> Estimate:
