@@ -226,7 +226,13 @@ class ParameterCovariance:
             raise InputError(
                 f"base must have shape ({info.base_count},), one number a base parameter, got {beta.shape}."
             )
-        inverse, unidentifiable, unknown = inverse_root(problem.R)
+        key = ("covariance", used.tobytes(), beta.tobytes())
+        return info.remembered(key, lambda: cls._of(info, problem, beta, used))
+
+    @classmethod
+    def _of(cls, info: Information, problem: Reduced, beta: Array, used: Array) -> ParameterCovariance:
+        root_of_data = info.remembered(("inverse root", used.tobytes()), lambda: inverse_root(problem.R))
+        inverse, unidentifiable, unknown = root_of_data
         unknown = unknown | info.unidentifiable_mask
         if not info.batch_means:
             root = np.sqrt(_residual_variance(problem, beta)) * inverse
