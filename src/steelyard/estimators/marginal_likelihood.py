@@ -472,14 +472,16 @@ def _nonnegative_solution(
     Also returns which are not at zero, and half the logarithm of the determinant of their matrix.
     """
     n = len(right)
-    sizes = np.sqrt(np.diag(normal))
-    scaled = normal / np.outer(sizes, sizes)
-    scaled[np.diag_indices(n)] += 1e-12
+    sizes = np.sqrt(np.diagonal(normal))
+    scaled = normal / (sizes[:, None] * sizes)
+    scaled.flat[:: n + 1] += 1e-12
     target = right / sizes
     free = np.ones(n, dtype=bool)
     while True:
         chosen = np.flatnonzero(free)
-        factor, solution, failed = dposv(scaled[np.ix_(chosen, chosen)], target[chosen])
+        own = scaled if len(chosen) == n else scaled[np.ix_(chosen, chosen)]
+        # Symmetric, so that its transpose, which LAPACK takes without a change of its order, is the same.
+        factor, solution, failed = dposv(own.T, target[chosen])
         if failed:
             raise np.linalg.LinAlgError("the normal equations are not positive definite")
         found = np.zeros(n)

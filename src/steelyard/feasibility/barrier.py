@@ -109,8 +109,12 @@ class Barrier:
         found = np.zeros(len(points))
         if len(self._lines.rows):
             values = points @ self._lines.rows.T + self._lines.constants
-            inside = np.all(values > 0, axis=1)
-            found = np.where(inside, -np.log(np.where(values > 0, values, 1.0)).sum(axis=1), np.inf)
+            positive = values > 0
+            if positive.all():
+                found = -np.log(values).sum(axis=1)
+            else:
+                found = -np.log(np.where(positive, values, 1.0)).sum(axis=1)
+                found[~positive.all(axis=1)] = np.inf
         for number, (indices, coefficients, constants) in enumerate(self._groups):
             own = log_determinants(_values(points[:, indices], coefficients, constants)).sum(axis=1)
             found = found - (own if of_bodies is None or number != self._bodies else of_bodies * own)

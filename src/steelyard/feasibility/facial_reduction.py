@@ -133,8 +133,11 @@ def orthogonal(
     found = np.concatenate([np.zeros(len(stack.constant)), multipliers])
     for place, index in zip(stack.slices, problem.used, strict=True):
         found[place] = symmetric_to_vector(matrices[index])
+    left, sizes, right = np.linalg.svd(matrix, full_matrices=False)
+    shown = sizes > 1e-9 * sizes.max(initial=0.0)
+    inverse = right[shown].T / sizes[shown]
     for _ in range(2):
-        found -= np.linalg.lstsq(matrix, matrix @ found, rcond=1e-9)[0]
+        found -= inverse @ (left[:, shown].T @ (matrix @ found))
     nearest = list(matrices)
     for index, W in zip(problem.used, stack.matrices(found[: len(stack.constant)]), strict=True):
         nearest[index] = W

@@ -85,16 +85,15 @@ class TorqueFit:
 
     def _add(self, columns: list[Array], torques: Array, used: NDArray[np.bool_]) -> None:
         def add(k: int) -> None:
-            own = np.flatnonzero(used[:, k])
-            # Whole rows are copied: to take them into a part of wider rows takes five times as long.
-            kept, torque = columns[k][own], torques[own, k]
+            # `compress` takes half the time of an index.
+            kept, torque = np.compress(used[:, k], columns[k], axis=0), torques[used[:, k], k]
             joints, products = self.columns.joints[k], self.products[k]
             products[np.ix_(joints, joints)] += kept.T @ kept
             along = torque @ kept
             products[joints, -1] += along
             products[-1, joints] += along
             products[-1, -1] += torque @ torque
-            self.counts[k] += len(own)
+            self.counts[k] += len(torque)
 
         in_threads(add, range(len(columns)))
 
