@@ -115,27 +115,24 @@ def term_deviations(info: Information, feasible_set: FeasibleSet) -> Vector:
     info : Information
     feasible_set : FeasibleSet
     """
-    names = [str(name) for name in feasible_set.model.parameter_names]
-    found = np.full(len(names), np.inf)
-    torque = [np.sqrt(f.norm2 / f.count) if f.count else 0.0 for f in info.measured]
-    largest = max(torque, default=0.0) or 1.0
-    links = set(feasible_set.link_columns.ravel().tolist())
-    terms = [index for index in range(len(names)) if index not in links]
-    sizes, scales = {}, {}
-    for index in terms:
-        seen = [
-            float(column_lengths(f.triangle[:, :-1] @ feasible_set.K[f.columns, index, None])[0] / np.sqrt(f.count))
-            if f.count
-            else 0.0
-            for f in info.measured
-        ]
-        sizes[index] = max(seen, default=0.0)
-        shown = [t for t, s in zip(torque, seen, strict=True) if s > 1e-9 * sizes[index] > 0.0 and t > 0.0]
-        scales[index] = max(shown, default=largest)
-    for index in terms:
-        kind = names[index].rstrip("0123456789")
-        like = max(size for other, size in sizes.items() if names[other].rstrip("0123456789") == kind)
-        found[index] = FRICTION * scales[index] / max(like, 1.0)
+    count = feasible_set.parameter_count
+    terms = np.setdiff1d(np.arange(count), feasible_set.link_columns)
+    kinds = [str(feasible_set.model.parameter_names[index]).rstrip("0123456789") for index in terms]
+    torque = np.array([np.sqrt(f.norm2 / f.count) if f.count else 0.0 for f in info.measured])
+    seen = np.zeros((len(torque), len(terms)))
+    for own, factor in zip(seen, info.measured, strict=True):
+        if factor.count:
+            columns = factor.triangle[:, :-1] @ feasible_set.K[np.ix_(factor.columns, terms)]
+            own[:] = column_lengths(columns) / np.sqrt(factor.count)
+    sizes = seen.max(axis=0, initial=0.0)
+    shown = (seen > 1e-9 * sizes) & (sizes > 0.0)
+    scales = np.where(shown, torque[:, None], 0.0).max(axis=0, initial=0.0)
+    scales[scales == 0.0] = torque.max(initial=0.0) or 1.0
+    likes: dict[str, float] = {}
+    for kind, size in zip(kinds, sizes.tolist(), strict=True):
+        likes[kind] = max(likes.get(kind, 1.0), size)
+    found = np.full(count, np.inf)
+    found[terms] = FRICTION * scales / np.array([likes[kind] for kind in kinds])
     return found
 
 

@@ -140,8 +140,10 @@ def profile_intervals(
     limit = chi_squared + normal_quantile(0.5 + 0.5 * confidence) ** 2  # the quantile of χ² with one degree of freedom
     center = minimise(_Inside(distance, barrier, limit), likely[None], basis, CENTERED)[0]
     # What has no condition beside these is left to the data alone.
-    conditioned = np.unique(np.concatenate([block.indices for block in feasible_set.blocks]))
-    blocks = (*feasible_set.blocks, *(block for block in far if np.isin(block.indices, conditioned).all()))
+    conditioned = np.zeros(len(start), dtype=bool)
+    for block in feasible_set.blocks:
+        conditioned[block.indices] = True
+    blocks = (*feasible_set.blocks, *(block for block in far if conditioned[block.indices].all()))
     own = _Coordinates(feasible_set, beta, covariance, distance, blocks, center, limit)
     masses, moments = reach[feasible_set.link_columns[:, 9]].sum(), reach[feasible_set.link_columns[:, 0]].sum()
     length = 0.5 * FAR * float(np.sqrt(moments / masses)) if masses > 0.0 else np.inf
