@@ -163,6 +163,8 @@ class ConicProblem:
     balanced : bool
         Whether the units are suitable already, so that the problem need not be scaled; P then holds its upper triangle
         alone.
+    degenerate : bool
+        Whether many points are known to be solutions alike, so that a solver had better begin with care.
 
     Raises
     ------
@@ -176,6 +178,7 @@ class ConicProblem:
     b: Vector
     cones: tuple[Cone, ...]
     balanced: bool = False
+    degenerate: bool = False
 
     def __post_init__(self) -> None:
         for name in ("P", "A"):

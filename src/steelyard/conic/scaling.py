@@ -5,6 +5,7 @@ and each of its rows gets a unit of its own; a second-order or exponential cone 
 """
 
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -134,25 +135,42 @@ def equilibrate(problem: ConicProblem) -> Scaling:
     places = np.repeat(np.arange(A.shape[1]), np.diff(A.indptr))
     curvatures = np.abs(P.data)
     curved = np.repeat(np.arange(P.shape[1]), np.diff(P.indptr))
+    of_rows, of_columns = _Largest(A.indices, A.shape[0]), _Largest(places, A.shape[1])
+    of_curved, of_curving = _Largest(curved, A.shape[1]), _Largest(P.indices, A.shape[1])
+    of_first, of_second = _Largest(first, count), _Largest(second, count)
     factors, columns = np.ones(count), np.ones(A.shape[1])
     for _ in range(PASSES):
         rows = factors[first] * factors[second]
         elements = magnitudes * rows[A.indices] * columns[places]
-        row_sizes, column_sizes = rows * right, np.zeros(len(columns))
-        np.maximum.at(row_sizes, A.indices, elements)
-        np.maximum.at(column_sizes, places, elements)
+        row_sizes, column_sizes = np.maximum(rows * right, of_rows(elements)), of_columns(elements)
         if len(curvatures):
             elements = curvatures * columns[P.indices] * columns[curved]
-            np.maximum.at(column_sizes, curved, elements)
-            np.maximum.at(column_sizes, P.indices, elements)
-        sizes = np.zeros(count)
-        np.maximum.at(sizes, first, row_sizes)
-        np.maximum.at(sizes, second, row_sizes)
+            column_sizes = np.maximum(column_sizes, np.maximum(of_curved(elements), of_curving(elements)))
+        sizes = np.maximum(of_first(row_sizes), of_second(row_sizes))
         factors *= np.where(sizes > 0, sizes, 1.0) ** -0.25
         columns *= np.where(column_sizes > 0, column_sizes, 1.0) ** -0.5
     factors = np.clip(factors, LARGEST_FACTOR**-0.5, LARGEST_FACTOR**0.5)
     columns = np.clip(columns, 1 / LARGEST_FACTOR, LARGEST_FACTOR)
     return Scaling(factors[first] * factors[second], columns)
+
+
+class _Largest:
+    """The largest of the numbers, none below zero, that belong to each of some places, time after time.
+
+    Sorted once, they are compared five times as fast as by `numpy.maximum.at`.
+    """
+
+    def __init__(self, places: npt.NDArray[np.integer[Any]], count: int) -> None:
+        self._order = np.argsort(places, kind="stable")
+        ordered = places[self._order]
+        self._starts = np.flatnonzero(np.diff(ordered, prepend=-1))
+        self._own, self._count = ordered[self._starts], count
+
+    def __call__(self, numbers: Vector) -> Vector:
+        found = np.zeros(self._count)
+        if len(self._own):
+            found[self._own] = np.maximum.reduceat(numbers[self._order], self._starts)
+        return found
 
 
 def scaling_around(problem: ConicProblem, slack: Vector, floor: float) -> Scaling:

@@ -99,6 +99,8 @@ def in_threads(function: Callable[[Item], Result], items: Sequence[Item]) -> lis
         try:
             some()
         finally:
+            # One that has not begun would find nothing to do; on a busy machine it would be waited for all the same.
+            others = [other for other in others if not other.cancel()]
             wait(others)  # after an error, too, nobody still works on what the caller holds
         for other in others:
             other.result()

@@ -1,6 +1,6 @@
 """The weight of a prior, chosen by how well fits predict the parts of the data that they have not seen."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -17,7 +17,7 @@ from steelyard.regression.factor import column_lengths, solve
 from steelyard.robot.inertia import pseudo_inertia
 
 from .fitting_problems import start_near
-from .prior import PreparedPrior, Prior
+from .prior import Prior
 from .reduced_fit import fit_reduced
 from .reduced_regression import ReducedRegression
 
@@ -115,27 +115,24 @@ def term_deviations(info: Information, feasible_set: FeasibleSet) -> Vector:
     info : Information
     feasible_set : FeasibleSet
     """
-    names = [str(name) for name in feasible_set.model.parameter_names]
-    found = np.full(len(names), np.inf)
-    torque = [np.sqrt(f.norm2 / f.count) if f.count else 0.0 for f in info.measured]
-    largest = max(torque, default=0.0) or 1.0
-    links = set(feasible_set.link_columns.ravel().tolist())
-    terms = [index for index in range(len(names)) if index not in links]
-    sizes, scales = {}, {}
-    for index in terms:
-        seen = [
-            float(column_lengths(f.triangle[:, :-1] @ feasible_set.K[f.columns, index, None])[0] / np.sqrt(f.count))
-            if f.count
-            else 0.0
-            for f in info.measured
-        ]
-        sizes[index] = max(seen, default=0.0)
-        shown = [t for t, s in zip(torque, seen, strict=True) if s > 1e-9 * sizes[index] > 0.0 and t > 0.0]
-        scales[index] = max(shown, default=largest)
-    for index in terms:
-        kind = names[index].rstrip("0123456789")
-        like = max(size for other, size in sizes.items() if names[other].rstrip("0123456789") == kind)
-        found[index] = FRICTION * scales[index] / max(like, 1.0)
+    count = feasible_set.parameter_count
+    terms = np.setdiff1d(np.arange(count), feasible_set.link_columns)
+    kinds = [str(feasible_set.model.parameter_names[index]).rstrip("0123456789") for index in terms]
+    torque = np.array([np.sqrt(f.norm2 / f.count) if f.count else 0.0 for f in info.measured])
+    seen = np.zeros((len(torque), len(terms)))
+    for own, factor in zip(seen, info.measured, strict=True):
+        if factor.count:
+            columns = factor.triangle[:, :-1] @ feasible_set.K[np.ix_(factor.columns, terms)]
+            own[:] = column_lengths(columns) / np.sqrt(factor.count)
+    sizes = seen.max(axis=0, initial=0.0)
+    shown = (seen > 1e-9 * sizes) & (sizes > 0.0)
+    scales = np.where(shown, torque[:, None], 0.0).max(axis=0, initial=0.0)
+    scales[scales == 0.0] = torque.max(initial=0.0) or 1.0
+    likes: dict[str, float] = {}
+    for kind, size in zip(kinds, sizes.tolist(), strict=True):
+        likes[kind] = max(likes.get(kind, 1.0), size)
+    found = np.full(count, np.inf)
+    found[terms] = FRICTION * scales / np.array([likes[kind] for kind in kinds])
     return found
 
 
@@ -188,7 +185,7 @@ def cross_validation(
     chosen, folds = len(grid), len(stretches)
     training = list(Information.without_each(stretches))
     problems = [(R.R, R.rho) for R in (data.reduced(used) for data in (info, *training))]
-    function = _Fits(problems, regression.variance, feasible_set, [prior.prepare(feasible_set, w) for w in grid], grid)
+    function = _Fits(problems, regression.variance, feasible_set, prior, grid)
     start = _inside(info, used, feasible_set, prior, function)
     basis = feasible_set.equation_directions
     parameters = np.empty((1 + folds, chosen, start.size))
@@ -287,7 +284,7 @@ class _Fits:
         problems: Sequence[tuple[Matrix, Vector]],
         variance: float,
         feasible_set: FeasibleSet,
-        priors: Sequence[PreparedPrior],
+        prior: Prior,
         weights: Vector,
     ) -> None:
         rows = [R @ feasible_set.K / np.sqrt(variance) for R, _ in problems]
@@ -295,10 +292,11 @@ class _Fits:
         self.slopes = np.array([W.T @ rho / np.sqrt(variance) for W, (_, rho) in zip(rows, problems, strict=True)])
         self.weights, self.barrier = weights, Barrier(feasible_set)
         self.count = len(problems) * len(weights)
-        # They differ in how far from zero unknown terms are alone.
-        self.reference, self.heaviest = priors[0].reference, priors[-1]
-        self.stiffness = weights[:, None] * np.array([one.diagonal for one in priors])
-        self.links = replace(priors[0], diagonal=np.zeros_like(self.reference))
+        once, self.heaviest = prior.prepare(feasible_set), prior.prepare(feasible_set, float(weights[-1]))
+        self.reference = once.reference
+        # How far unknown terms are from zero counts once, whatever the weight.
+        self.stiffness = np.where(once.known, weights[:, None], 1.0) * once.diagonal
+        self.links = replace(once, diagonal=np.zeros_like(self.reference))
         # The barrier has the determinants of the entropic prior, too: their logarithms are taken once for both.
         self.shared = bool(self.links.entropy) and self.barrier.has_bodies
         if self.shared:
@@ -316,8 +314,7 @@ class _Fits:
             found = BARRIER * self.barrier.value(points) + weights * self.links.distances(points)
         errors = points - self.reference
         found += 0.5 * np.einsum("pi,pi->p", self.stiffness[which] * errors, errors)
-        for number in set(data.tolist()):
-            own = data == number
+        for number, own in _each(data):
             products = points[own] @ self.curvatures[number]
             found[own] += np.einsum("pi,pi->p", 0.5 * products - self.slopes[number], points[own])
         return found
@@ -325,12 +322,10 @@ class _Fits:
     def derivatives(self, points: Matrix, problems: npt.NDArray[np.intp]) -> tuple[Matrix, Tensor]:
         data, which = np.divmod(problems, len(self.weights))
         hessians, gradients = self.curvatures[data], np.empty_like(points)
-        for number in set(data.tolist()):
-            own = data == number
+        for number, own in _each(data):
             gradients[own] = points[own] @ self.curvatures[number] - self.slopes[number]
         gradients += self.stiffness[which] * (points - self.reference)
-        diagonal = np.arange(points.shape[1])
-        hessians[:, diagonal, diagonal] += self.stiffness[which]
+        np.einsum("pii->pi", hessians)[...] += self.stiffness[which]
         weights, factors = self.weights[which], np.full(len(points), BARRIER)
         if self.shared:
             gradients += weights[:, None] * self.slope
@@ -339,3 +334,10 @@ class _Fits:
         self.barrier.add_derivatives(points, factors, gradients, hessians)
         self.links.add_derivatives(points, weights, gradients, hessians)
         return gradients, hessians
+
+
+def _each(data: npt.NDArray[np.intp]) -> Iterator[tuple[int, slice | npt.NDArray[np.bool_]]]:
+    """Yield the number of every data set of some problems, and which of these are about it."""
+    numbers = set(data.tolist())
+    for number in numbers:
+        yield number, slice(None) if len(numbers) == 1 else data == number

@@ -152,8 +152,8 @@ CLOSE_CHOICE = 1e-3
 """A choice whose relative gap is at most this counts as the preferred one."""
 
 GAP = 1e-6
-"""An optimum whose relative gap is at most this counts as found: far below what any data tells of the residual, and
-within reach of an interior-point method in double precision."""
+"""An optimum whose relative gap is at most this counts as found, unless less is asked for: far below what any data
+tells of the residual, and within reach of an interior-point method in double precision."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,6 +188,8 @@ class Fitting:
     prior : PreparedPrior, optional
     prior_weight : float
         Factor of the prior's distance beside half the squared residual, in units of its variance.
+    gap : float
+        An optimum whose relative gap is at most this counts as found.
     """
 
     feasible_set: FeasibleSet
@@ -196,6 +198,7 @@ class Fitting:
     solver: str
     prior: PreparedPrior | None = None
     prior_weight: float = 0.0
+    gap: float = GAP
     iterations: int = 0
     seconds: float = 0.0
     statuses: list[str] = field(default_factory=list)
@@ -365,10 +368,10 @@ class Fitting:
         if start is None:
             return None
         found = self._ended(search, start, margin)
-        if found is not None and found.price > CHEAP_MARGIN and self._gap(found) > GAP:
+        if found is not None and found.price > CHEAP_MARGIN and self._gap(found) > self.gap:
             margin *= CHEAP_MARGIN / found.price
             found = self._ended(self._search(margin), found.parameters, margin)
-        return None if found is None or self._gap(found) > GAP else (found, found.lower_bound)
+        return None if found is None or self._gap(found) > self.gap else (found, found.lower_bound)
 
     def _gap(self, found: "_Found") -> float:
         return (found.value - found.lower_bound) / self.size(found.value)
@@ -400,7 +403,7 @@ class Fitting:
             return None
         parameters, value = answer.parameters, self.value(answer.parameters)
         blocks = 2.0 * regression.variance * answer.multipliers
-        enough = value - 0.1 * GAP * self.size(value)
+        enough = value - 0.1 * self.gap * self.size(value)
         lower = self._problem(parameters, value).lower_bound(Multipliers(blocks, np.zeros(0)), enough)
         price = float(search.margins @ blocks) / self.size(value)
         return _Found(parameters, value, lower, False, price, True, self.units, margin, "Solved", blocks)
@@ -433,7 +436,7 @@ class Fitting:
             if best.inside and best.price > CHEAP_MARGIN:
                 margin = best.margin * CHEAP_MARGIN / best.price
             # The price of the margin, once that has been reduced, does not count as an error of the solver.
-            if gap <= GAP or (gap - best.price <= GAP and number > 1):
+            if gap <= self.gap or (gap - best.price <= self.gap and number > 1):
                 break
         assert best is not None
         return best, lower
@@ -461,7 +464,7 @@ class Fitting:
         start = program.conditions.rows.shape[0]
         blocks, prices = unit * program.stacked_dual(solution.dual), unit * solution.dual[start : start + len(limits)]
         problem = self._problem(parameters, value)
-        enough = value - 0.1 * GAP * self.size(value)
+        enough = value - 0.1 * self.gap * self.size(value)
         stopped = bool(np.isfinite(bound) and limits[0] @ parameters > 0.99 and prices[0] > PRICE * self.size(value))
         if np.isfinite(bound) and not stopped:  # the lower bound then holds for all masses
             limits, most, prices = limits[1:], most[1:], prices[1:]

@@ -8,9 +8,8 @@ be compared.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
@@ -214,15 +213,20 @@ class Moments:
 
     Attributes
     ----------
-    values : ndarray
-        (B, N, n + N, n + N) of the columns of the regressor's row of each joint and the torques of all joints, summed
-        over each of B stretches of time.
+    total : ndarray
+        (N, n + N, n + N) of the columns of the regressor's row of each joint and the torques of all joints.
     counts : ndarray
-        (B, N) rows.
+        (B, N) rows in each of B stretches of time.
+    rows : tuple of (ndarray, ndarray)
+        For each joint which of the columns are not zero, (c,), and their rows in all stretches, (S, c).
+    bounds : ndarray
+        (B + 1,) where the stretches begin and end.
     """
 
-    values: Array
+    total: Array
     counts: Array
+    rows: tuple[tuple[NDArray[np.intp], Array], ...] = ()
+    bounds: NDArray[np.intp] = field(default_factory=lambda: np.zeros(1, dtype=np.intp))
 
     @property
     def joints(self) -> int:
@@ -232,12 +236,15 @@ class Moments:
     @property
     def columns(self) -> int:
         """n."""
-        return int(self.values.shape[2]) - self.joints
+        return int(self.total.shape[1]) - self.joints
 
-    @cached_property
-    def total(self) -> Array:
-        """(N, n + N, n + N), over all the stretches."""
-        return np.asarray(self.values.sum(axis=0))
+    def stretches(self) -> Iterator[Array]:
+        """Yield the same of each stretch alone; most hypotheses are told apart by the sums over all of them."""
+        for start, stop in pairwise(self.bounds):
+            found = np.zeros_like(self.total)
+            for own, (places, rows) in zip(found, self.rows, strict=True):
+                own[np.ix_(places, places)] = rows[start:stop].T @ rows[start:stop]
+            yield found
 
 
 def moments(model: Model, samples: Samples, *, gravity: Array | None = None, extra: Array | None = None) -> Moments:
@@ -262,21 +269,19 @@ def moments(model: Model, samples: Samples, *, gravity: Array | None = None, ext
     if extra is not None:
         regressor = np.concatenate([regressor, extra], axis=2)
     width = regressor.shape[2]
-    bounds = np.linspace(0, count, BLOCKS + 1).round().astype(int)
-    values = np.zeros((BLOCKS, joints, width + joints, width + joints))
-    counts = np.zeros((BLOCKS, joints), dtype=int)
-    for k in range(joints):
-        own = regressor[:, k]
-        used = np.flatnonzero(np.any(own != 0.0, axis=0))
-        rows = np.concatenate([own[:, used], samples.torque], axis=1)
+    bounds = np.linspace(0, count, BLOCKS + 1).round().astype(np.intp)
+    mask = np.ones((count, joints), dtype=bool) if samples.mask is None else samples.mask
+    counts = np.array([np.count_nonzero(mask[start:stop], axis=0) for start, stop in pairwise(bounds)])
+    total, kept = np.zeros((joints, width + joints, width + joints)), []
+    for k, used in enumerate(np.any(regressor != 0.0, axis=0)):
+        own = np.flatnonzero(used)
+        rows = np.concatenate([regressor[:, k, own], samples.torque], axis=1)
         if samples.mask is not None:
-            rows *= samples.mask[:, k, None]
-        places = np.concatenate([used, width + np.arange(joints)])
-        for block, (start, stop) in enumerate(pairwise(bounds)):
-            part = rows[start:stop]
-            values[block, k][np.ix_(places, places)] = part.T @ part
-            counts[block, k] = stop - start if samples.mask is None else samples.mask[start:stop, k].sum()
-    return Moments(values, counts)
+            rows *= mask[:, k, None]
+        places = np.concatenate([own, width + np.arange(joints)])
+        total[k][np.ix_(places, places)] = rows.T @ rows
+        kept.append((places, rows))
+    return Moments(total, counts, tuple(kept), bounds)
 
 
 @dataclass(frozen=True, eq=False)
@@ -467,14 +472,16 @@ def _nonnegative_solution(
     Also returns which are not at zero, and half the logarithm of the determinant of their matrix.
     """
     n = len(right)
-    sizes = np.sqrt(np.diag(normal))
-    scaled = normal / np.outer(sizes, sizes)
-    scaled[np.diag_indices(n)] += 1e-12
+    sizes = np.sqrt(np.diagonal(normal))
+    scaled = normal / (sizes[:, None] * sizes)
+    scaled.flat[:: n + 1] += 1e-12
     target = right / sizes
     free = np.ones(n, dtype=bool)
     while True:
         chosen = np.flatnonzero(free)
-        factor, solution, failed = dposv(scaled[np.ix_(chosen, chosen)], target[chosen])
+        own = scaled if len(chosen) == n else scaled[np.ix_(chosen, chosen)]
+        # Symmetric, so that its transpose, which LAPACK takes without a change of its order, is the same.
+        factor, solution, failed = dposv(own.T, target[chosen])
         if failed:
             raise np.linalg.LinAlgError("the normal equations are not positive definite")
         found = np.zeros(n)
@@ -495,7 +502,7 @@ def _held_out_errors(
 ) -> Array:
     n = moments.columns
     error, power = np.zeros(moments.joints), np.zeros(moments.joints)
-    for own, count in zip(moments.values, moments.counts, strict=True):
+    for own, count in zip(moments.stretches(), moments.counts, strict=True):
         gram, cross, _ = _normal_equations(moments.total - own, n, matrix)
         weights = EFFECTIVE_ROWS / (np.maximum(moments.counts.sum(axis=0) - count, 1) * variance)
         normal = np.tensordot(weights, gram, 1) + precision

@@ -115,6 +115,7 @@ def fit_reduced(
     prior: Prior | None = None,
     prior_weight: float = 1.0,
     solver: str = "clarabel",
+    gap: float = GAP,
 ) -> FeasibleFit:
     """Minimise ‖R K δ - ρ‖² + residual2 over the feasible set (thesis 3.53, 3.58).
 
@@ -140,6 +141,8 @@ def fit_reduced(
         1 / τ² for a prior that is expected to be right to a relative deviation τ.
     solver : str
         A name from `steelyard.conic.solver_table`.
+    gap : float
+        Part of the objective by which the optimum may be missed, as far as is proved.
 
     Returns
     -------
@@ -157,7 +160,7 @@ def fit_reduced(
     regression = ReducedRegression.of(reduced, feasible_set)
     scale = regression.units(feasible_set)
     units = scale.with_cad()
-    fitting = Fitting(feasible_set, regression, units, solver)
+    fitting = Fitting(feasible_set, regression, units, solver, gap=gap)
     tie_break = None
     if prior is None:
         tie_break = _tie_break(prefer, feasible_set, units)

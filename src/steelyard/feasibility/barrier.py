@@ -109,8 +109,12 @@ class Barrier:
         found = np.zeros(len(points))
         if len(self._lines.rows):
             values = points @ self._lines.rows.T + self._lines.constants
-            inside = np.all(values > 0, axis=1)
-            found = np.where(inside, -np.log(np.where(values > 0, values, 1.0)).sum(axis=1), np.inf)
+            positive = values > 0
+            if positive.all():
+                found = -np.log(values).sum(axis=1)
+            else:
+                found = -np.log(np.where(positive, values, 1.0)).sum(axis=1)
+                found[~positive.all(axis=1)] = np.inf
         for number, (indices, coefficients, constants) in enumerate(self._groups):
             own = log_determinants(_values(points[:, indices], coefficients, constants)).sum(axis=1)
             found = found - (own if of_bodies is None or number != self._bodies else of_bodies * own)
@@ -176,19 +180,24 @@ class LinearConditions:
         self.constants = np.array([block.constant[0, 0] for block in lines])
 
     @cached_property
-    def _single(self) -> npt.NDArray[np.bool_]:
-        return np.asarray(np.count_nonzero(self.rows, axis=1) == 1)
+    def _single(self) -> tuple[Indices, Matrix]:
+        """Which rows are about one unknown, and their squares."""
+        single = np.flatnonzero(np.count_nonzero(self.rows, axis=1) == 1)
+        return single, self.rows[single] ** 2
 
     @cached_property
-    def _clusters(self) -> list[tuple[Indices, Indices]]:
-        return _alike(_clusters(self.rows, np.flatnonzero(~self._single)))
+    def _clusters(self) -> list[tuple[Indices, Indices, Tensor]]:
+        """Other rows that share no unknowns (k, r), their unknowns (k, c), and what they have of these (k, r, c)."""
+        others = np.setdiff1d(np.arange(len(self.rows)), self._single[0])
+        alike = _alike(_clusters(self.rows, others))
+        return [(which, own, self.rows[which[:, :, None], own[:, None]]) for which, own in alike]
 
     def add_squares(self, factors: Matrix, hessians: Tensor) -> None:
         """Add (f r)(f r)ᵀ of all rows r, with factors f of each point (p, b), to matrices (p, n, n)."""
-        single, diagonal = self._single, np.arange(self.rows.shape[1])
-        hessians[:, diagonal, diagonal] += factors[:, single] ** 2 @ self.rows[single] ** 2
-        for which, own in self._clusters:
-            scaled = self.rows[which[:, :, None], own[:, None]] * factors[:, which][..., None]
+        single, squares = self._single
+        np.einsum("pii->pi", hessians)[...] += factors[:, single] ** 2 @ squares
+        for which, own, rows in self._clusters:
+            scaled = rows * factors[:, which][..., None]
             _add_blocks(hessians, own, scaled.swapaxes(-1, -2) @ scaled)
 
 

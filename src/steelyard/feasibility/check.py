@@ -1,6 +1,5 @@
 """Deciding whether parameters are physically possible, by the search for a proof of either answer."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -250,13 +249,12 @@ def _lighter(witness: FeasibilityCertificate, margin: float) -> FeasibilityCerti
         lighter = FeasibilityCertificate(feasible_set, witness.base, parameters)
         if lighter.verify():
             return lighter
-    whole = [np.eye(block.size) for block in feasible_set.blocks]
     for bound in MODERATE_TRACES:
         scale = max(1.0, float(np.abs(witness.base).max(initial=0.0)))
         lighter = FeasibilityCertificate(
             feasible_set,
             witness.base,
-            largest_margin(feasible_set, witness.base, whole, trace_bound=bound * scale).parameters,
+            largest_margin(feasible_set, witness.base, trace_bound=bound * scale).parameters,
         )
         if lighter.verify():
             return lighter
@@ -323,28 +321,29 @@ class Decision:
 def decide(feasible_set: FeasibleSet, base: Vector) -> Decision:
     """Search for feasible parameters and for a dual point until one of them is a proof.
 
-    The first attempts are the largest margin of the whole blocks, and that on the face of the dual points. If neither
+    The first attempts are the largest margin on the face of the dual points, and that of the whole blocks. If neither
     decides, the problem is solved in suitable units: for a dual point in those of the analytic center of the dual
     points, for a witness in those in which the blocks at the best parameters so far are about unit matrices. Links that
     are much smaller than others, and points close to the boundary, then have the full accuracy of the solver.
     """
-    whole = [np.eye(block.size) for block in feasible_set.blocks]
     face = dual_face(feasible_set).bases
+    # On the face no bound on the traces is needed, so that this is the largest margin of all robots, however heavy.
+    restricted = largest_margin(feasible_set, base, face, [_orthonormal(U) for U in face])
+    refuted = None
+    if restricted.value < 0:
+        refuted = prove_infeasible(feasible_set, feasible_set.lift @ base, base, restricted.point)
+        if refuted is not None and np.isfinite(restricted.value):
+            return Decision(refuted, restricted.value)
     bound = TRACE_BOUND * max(1.0, float(np.abs(base).max(initial=0.0)))
-    first = largest_margin(feasible_set, base, whole, trace_bound=bound)
+    first = largest_margin(feasible_set, base, trace_bound=bound)
+    margin = restricted.value if np.isfinite(restricted.value) else first.value
+    if refuted is not None:
+        return Decision(refuted, margin)
     found = proved_witness(feasible_set, base, first.parameters)
     if found is not None and first.value >= MARGIN_CAP * (1 - CAP_REACHED):
         return Decision(found, first.value)
-    # On the face no bound on the traces is needed, so that this is the largest margin of all robots, however heavy.
-    restricted = largest_margin(feasible_set, base, face, [_orthonormal(U) for U in face])
-    margin = restricted.value if np.isfinite(restricted.value) else first.value
     if found is not None:
         return Decision(found, max(first.value, min(margin, _attained(feasible_set, restricted.parameters))))
-    particular = feasible_set.lift @ base
-    if restricted.value < 0:
-        refuted = prove_infeasible(feasible_set, particular, base, restricted.point)
-        if refuted is not None:
-            return Decision(refuted, margin)
     proof = _centred_proof(feasible_set, base)
     if proof is not None:
         return Decision(proof, margin)
@@ -352,7 +351,7 @@ def decide(feasible_set: FeasibleSet, base: Vector) -> Decision:
     if witness is not None or first.value >= 0:
         return Decision(witness, margin)
     # The shift that covers rounding errors costs about half of the trace bound.
-    bounded = largest_margin(feasible_set, base, whole, trace_bound=TRACE_BOUND_FACTOR * least_trace_bound(base))
+    bounded = largest_margin(feasible_set, base, trace_bound=TRACE_BOUND_FACTOR * least_trace_bound(base))
     return Decision(prove_infeasible_up_to_a_size(feasible_set, bounded.point, base), min(margin, bounded.value))
 
 
@@ -361,6 +360,8 @@ def _orthonormal(basis: Matrix) -> Matrix:
 
     A margin on the face then equals the margin that the whole blocks approach as unidentifiable mass is added.
     """
+    if basis.shape == (1, 1):
+        return np.asarray(1.0 / basis)
     return np.asarray(np.linalg.inv(np.linalg.qr(basis)[1])) if basis.shape[1] else np.zeros((0, 0))
 
 
@@ -496,10 +497,10 @@ def raised_witness(feasible_set: FeasibleSet, base: Vector, parameters: Vector) 
 
 def scaled_witness(feasible_set: FeasibleSet, base: Vector, parameters: Vector) -> FeasibilityCertificate | None:
     """Parameters inside the set, from the margin of blocks that are scaled around the best parameters so far."""
-    whole = [np.eye(block.size) for block in feasible_set.blocks]
+    trace_bound = 1e6 * len(feasible_set.blocks)
     for floor in FLOORS:
-        scalings = _scalings(feasible_set, whole, parameters, floor)
-        found = largest_margin(feasible_set, base, whole, scalings, 1e6 * len(whole), SCALED_ACCURACY)
+        scalings = _scalings(feasible_set, parameters, floor)
+        found = largest_margin(feasible_set, base, None, scalings, trace_bound, SCALED_ACCURACY)
         certificate = proved_witness(feasible_set, base, found.parameters)
         if certificate is not None:
             return certificate
@@ -507,11 +508,11 @@ def scaled_witness(feasible_set: FeasibleSet, base: Vector, parameters: Vector) 
     return None
 
 
-def _scalings(feasible_set: FeasibleSet, bases: Sequence[Matrix], parameters: Vector, floor: float) -> list[Matrix]:
-    """C_b with C_bᵀ U_bᵀ |D_b(δ)| U_b C_b = 1, after eigenvalues are raised to `floor` times the largest."""
+def _scalings(feasible_set: FeasibleSet, parameters: Vector, floor: float) -> list[Matrix]:
+    """C_b with C_bᵀ |D_b(δ)| C_b = 1, after eigenvalues are raised to `floor` times the largest."""
     found = []
-    for block, U in zip(feasible_set.blocks, bases, strict=True):
-        values, vectors = eigenvectors(U.T @ block.evaluate(parameters) @ U)
+    for block in feasible_set.blocks:
+        values, vectors = eigenvectors(block.evaluate(parameters))
         size = np.abs(values)
         largest = float(size.max(initial=0.0)) or 1.0
         found.append(vectors / np.sqrt(np.maximum(size, floor * largest)))

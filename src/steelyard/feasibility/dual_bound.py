@@ -334,11 +334,9 @@ class ConvexProblem:
 
     def _best_mended(self, state: "_State", enough: float) -> "tuple[float, _State]":
         """The mended multipliers of the least cost, and it; of one dearness after the other until it is low enough."""
-        best = self._cost(state), state
-        for found in self._mended(state):
+        best, mended = (self._cost(state), state), self._mended(state)
+        while not best[0] <= enough < np.inf and (found := next(mended, None)) is not None:
             best = min([best, *((self._cost(one), one) for one in found)], key=lambda pair: pair[0])
-            if best[0] <= enough < np.inf:
-                break
         return best
 
     @cached_property

@@ -183,8 +183,9 @@ def _dual_space(feasible_set: FeasibleSet) -> _DualSpace:
                 for parameter, elements in condition.coefficients.items():
                     value = Fraction(0)
                     for (p, q), element in elements.items():
-                        value += element * basis[p][i] * basis[q][j]
-                        if p != q:
+                        if basis[p][i] and basis[q][j]:  # most elements of most bases are zero
+                            value += element * basis[p][i] * basis[q][j]
+                        if p != q and basis[q][i] and basis[p][j]:
                             value += element * basis[q][i] * basis[p][j]
                     if value:
                         rows[parameter][column] = value * (1 if i == j else 2)

@@ -86,7 +86,7 @@ def dual_face(feasible_set: FeasibleSet) -> DualFace:
 
 def _dual_face(feasible_set: FeasibleSet) -> DualFace:
     whole = [np.eye(block.size) for block in feasible_set.blocks]
-    stack = BlockProblem.of(feasible_set, np.zeros(feasible_set.parameter_count), whole).stack
+    stack = BlockProblem.of(feasible_set, np.zeros(feasible_set.parameter_count)).stack
     middle = _dual_point_of_greatest_rank(feasible_set, stack)
     if middle is None:  # nothing is known about the face: take the whole cone
         exact = tuple(_complement(block.size, np.zeros((0, block.size))) for block in feasible_set.blocks)
@@ -103,7 +103,8 @@ def _dual_face(feasible_set: FeasibleSet) -> DualFace:
     bases = [
         np.array([[float(value) for value in row] for row in exact]).reshape(len(exact), -1) for exact in exact_bases
     ]
-    inverses = [np.linalg.pinv(basis) if basis.shape[1] else basis.T for basis in bases]
+    # Most blocks are 1 x 1, and need no linear algebra: the basis of one is 1, or empty.
+    inverses = [np.linalg.pinv(basis) if len(basis) > 1 and basis.shape[1] else basis.T for basis in bases]
     interior = tuple(inverse @ dual @ inverse.T for inverse, dual in zip(inverses, duals, strict=True))
     nearest, factors = orthogonal(feasible_set, bases, interior, multipliers)
     # If the equations hold rounding errors, as for axes that are nearly parallel, the projection may leave the cone.
@@ -133,8 +134,11 @@ def orthogonal(
     found = np.concatenate([np.zeros(len(stack.constant)), multipliers])
     for place, index in zip(stack.slices, problem.used, strict=True):
         found[place] = symmetric_to_vector(matrices[index])
+    left, sizes, right = np.linalg.svd(matrix, full_matrices=False)
+    shown = sizes > 1e-9 * sizes.max(initial=0.0)
+    inverse = right[shown].T / sizes[shown]
     for _ in range(2):
-        found -= np.linalg.lstsq(matrix, matrix @ found, rcond=1e-9)[0]
+        found -= inverse @ (left[:, shown].T @ (matrix @ found))
     nearest = list(matrices)
     for index, W in zip(problem.used, stack.matrices(found[: len(stack.constant)]), strict=True):
         nearest[index] = W
@@ -142,7 +146,8 @@ def orthogonal(
 
 
 def _smallest(matrices: Sequence[Matrix]) -> float:
-    return min((float(np.linalg.eigvalsh(matrix)[0]) for matrix in matrices if len(matrix)), default=0.0)
+    least = [matrix[0, 0] if len(matrix) == 1 else np.linalg.eigvalsh(matrix)[0] for matrix in matrices if len(matrix)]
+    return float(min(least, default=0.0))
 
 
 def _unidentifiable(feasible_set: FeasibleSet) -> Matrix:
@@ -190,12 +195,16 @@ def _dual_point_of_greatest_rank(
 
 
 def _null_vectors(dual: Matrix) -> Matrix:
+    if len(dual) == 1:
+        return np.ones((1 if dual[0, 0] < ZERO_EIGENVALUE else 0, 1))
     values, vectors = np.linalg.eigh(dual)
     return np.asarray(vectors[:, values < ZERO_EIGENVALUE].T)
 
 
 def _complement(size: int, null: Matrix) -> list[list[Fraction]]:
     """Decimal basis that is exactly orthogonal to the null vectors, after these are rounded in reduced echelon form."""
+    if size == 1:
+        return [[]] if len(null) else [[Fraction(1)]]
     pivots = np.zeros(0, dtype=np.intp)
     if len(null):
         _, _, order = linalg.qr(null, mode="economic", pivoting=True)

@@ -1,5 +1,7 @@
 """Recession directions: whether masses may grow without bound while the base parameters stay the same."""
 
+from dataclasses import replace
+
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sparse
@@ -22,8 +24,7 @@ look like growth."""
 
 ACCURACY = 1e-6
 """Of the search for directions, in which a mass is 0 or 1: where they are as long as `DIRECTION_BOUND`, a mass is known
-to 0.001. For a WAM, where many directions are as good, 1e-8 is not reached within all the attempts of the solver, which
-took a fifth of the time of a fit."""
+to 0.001. For a WAM, where many directions are as good, 1e-8 was not reached within all the attempts of the solver."""
 
 MASS_BOUND = 1000.0
 """Bound on the total mass, in kg, if masses may grow without bound and no mass is known: more than most robots
@@ -104,5 +105,6 @@ def _analyse(feasible_set: FeasibleSet, directions: Matrix) -> tuple[int, ...]:
             Rows(sparse.csc_array(counted), most, Cone("nonnegative", len(most))),
         ],
     )
+    problem = replace(problem, degenerate=True)  # of directions along which masses grow many are as good
     solution = solve(problem, ACCURACY).require("find which masses may grow without end")
     return tuple(np.flatnonzero(solution.primal[count:] > 0.1).tolist())

@@ -1,7 +1,7 @@
 """The largest margin of the conditions at given base parameters, and the least violations."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -47,7 +47,7 @@ class BlockProblem:
         cls,
         feasible_set: FeasibleSet,
         particular: Vector,
-        bases: Sequence[Matrix],
+        bases: Sequence[Matrix] | None = None,
         scalings: Sequence[Matrix] | None = None,
     ) -> "BlockProblem":
         """Substitute δ = particular + (P_d - P_b K_d) δ_d into the blocks.
@@ -57,23 +57,25 @@ class BlockProblem:
         feasible_set : FeasibleSet
         particular : (n,)
             Some δ with the base parameters β, such as P_b β.
-        bases : sequence of (d, r)
-            U.
+        bases : sequence of (d, r), optional
+            U; unit matrices, and so the whole blocks, where absent.
         scalings : sequence of (r, r), optional
             C, with T = U C; unit matrices where absent.
         """
         directions = feasible_set.unidentifiable
         used, blocks = [], []
-        moved = feasible_set.kept(_in_unidentifiable)
-        for index, (block, found, basis) in enumerate(zip(feasible_set.blocks, moved, bases, strict=True)):
-            if not basis.shape[1]:
-                continue
+        for index, (block, found) in enumerate(zip(feasible_set.blocks, feasible_set.kept(_moved), strict=True)):
+            constant, coefficients = block.evaluate(particular), found.coefficients
+            if bases is not None:
+                basis = bases[index]
+                if not basis.shape[1]:
+                    continue
+                size = np.abs(coefficients).max(axis=(1, 2), initial=0.0) * float(np.abs(basis).max()) ** 2
+                constant, coefficients = (
+                    _congruent(constant, basis),
+                    _without_rounding(_congruent(coefficients, basis), size),
+                )
             used.append(index)
-            constant = _congruent(block.evaluate(particular), basis)
-            coefficients = _congruent(found.coefficients, basis)
-            # A solver would multiply rounding errors of cancelled terms by large numbers.
-            size = np.abs(found.coefficients).max(axis=(1, 2), initial=0.0) * float(np.abs(basis).max()) ** 2
-            coefficients[np.abs(coefficients) <= ROUNDING * size[:, None, None]] = 0.0
             if scalings is not None:
                 constant = _congruent(constant, scalings[index])
                 coefficients = _congruent(coefficients, scalings[index])
@@ -96,10 +98,12 @@ class BlockProblem:
         trace, constant = np.zeros((0, unknowns)), np.zeros(0)
         if trace_bound is not None:
             trace, constant = np.zeros((1, unknowns)), np.array([trace_bound])
-            for block in stack.blocks:
-                if block.kind != "constraint":
-                    np.add.at(trace[0], block.indices, np.trace(block.coefficients, axis1=1, axis2=2))
-                    constant[0] -= np.trace(block.constant)
+            diagonals = stack.identity.copy()
+            for block, rows in zip(stack.blocks, stack.slices, strict=True):
+                if block.kind == "constraint":
+                    diagonals[rows] = 0.0
+            trace[0] = stack.coefficients.T @ diagonals
+            constant[0] -= diagonals @ stack.constant
         bounding = sparse.vstack(
             [
                 sparse.hstack([sparse.csc_array(trace), sparse.csc_array((len(trace), extra))]),
@@ -117,12 +121,24 @@ class BlockProblem:
         )
 
 
-def _in_unidentifiable(feasible_set: FeasibleSet) -> tuple[AffineBlock, ...]:
+def _moved(feasible_set: FeasibleSet) -> tuple[AffineBlock, ...]:
     """Return the blocks as functions of δ_d, whatever the base parameters."""
-    return tuple(block.substitute(feasible_set.unidentifiable) for block in feasible_set.blocks)
+    found = [block.substitute(feasible_set.unidentifiable) for block in feasible_set.blocks]
+    sizes = [np.abs(block.coefficients).max(axis=(1, 2), initial=0.0) for block in found]
+    return tuple(
+        replace(block, coefficients=_without_rounding(block.coefficients, size))
+        for block, size in zip(found, sizes, strict=True)
+    )
+
+
+def _without_rounding(coefficients: Matrix, sizes: Vector) -> Matrix:
+    """Leave out rounding errors of cancelled terms, which a solver would multiply by large numbers."""
+    return np.where(np.abs(coefficients) <= ROUNDING * sizes[:, None, None], 0.0, coefficients)
 
 
 def _congruent(matrices: Matrix, transform: Matrix) -> Matrix:
+    if transform.shape == (1, 1):
+        return np.asarray(matrices * transform[0, 0] ** 2)
     product = transform.T @ matrices @ transform
     return np.asarray((product + product.swapaxes(-1, -2)) / 2)
 
@@ -165,7 +181,7 @@ class Margin:
 def largest_margin(
     feasible_set: FeasibleSet,
     base: Vector,
-    bases: Sequence[Matrix],
+    bases: Sequence[Matrix] | None = None,
     scalings: Sequence[Matrix] | None = None,
     trace_bound: float | None = None,
     accuracy: float = 1e-10,
@@ -176,18 +192,16 @@ def largest_margin(
     ----------
     feasible_set : FeasibleSet
     base : (n_b,)
-    bases : sequence of (d, r)
-        U_b; unit matrices for the whole blocks.
+    bases : sequence of (d, r), optional
+        U_b; unit matrices, and so the whole blocks, where absent.
     scalings : sequence of (r, r), optional
-        C_b, invertible; the sign of t does not depend on them.
+        C_b, invertible; the sign of t does not depend on them. Unit matrices where absent.
     trace_bound : float, optional
         Bound on the sum of the traces of the scaled blocks of links and terms, which keeps the set compact. It is not
         needed on the face of the dual points.
     accuracy : float
         Of the solver.
     """
-    if scalings is None:
-        scalings = [np.eye(U.shape[1]) for U in bases]
     problem = BlockProblem.of(feasible_set, feasible_set.lift @ base, bases, scalings)
     stack = problem.stack
     unit = sparse.csc_array(-stack.identity[:, None])
@@ -195,8 +209,10 @@ def largest_margin(
     solution = solve(problem.conic(unit, np.array([-1.0]), cap, trace_bound), accuracy=accuracy)
     start = len(solution.dual) - len(stack.constant)
     matrices = dict(zip(problem.used, stack.matrices(solution.dual[start:]), strict=True))
+    if scalings is not None:
+        matrices = {b: scalings[b] @ own @ scalings[b].T for b, own in matrices.items()}
     point = DualPoint(
-        tuple(C @ matrices[b] @ C.T if b in matrices else np.zeros((0, 0)) for b, C in enumerate(scalings)),
+        tuple(matrices.get(b, np.zeros((0, 0))) for b in range(len(feasible_set.blocks))),
         -solution.dual[: len(feasible_set.equalities)],
     )
     if solution.outcome is Outcome.INFEASIBLE:
@@ -212,9 +228,7 @@ def least_violations(feasible_set: FeasibleSet, base: Vector) -> Vector:
     (blocks,)
         s_b, in the order of `FeasibleSet.blocks`.
     """
-    problem = BlockProblem.of(
-        feasible_set, feasible_set.lift @ base, [np.eye(block.size) for block in feasible_set.blocks]
-    )
+    problem = BlockProblem.of(feasible_set, feasible_set.lift @ base)
     stack, count = problem.stack, len(feasible_set.blocks)
     rows, columns = [], []
     for position, (block, place) in enumerate(zip(stack.blocks, stack.slices, strict=True)):

@@ -108,6 +108,9 @@ def write_json(document: Any, path: str | os.PathLike[str], *, indent: int | Non
     write_text(json.dumps(plain(document), indent=indent, allow_nan=False, ensure_ascii=False) + "\n", path)
 
 
+_PLAIN = frozenset([str, int, bool, type(None)])
+
+
 def plain(value: Any) -> Any:
     """Return a value as JSON can hold it: arrays and tuples as lists, objects by their fields, numbers as Python's own.
 
@@ -133,6 +136,8 @@ def plain(value: Any) -> Any:
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
+        if set(map(type, value)) <= _PLAIN:
+            return list(value)
         return [plain(item) for item in value]
     if is_dataclass(value) and not isinstance(value, type):
         return {item.name: plain(getattr(value, item.name)) for item in fields(value)}

@@ -492,21 +492,22 @@ def _predict(
     drawn: DrawnLog,
 ) -> Prediction:
     # By the rows of the regression: where torques are filtered, what is predicted is, too.
-    def left(samples: Samples, of: Estimate) -> Array:
-        return np.vstack([errors for _, errors in residuals(model, samples, of.base)])
+    def left(samples: Samples, base: Array) -> Array:
+        return np.concatenate([errors for _, errors in residuals(model, samples, base)])
 
     def used(samples: Samples) -> Array:
-        errors = left(samples, estimate)
+        errors = left(samples, estimate.base)
         return errors if samples.mask is None else np.where(samples.mask, errors, np.nan)
 
     samples = drawn.samples
     assert samples.t is not None
+    of_both = left(samples, np.column_stack([unconstrained.base, estimate.base]))
     gaps = [np.diff(window.t) for window in drawn.windows if window.t is not None]
     trace = Trace(
         samples.t,
         samples.torque,
-        samples.torque - left(samples, unconstrained),
-        samples.torque - left(samples, estimate),
+        samples.torque - of_both[..., 0],
+        samples.torque - of_both[..., 1],
         samples=samples,
         log_rows=drawn.seen,
         piece_rows=drawn.piece,

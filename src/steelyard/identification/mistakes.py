@@ -660,9 +660,9 @@ class _Search:
 
     def _predicted_scale(self, k: int) -> float:
         """Logarithm of the factor of the torque of joint k that a fit to the other joints asks for."""
-        values, width = self.given.values.copy(), self.given.columns
-        values[:, k] = 0.0
-        parameters, sums = self._fit(Moments(values, self.given.counts)).fit.parameters, self.given.total[k]
+        others, width = self.given.total.copy(), self.given.columns
+        others[k] = 0.0
+        parameters, sums = self._fit(Moments(others, self.given.counts)).fit.parameters, self.given.total[k]
         modelled = parameters @ sums[:width, :width] @ parameters
         return float(0.5 * np.log(max(modelled, 1e-12) / max(sums[width + k, width + k], 1e-12)))
 

@@ -20,6 +20,7 @@ from steelyard.feasibility import FeasibleSet
 from steelyard.feasibility.bounds.profile_intervals import profile_intervals
 from steelyard.feasibility.bounds.quantities import Quantity, quantities, standard_errors
 from steelyard.files import plain, suggestion
+from steelyard.quantiles import normal_quantile
 from steelyard.regression import Estimate, Information, ParameterCovariance
 from steelyard.robot import Inertia
 from steelyard.robot.inertia import moment_row
@@ -527,7 +528,7 @@ def _principal(body: Array) -> tuple[Array, Array, Array]:
 
 def _described(feasible_set: FeasibleSet, cad: Array, asked: list[Quantity], about: list[_About]) -> Array:
     """The same quantities of the description, NaN where it says nothing; principal moments in ascending order."""
-    found = []
+    found, finite = [], np.nan_to_num(cad)
     for quantity, what in zip(asked, about, strict=True):
         used = np.flatnonzero(quantity.row if quantity.mass is None else quantity.row + quantity.mass)
         known = np.isfinite(cad[used]).all()
@@ -537,7 +538,7 @@ def _described(feasible_set: FeasibleSet, cad: Array, asked: list[Quantity], abo
             if known:
                 found.append(float(_principal(body)[1][int(quantity.name[1]) - 1]))
                 continue
-        found.append(quantity.value(np.nan_to_num(cad)) if known else np.nan)
+        found.append(quantity.value(finite) if known else np.nan)
     return np.array(found)
 
 
@@ -582,14 +583,17 @@ def _scales(
     sizes = parameter_sizes(feasible_set.link_columns, parameters, term_scales)
     second, first, mass = sizes[feasible_set.link_columns[:, [0, 6, 9]]].T
     of_link = {"mass": mass, "center": first / mass, "first": first, "second": second}
-    found = np.empty(len(asked))
+    found, principal = np.empty(len(asked)), dict[int, float]()
+    for value, what in zip(values, about, strict=True):
+        if what.kind == "principal":
+            principal[what.link] = max(principal.get(what.link, -np.inf), value)
     for index, (quantity, what) in enumerate(zip(asked, about, strict=True)):
         if what.kind == "term":
             found[index] = sizes[int(np.flatnonzero(quantity.row)[0])]
         elif what.kind == "total":
             found[index] = abs(values[index])
         elif what.kind == "principal":
-            found[index] = max(values[k] for k, other in enumerate(about) if other == what)
+            found[index] = principal[what.link]
         else:
             found[index] = of_link[what.kind][what.link]
     return found
@@ -604,10 +608,8 @@ def _intervals_of_data(
     confidence: float,
 ) -> tuple[Array, Array]:
     """Centers and half-widths of the intervals of plain least squares; infinite for what the base does not tell."""
-    from scipy.special import ndtri
-
     rows = np.array([quantity.slope(parameters) for quantity in asked])
-    halves = float(ndtri(0.5 + 0.5 * confidence)) * standard_errors(feasible_set, covariance, rows)
+    halves = normal_quantile(0.5 + 0.5 * confidence) * standard_errors(feasible_set, covariance, rows)
     # Ratios are as their slopes say; where nothing is told, the center is not read.
     at_answer = [0.0 if one.mass is None else one.value(parameters) for one in asked]
     return at_answer + rows @ feasible_set.lift @ base, halves

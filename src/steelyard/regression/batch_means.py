@@ -54,7 +54,7 @@ class BatchSums:
         the last must bring a multiple of 1024 samples; a batch that is begun ends with its call.
         """
         for index, (held, own) in enumerate(zip(self._short.held, rows, strict=True)):
-            held.append(summed(own if mask is None else own * mask[:, index, None], BATCH_LENGTHS[0]))
+            held.append(summed(own, BATCH_LENGTHS[0], None if mask is None else mask[:, index]))
         if self._short.waiting >= most_held(BATCHES_HELD, sum(own[0].size for own in rows)):
             self._short.reduce()
 
@@ -157,11 +157,17 @@ def sums_of_all_lengths(sums: Array) -> Iterator[Array]:
         yield rows[_not_zero(rows)]
 
 
-def summed(rows: Array, size: int) -> Array:
-    """Return sums over `size` neighbours along the first axis; the last sum is over the remaining rows."""
+def summed(rows: Array, size: int, used: NDArray[np.bool_] | None = None) -> Array:
+    """Return sums over `size` neighbours along the first axis; the last sum is over the remaining rows.
+
+    Of rows (S, c) those count that are `used`, (S,), where that is given.
+    """
     missing = -len(rows) % size
     if missing:
         rows = np.concatenate([rows, np.zeros((missing, *rows.shape[1:]))])
+    if used is not None:
+        weights = np.concatenate([used, np.zeros(missing, dtype=bool)]).astype(float).reshape(-1, 1, size)
+        return np.asarray(np.matmul(weights, rows.reshape(-1, size, rows.shape[1]))[:, 0])
     # This einsum is several times as fast as a sum over the middle axis.
     return np.asarray(np.einsum("ab...->a...", rows.reshape(-1, size, *rows.shape[1:])))
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from steelyard.display import html_table
 from steelyard.errors import InputError, faults_told
 from steelyard.files import listed, plain, read_json, shown, write_json
+from steelyard.quantiles import normal_quantile
 from steelyard.robot.description import URDF, DescriptionFormat, UrdfFormat, description_format
 from steelyard.robot.joint import Drives
 
@@ -182,12 +183,10 @@ class Estimate:
         InputError
             Unless the level lies between 0 and 1.
         """
-        from scipy.special import ndtri
-
         if not 0.0 < level < 1.0:
             raise InputError(f"level must lie between 0 and 1, such as 0.95, got {level!r}.")
         error = np.full_like(self.standard_error, np.inf) if self.filtered_torque else self.standard_error
-        reach = float(ndtri(0.5 + 0.5 * level)) * error
+        reach = normal_quantile(0.5 + 0.5 * level) * error
         return np.column_stack([self.base - reach, self.base + reach])
 
     @property
@@ -236,7 +235,10 @@ class Estimate:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the estimate as plain data, with None for numbers that are not finite."""
-        return {"format": FORMAT, **plain(self)}
+        return {**plain(self._document())}
+
+    def _document(self) -> dict[str, Any]:
+        return {"format": FORMAT, **{item.name: getattr(self, item.name) for item in fields(self)}}
 
     @classmethod
     def from_dict(cls, document: Mapping[str, Any], where: str = "estimate", *, certified: bool = True) -> Estimate:
@@ -302,7 +304,7 @@ class Estimate:
 
     def save(self, path: str | Path) -> None:
         """Write the estimate as JSON; the file appears whole or not at all."""
-        write_json(self.to_dict(), path)
+        write_json(self._document(), path)
 
     @classmethod
     def load(cls, path: str | Path, *, certified: bool = True) -> Estimate:

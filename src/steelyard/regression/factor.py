@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.dynamics.threads import in_threads
+
+from .householder import householder
 
 __all__ = [
     "Factor",
@@ -73,17 +74,20 @@ def most_held(rows: int, width: int) -> int:
     return max(FEWEST_HELD, min(rows, HELD_NUMBERS // max(width, 1)))
 
 
-def triangular(rows: Array) -> Array:
-    """Return the upper-triangular factor R (c, c) of rows (m, c), its diagonal not negative: ``R'R = rows' rows``.
+def triangular(*pieces: Array) -> Array:
+    """Return the upper-triangular factor R (c, c) of rows (m_i, c), its diagonal not negative: ``R'R = rows' rows``.
 
     Many rows are reduced by products, see `extended`, and very many in pieces by several threads, as many as BLAS may
     use. The result is the same, to the last bit, however many there are.
     """
+    if _is_quick(sum(map(len, pieces)), pieces[0].shape[1]):
+        return householder(*pieces)
+    rows = pieces[0] if len(pieces) == 1 else np.concatenate(pieces)
     if len(rows) < 2 * PIECE:
         return _of_rows(rows)
     starts = range(0, len(rows) - PIECE + 1, PIECE)
-    pieces = [rows[start : start + PIECE] for start in starts[:-1]] + [rows[starts[-1] :]]
-    return _householder(*in_threads(_of_rows, pieces))
+    parts = [rows[start : start + PIECE] for start in starts[:-1]] + [rows[starts[-1] :]]
+    return householder(*in_threads(_of_rows, parts))
 
 
 def extended(triangle: Array, *pieces: Array) -> Array:
@@ -109,16 +113,16 @@ def extended(triangle: Array, *pieces: Array) -> Array:
     if not pieces:
         return triangle
     if not triangle.any():
-        return _of_rows(np.concatenate(pieces))
+        return triangular(*pieces)
     if _is_quick(sum(map(len, pieces)), width):
-        return _householder(triangle, *pieces)
+        return householder(triangle, *pieces)
     present = _not_empty(triangle, pieces)
     if len(present) < width:
         # The row of a missing column need not be zero.
-        part = extended(_householder(triangle[:, present]), *(rows[:, present] for rows in pieces))
+        part = extended(householder(triangle[:, present]), *(rows[:, present] for rows in pieces))
         return _widened(part, present, width)
     factor = _by_products(triangle, 1.0, pieces)
-    return _householder(triangle, _of_rows(np.concatenate(pieces))) if factor is None else factor
+    return householder(triangle, _of_rows(np.concatenate(pieces))) if factor is None else factor
 
 
 def _of_rows(rows: Array) -> Array:
@@ -129,7 +133,7 @@ def _of_rows(rows: Array) -> Array:
         return _in_blocks(rows)
     # Neighbours that were combined are four or eight rows, which say different things: an odd stride meets all of them.
     stride -= 1 - stride % 2
-    first = _householder(rows[::stride])
+    first = householder(rows[::stride])
     present = _not_empty(first, [rows])
     if len(present) < width:
         return _widened(_of_rows(rows[:, present]), present, width)
@@ -145,28 +149,10 @@ def _is_quick(count: int, width: int) -> bool:
 def _in_blocks(rows: Array) -> Array:
     """Return the factor of rows by Householder's QR, of so many at a time that they stay in the cache."""
     size = max(min(FEW_NUMBERS // max(rows.shape[1], 1), FEW_ROWS), rows.shape[1], 1)
-    factor = _householder(rows[:size])
+    factor = householder(rows[:size])
     for start in range(size, len(rows), size):
-        factor = _householder(factor, rows[start : start + size])
+        factor = householder(factor, rows[start : start + size])
     return factor
-
-
-def _householder(*parts: Array) -> Array:
-    """Return the factor of all parts by Householder's QR, as LAPACK has it."""
-    rows = parts[0] if len(parts) == 1 else np.concatenate(parts)
-    factor = np.zeros((rows.shape[1], rows.shape[1]))
-    if len(rows):
-        # NumPy's own way to R alone makes the mask of its triangle each time, a third of the time of a narrow QR.
-        reduced = np.linalg.qr(rows, mode="raw")[0][:, : rows.shape[1]].T
-        signs = np.where(np.diagonal(reduced) < 0.0, -1.0, 1.0)
-        np.multiply(reduced, signs[:, None], out=factor[: len(reduced)], where=_upper(*reduced.shape))
-    return factor
-
-
-@lru_cache(maxsize=64)
-def _upper(rows: int, columns: int) -> NDArray[np.bool_]:
-    """Return where the upper triangle of a matrix is."""
-    return np.triu(np.ones((rows, columns), dtype=bool))
 
 
 def _not_empty(triangle: Array, pieces: Sequence[Array]) -> NDArray[np.intp]:
@@ -250,9 +236,7 @@ class Factor:
     count: int
 
     def __add__(self, other: Factor) -> Factor:
-        return Factor(
-            self.joint, self.columns, triangular(np.vstack([self.triangle, other.triangle])), self.count + other.count
-        )
+        return Factor(self.joint, self.columns, triangular(self.triangle, other.triangle), self.count + other.count)
 
     def changed(self, change: Array, columns: NDArray[np.intp]) -> Factor:
         """Return the factor for base parameters (n_c,) by which these are ``change @ others``, (n_b, n_c).

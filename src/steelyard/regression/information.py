@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, reduce
 from operator import add
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 __all__ = ["Information", "inverse_deviations"]
 
 Array = NDArray[np.float64]
+Kept = TypeVar("Kept")
 FORMAT = "steelyard-information-2"
 
 
@@ -425,8 +426,13 @@ class Information:
         -------
         Reduced
         """
+        used = self.joint_weights(weights)
+        return self.remembered(("reduced", used.tobytes()), lambda: self._reduced(used))
+
+    def _reduced(self, weights: Array) -> Reduced:
         n = self.base_count
-        triangle = combined(self.factors, self.joint_weights(weights), n)
+        triangle = combined(self.factors, weights, n)
+        triangle.flags.writeable = False  # whoever asks again gets the same
         return Reduced(
             triangle[:n, :n],
             triangle[:n, n],
@@ -434,6 +440,19 @@ class Information:
             self.count,
             float(np.sum(triangle[:, n] ** 2)),
         )
+
+    @cached_property
+    def _remembered(self) -> dict[Hashable, Any]:
+        return {}
+
+    def remembered(self, key: Hashable, build: Callable[[], Kept]) -> Kept:
+        """Return what a function of this Information alone gives, computed at the first call with a key.
+
+        Several steps of an identification ask for the same reduction, and for the same covariance.
+        """
+        if key not in self._remembered:
+            self._remembered[key] = build()
+        return self._remembered[key]  # type: ignore[no-any-return]
 
     def is_weighted(self, weights: str | ArrayLike | None) -> bool:
         """Tell whether such weights make a difference between the joints; ``"joint"`` needs their rows apart."""

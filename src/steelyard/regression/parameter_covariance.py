@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.display import html_table
 from steelyard.errors import InputError
+from steelyard.quantiles import student_quantile
 
 from .batch_means import BATCH_LENGTHS
 from .factor import RANK, Factor, Reduced, column_lengths, eigenvectors, solve
@@ -76,9 +77,8 @@ class ResidualCorrelation:
     @property
     def widening(self) -> Array:
         """(N,): by which covariances are raised, so that normal intervals have the width of Student's."""
-        from scipy.special import stdtrit
-
-        return np.asarray((stdtrit(self.degrees_of_freedom, 0.975) / NORMAL) ** 2)
+        reach = [student_quantile(0.975, degrees) for degrees in self.degrees_of_freedom.tolist()]
+        return np.asarray((np.array(reach) / NORMAL) ** 2)
 
     def __repr__(self) -> str:
         least, most = float(np.min(self.inflation)), float(np.max(self.inflation))
@@ -226,7 +226,13 @@ class ParameterCovariance:
             raise InputError(
                 f"base must have shape ({info.base_count},), one number a base parameter, got {beta.shape}."
             )
-        inverse, unidentifiable, unknown = inverse_root(problem.R)
+        key = ("covariance", used.tobytes(), beta.tobytes())
+        return info.remembered(key, lambda: cls._of(info, problem, beta, used))
+
+    @classmethod
+    def _of(cls, info: Information, problem: Reduced, beta: Array, used: Array) -> ParameterCovariance:
+        root_of_data = info.remembered(("inverse root", used.tobytes()), lambda: inverse_root(problem.R))
+        inverse, unidentifiable, unknown = root_of_data
         unknown = unknown | info.unidentifiable_mask
         if not info.batch_means:
             root = np.sqrt(_residual_variance(problem, beta)) * inverse

@@ -343,9 +343,13 @@ class WhitenedReduction:
 
 
 def residuals(model: Model, samples: Samples, base: Array) -> Iterator[tuple[slice, Array]]:
-    """For some samples at a time, ``omega - W beta`` of all joints, (samples, N), also where masked."""
+    """For some samples at a time, ``omega - W beta`` of all joints, (samples, N), also where masked.
+
+    Of several base parameters (n_b, k) beside each other, (samples, N, k).
+    """
     columns = model.base_columns
     with one_thread():
         for part, entries in _entries(model, samples, BLOCK):
             predicted = [w @ base[c] for w, c in zip(columns.by_joint(entries), columns.joints, strict=True)]
-            yield part, samples.torque[part] - np.column_stack(predicted)
+            torque = samples.torque[part]
+            yield part, (torque if base.ndim == 1 else torque[..., None]) - np.stack(predicted, axis=1)

@@ -43,27 +43,17 @@ class _Block:
 
     def reduce(self, joint: int) -> None:
         """Reduce the rows of a joint, unless they are so few that they take no more room as they are."""
-        rows = self.rows[joint]
-        if self.triangles[joint] is not None or sum(map(len, rows)) > 2 * self.widths[joint]:
-            self.triangles[joint] = self.factor(joint)
+        rows, width, triangle = self.rows[joint], self.widths[joint], self.triangles[joint]
+        if triangle is not None or sum(map(len, rows)) > 2 * width:
+            self.triangles[joint] = extended(np.zeros((width, width)) if triangle is None else triangle, *rows)
             self.rows[joint] = []
         elif rows:
             self.rows[joint] = [np.concatenate(rows)]
 
-    def factor(self, joint: int) -> Array:
-        """Return the triangular factor of the rows of a joint."""
+    def kept(self, joint: int) -> Array:
+        """Return few rows of a joint that have the same factor as all, once they are reduced."""
         triangle, rows = self.triangles[joint], self.rows[joint]
-        if triangle is None:
-            return triangular(self._together(joint))
-        return extended(triangle, *rows) if rows else triangle
-
-    @property
-    def kept(self) -> tuple[Array, ...]:
-        """Rows of each joint that have the same factor as all, once they are reduced."""
-        return tuple(self._together(k) if triangle is None else triangle for k, triangle in enumerate(self.triangles))
-
-    def _together(self, joint: int) -> Array:
-        return np.concatenate([np.zeros((0, self.widths[joint])), *self.rows[joint]])
+        return triangle if triangle is not None else rows[0] if rows else np.zeros((0, self.widths[joint]))
 
     def merge(self, other: _Block) -> None:
         self.counts = self.counts + other.counts
@@ -105,7 +95,10 @@ class TimeBlocks:
             take = count - done if self.most == 1 else min(self._length - self._filled, count - done)
             part = slice(done, done + take)
             self._blocks[-1].add(
-                [own[part] if mask is None else own[part][mask[part, joint]] for joint, own in enumerate(rows)]
+                [
+                    own[part] if mask is None else np.compress(mask[part, joint], own[part], axis=0)
+                    for joint, own in enumerate(rows)
+                ]
             )
             self._filled, done = (0 if self.most == 1 else self._filled + take), done + take
             self._held += take * sum(own.shape[1] for own in rows)
@@ -151,7 +144,8 @@ class TimeBlocks:
     def held(self) -> tuple[tuple[NDArray[np.intp], tuple[Array, ...]], ...]:
         """For each block the number of rows of every joint, (N,), and what is kept of them, as plain arrays."""
         self._reduce()
-        return tuple((block.counts, block.kept) for block in self._blocks)
+        joints = range(len(self.empty))
+        return tuple((block.counts, tuple(map(block.kept, joints))) for block in self._blocks)
 
     @classmethod
     def of_held(cls, empty: tuple[Factor, ...], held: Sequence[tuple[NDArray[np.intp], Sequence[Array]]]) -> TimeBlocks:
@@ -179,13 +173,13 @@ class TimeBlocks:
         return tuple(self._factors(group) for group in groups if group)
 
     def _factors(self, blocks: Sequence[_Block]) -> tuple[Factor, ...]:
+        self._reduce()
         joints = range(len(self.empty))
         triangles = in_threads(
-            lambda place: place[0].factor(place[1]), [(block, joint) for joint in joints for block in blocks]
+            lambda k: triangular(self.empty[k].triangle, *(block.kept(k) for block in blocks)), joints
         )
-        found = []
-        for joint, factor in enumerate(self.empty):
-            own = triangles[joint * len(blocks) : (joint + 1) * len(blocks)]
-            triangle = triangular(np.concatenate(own)) if len(own) > 1 else own[0] if own else factor.triangle
-            found.append(replace(factor, triangle=triangle, count=int(sum(block.counts[joint] for block in blocks))))
-        return tuple(found)
+        counts = np.sum([np.zeros(len(joints), dtype=int), *(block.counts for block in blocks)], axis=0).tolist()
+        return tuple(
+            replace(factor, triangle=triangle, count=count)
+            for factor, triangle, count in zip(self.empty, triangles, counts, strict=True)
+        )

@@ -9,6 +9,7 @@ import numpy.typing as npt
 from steelyard.errors import InputError
 from steelyard.files import read_number, tell
 from steelyard.lmi import AffineBlock
+from steelyard.quantiles import normal_quantile
 from steelyard.regression import ParameterCovariance
 
 from ..barrier import Barrier, LinearConditions, matrix_conditions, minimise
@@ -117,8 +118,6 @@ def profile_intervals(
     InputError
         If torques were filtered and the regressor was not, so that no interval holds, or `inside` is not inside.
     """
-    from scipy.special import gammaincinv
-
     if covariance.filtered_torque:
         raise InputError(
             "the torques of this data were filtered and the regressor was not, so that the estimate is off by more "
@@ -138,11 +137,13 @@ def profile_intervals(
     likely = minimise(_MostLikely(distance, barrier, FIRST_DISTANCE), start[None], basis, FIRST_ACCURACY)
     likely = minimise(_MostLikely(distance, barrier, MOST_DISTANCE), likely, basis, 1e-4)[0]
     chi_squared = float(distance.squares(likely[None])[0])
-    limit = chi_squared + 2.0 * float(gammaincinv(0.5, confidence))
+    limit = chi_squared + normal_quantile(0.5 + 0.5 * confidence) ** 2  # the quantile of χ² with one degree of freedom
     center = minimise(_Inside(distance, barrier, limit), likely[None], basis, CENTERED)[0]
     # What has no condition beside these is left to the data alone.
-    conditioned = np.unique(np.concatenate([block.indices for block in feasible_set.blocks]))
-    blocks = (*feasible_set.blocks, *(block for block in far if np.isin(block.indices, conditioned).all()))
+    conditioned = np.zeros(len(start), dtype=bool)
+    for block in feasible_set.blocks:
+        conditioned[block.indices] = True
+    blocks = (*feasible_set.blocks, *(block for block in far if conditioned[block.indices].all()))
     own = _Coordinates(feasible_set, beta, covariance, distance, blocks, center, limit)
     masses, moments = reach[feasible_set.link_columns[:, 9]].sum(), reach[feasible_set.link_columns[:, 0]].sum()
     length = 0.5 * FAR * float(np.sqrt(moments / masses)) if masses > 0.0 else np.inf

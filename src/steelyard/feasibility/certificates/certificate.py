@@ -313,13 +313,17 @@ class InfeasibilityCertificate:
         unit = (
             Fraction(2) ** (total.numerator.bit_length() - total.denominator.bit_length()) if total > 0 else Fraction(1)
         )
+
+        def scaled(value: Fraction) -> Fraction:
+            return value / unit if value else value
+
         return cls(
             feasible_set,
             base,
-            tuple(value / unit for value in direction),
-            {index: [[value / unit for value in row] for row in matrix] for index, matrix in dual.items()},
-            tuple(value / unit for value in multipliers),
-            shift / unit,
+            tuple(scaled(value) for value in direction),
+            {index: [[scaled(value) for value in row] for row in matrix] for index, matrix in dual.items()},
+            tuple(scaled(value) for value in multipliers),
+            scaled(shift),
         )
 
     @cached_property

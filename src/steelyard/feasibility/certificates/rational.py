@@ -3,6 +3,7 @@
 import re
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
+from functools import lru_cache
 from math import lcm
 
 __all__ = [
@@ -21,6 +22,7 @@ SparseRows = list[dict[int, Fraction]]
 _NUMBER = re.compile(r"[+-]?[0-9]{1,5000}(\.[0-9]{0,5000})?([eE][+-]?[0-9]{1,3})?|[+-]?[0-9]{1,5000}/[0-9]{1,5000}")
 
 
+@lru_cache(maxsize=1024)
 def exact_number(value: float) -> Fraction:
     """Return the decimal number that a float prints, such as 1/10 for 0.1.
 

@@ -61,7 +61,8 @@ class MatrixCondition:
         """<D₀, Z>, and <Dᵢ, Z> of each parameter."""
 
         def product(elements: Mapping[tuple[int, int], Fraction]) -> Fraction:
-            return sum((value * dual[i][j] * (1 if i == j else 2) for (i, j), value in elements.items()), Fraction(0))
+            places = ((value, dual[i][j], i == j) for (i, j), value in elements.items() if dual[i][j])
+            return sum((value * z if diagonal else 2 * value * z for value, z, diagonal in places), Fraction(0))
 
         return product(self.constant), {index: product(elements) for index, elements in self.coefficients.items()}
 

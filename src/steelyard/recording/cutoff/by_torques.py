@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -50,6 +50,8 @@ REFERENCE = 4.0
 """The velocities that decide which rows are slow are filtered at this many times the frequency of the motion."""
 ENOUGH, CLEARLY = 0.25, 0.5
 """Rise of the logarithm of the residual above its least, of two candidates, from which higher ones are not tried."""
+BLOCK = 2048
+"""Rows whose regressor is computed and used at a time: it stays in the processor's cache."""
 MOST_ROWS = 4000
 """The most rows of all logs together from which the residual of a candidate is computed."""
 ROUNDING = 1e-11
@@ -67,30 +69,41 @@ class TorqueFit:
         self.products = np.zeros((len(self.columns.joints), size, size))
         self.counts = np.zeros(len(self.columns.joints))
 
-    def parts(self, samples: Samples, rows: NDArray[np.intp]) -> list[Array]:
-        """Return for each joint the columns of the base regressor (S, c) on which its torque depends."""
-        q, dq, ddq = (np.ascontiguousarray(values[rows]) for values in (samples.q, samples.dq, samples.ddq))
-        sizes = np.cumsum([len(own) for own in self.columns.joints])
-        logged = samples.channels_for(self.model, rows)
-        return np.split(self.columns.of_motion(q, dq, ddq, logged), sizes[:-1], axis=1)
+    def _parts(self, samples: Samples, rows: NDArray[np.intp]) -> Iterator[tuple[slice, list[Array]]]:
+        """For some rows at a time, the columns of the base regressor (S, c) on which each joint's torque depends."""
+        for start in range(0, len(rows), BLOCK):
+            part = slice(start, start + BLOCK)
+            own = rows[part]
+            q, dq, ddq = (np.ascontiguousarray(values[own]) for values in (samples.q, samples.dq, samples.ddq))
+            logged = samples.channels_for(self.model, own)
+            yield part, self.columns.by_joint(self.columns.of_motion(q, dq, ddq, logged))
 
     def add(self, samples: Samples, rows: NDArray[np.intp], used: NDArray[np.bool_]) -> None:
         """Add rows, of each joint those that are `used` (S, N)."""
-        parts = self.parts(samples, rows)
+        for part, columns in self._parts(samples, rows):
+            self._add(columns, samples.torque[rows[part]], used[part])
 
+    def _add(self, columns: list[Array], torques: Array, used: NDArray[np.bool_]) -> None:
         def add(k: int) -> None:
-            own = np.flatnonzero(used[:, k])
-            # Whole rows are copied: to take them into a part of wider rows takes five times as long.
-            kept, torque = parts[k][own], samples.torque[rows[own], k]
+            # `compress` takes half the time of an index.
+            kept, torque = np.compress(used[:, k], columns[k], axis=0), torques[used[:, k], k]
             joints, products = self.columns.joints[k], self.products[k]
             products[np.ix_(joints, joints)] += kept.T @ kept
             along = torque @ kept
             products[joints, -1] += along
             products[-1, joints] += along
             products[-1, -1] += torque @ torque
-            self.counts[k] += len(own)
+            self.counts[k] += len(torque)
 
-        in_threads(add, range(len(parts)))
+        in_threads(add, range(len(columns)))
+
+    def predicted(self, samples: Samples, rows: NDArray[np.intp], base: Array) -> Array:
+        """Return the torques (S, N) of base parameters in some rows."""
+        found = np.empty((len(rows), len(self.counts)))
+        for part, columns in self._parts(samples, rows):
+            for k, (own, joints) in enumerate(zip(columns, self.columns.joints, strict=True)):
+                found[part, k] = own @ base[joints]
+        return found
 
     def fitted(self) -> tuple[Array, Array]:
         """Return the base parameters, each joint weighted by its own residual, and the relative residuals (N,).

@@ -389,7 +389,12 @@ def find_stiction(
         duration = own_duration if duration is None else duration
     tolerance = np.asarray(tolerance, dtype=np.float64)
     lengths = np.broadcast_to(np.asarray(duration, float), (recording.joint_count,))
-    flags = _resting(recording, tolerance, lengths)
+    return _sticking(recording, _resting(recording, tolerance, lengths), tolerance)
+
+
+def _sticking(recording: Measurements, resting: NDArray[np.bool_], tolerance: Array) -> Intervals:
+    """Return the rests (S, N) in which the torque changes."""
+    flags = resting.copy()
     for j in range(recording.joint_count):
         for start, stop in runs(flags[:, j]):
             flags[start:stop, j] = _changes(recording.torque[start:stop, j])
@@ -402,10 +407,11 @@ def stuck_while_others_move(recording: Measurements) -> Intervals:
     Those are the rests at its begin and end, and those of all joints together, where nothing was commanded to move.
     """
     tolerance, lengths = stiction_duration(recording)
-    found = find_stiction(recording, lengths, tolerance)
+    resting = _resting(recording, tolerance, lengths)
+    found = _sticking(recording, resting, tolerance)
     if not found:
         return found
-    together = np.all(_resting(recording, tolerance, lengths), axis=1) & (recording.joint_count > 1)
+    together = np.all(resting, axis=1) & (recording.joint_count > 1)
     flags = found.flags.copy()
     for one in found:
         rows = slice(one.start, one.stop)
@@ -418,13 +424,13 @@ def stuck_while_others_move(recording: Measurements) -> Intervals:
 def _resting(recording: Measurements, tolerance: Array, lengths: Array) -> NDArray[np.bool_]:
     """Find the rows (S, N) where a joint stays within its tolerance for at least the shortest time of a rest."""
     flags = np.zeros(recording.q.shape, dtype=bool)
-    for j in range(recording.joint_count):
-        if not np.isfinite(lengths[j]) or np.ptp(recording.q[:, j]) <= tolerance[j]:
+    for j, q in enumerate(np.ascontiguousarray(recording.q.T)):
+        if not np.isfinite(lengths[j]) or np.ptp(q) <= tolerance[j]:
             continue
         size = max(3, round(float(lengths[j]) * recording.rate) | 1)
         if size >= recording.count:
             continue
-        q, half = recording.q[:, j], size // 2
+        half = size // 2
         travel = _largest_around(q, size) + _largest_around(-q, size)
         centre = travel <= tolerance[j]
         centre[:half] = centre[recording.count - half :] = False

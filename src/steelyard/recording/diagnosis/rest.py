@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from steelyard.display import capital, joint_label
 from steelyard.dynamics.threads import one_thread
+from steelyard.quantiles import student_quantile
 
 from ..cutoff.by_torques import FAST, TorqueFit
 from ..filters import MotionFilter
@@ -264,19 +265,21 @@ def _lacks(samples: Sequence[Samples], usual: Array, model: Model, every: int) -
     base, relative = torques.fitted()
     edges = LARGEST * RATIO ** np.arange(1.0 - BINS, 1.0)
     passes: list[list[list[Array]]] = [[[] for _ in range(BINS)] for _ in usual]
+    told = np.isfinite(relative) & (usual > 0.0)
     for one, own, mask in zip(samples, rows, kept, strict=True):
-        for k, columns in enumerate(torques.parts(one, own)):
-            if not np.isfinite(relative[k]) or usual[k] == 0.0:
+        slow = mask & told & (np.abs(one.dq[own]) < LARGEST * usual)
+        places = np.flatnonzero(slow.any(axis=1))
+        left = one.torque[own[places]] - torques.predicted(one, own[places], base)
+        for k, of_joint in enumerate(slow.T):
+            at = np.flatnonzero(of_joint)
+            if not len(at):
                 continue
-            slow = np.flatnonzero(mask[:, k] & (np.abs(one.dq[own, k]) < LARGEST * usual[k]))
-            if not len(slow):
-                continue
-            velocity, torque = one.dq[own[slow], k], one.torque[own[slow], k]
-            against = np.sign(velocity) * (torque - columns[slow] @ base[torques.columns.joints[k]])
+            velocity = one.dq[own[at], k]
+            against = np.sign(velocity) * left[np.searchsorted(places, at), k]
             bins = np.searchsorted(edges * usual[k], np.abs(velocity), side="right")
-            new = (np.diff(slow) > 1) | (np.diff(bins) != 0) | (np.diff(np.sign(velocity)) != 0.0)
+            new = (np.diff(at) > 1) | (np.diff(bins) != 0) | (np.diff(np.sign(velocity)) != 0.0)
             starts = np.concatenate([[0], np.flatnonzero(new) + 1])
-            means = np.add.reduceat(against, starts) / np.diff(np.append(starts, len(slow)))
+            means = np.add.reduceat(against, starts) / np.diff(np.append(starts, len(at)))
             for index in range(BINS):
                 passes[k][index].append(means[bins[starts] == index])
     return (
@@ -286,8 +289,6 @@ def _lacks(samples: Sequence[Samples], usual: Array, model: Model, every: int) -
 
 def _last_lack(passes: list[Array], edges: Array) -> float:
     """Return the upper limit of the fastest bin whose passes show a lack of friction."""
-    from scipy.special import stdtrit  # scipy.stats takes as long to import as the whole of an identification
-
     known = [means for means in passes if len(means) >= FEWEST_PASSES]
     deepest = min((float(means.mean()) for means in known), default=0.0)
     limit = 0.0
@@ -295,6 +296,6 @@ def _last_lack(passes: list[Array], edges: Array) -> float:
         if len(means) < FEWEST_PASSES:
             continue
         mean, error = float(means.mean()), float(means.std(ddof=1)) / np.sqrt(len(means))
-        if mean < error * float(stdtrit(len(means) - 1, CHANCE)) and mean < CLEAR * deepest:
+        if mean < error * student_quantile(CHANCE, len(means) - 1.0) and mean < CLEAR * deepest:
             limit = float(edge)
     return limit
