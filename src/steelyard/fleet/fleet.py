@@ -15,7 +15,6 @@ from steelyard.dynamics import Model
 from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import SteelyardError
 from steelyard.identification.log_reader import Progress
-from steelyard.quantiles import student_quantile
 from steelyard.regression.parameter_covariance import NORMAL
 
 from .causes import Cause, possible_causes, variations
@@ -535,7 +534,7 @@ def _history(
 
 def _common(drift: SiblingComparison) -> list[tuple[Cause, float, float, float]]:
     """Return what changed in all siblings: causes whose mean change leaves zero out, all of them together."""
-    from scipy.special import stdtr
+    from scipy.special import stdtr, stdtrit
 
     freedom = max(len(drift.robot_probability) - 1.0, 1.0)
     inverse = np.asarray(np.linalg.pinv(drift.mean_covariance, hermitian=True))
@@ -558,7 +557,7 @@ def _common(drift: SiblingComparison) -> list[tuple[Cause, float, float, float]]
         if best is None or best[0] > SURE / len(drift.causes):
             break
         _, cause, value, error = best
-        reach = student_quantile(0.975, freedom) * error
+        reach = float(stdtrit(freedom, 0.975)) * error
         found.append((cause, value, value - reach, value + reach))
         chosen.append(cause.directions[:, 0])
     return found

@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
-from steelyard.quantiles import normal_quantile, student_quantile
 from steelyard.regression.factor import eigenvectors
 
 from .causes import Cause
@@ -184,7 +183,9 @@ def deviations_of(probability: float) -> float:
     >>> round(deviations_of(0.05), 2)
     1.96
     """
-    return -normal_quantile(0.5 * max(probability, 1e-300))
+    from scipy.special import ndtri
+
+    return float(-ndtri(0.5 * max(probability, 1e-300)))
 
 
 def unexplained(inverse: Array, taken: Array) -> Array:
@@ -545,6 +546,8 @@ def _deviation(
     confidence: float,
 ) -> Deviation:
     """Tell the size of a cause, beside the others of that robot."""
+    from scipy.special import stdtrit
+
     cause, own = causes[one.cause], directions[one.cause]
     alternatives = tuple(causes[k] for k in one.others)
     out = deviations_of(one.probability)
@@ -559,7 +562,7 @@ def _deviation(
     amplitude = float(weights @ away)
     error = float(1.0 / np.sqrt(told))
     freedom = float(tests.freedom(one.robot, weights[:, None])[0])
-    reach = student_quantile(0.5 + 0.5 * confidence, freedom) * error
+    reach = float(stdtrit(freedom, 0.5 + 0.5 * confidence)) * error
     return Deviation(
         one.robot,
         cause,

@@ -16,7 +16,6 @@ from steelyard.dynamics import Model
 from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError
 from steelyard.files import write_json
-from steelyard.quantiles import normal_quantile, student_quantile
 from steelyard.regression import Estimate
 from steelyard.robot import RobotFile
 
@@ -470,7 +469,9 @@ def _errors(first: Estimate, second: Estimate) -> Array:
 
 def _reach(confidence: float) -> float:
     """Half-width of an interval, in standard errors."""
-    return student_quantile(0.5 + 0.5 * confidence, FREEDOM)
+    from scipy.special import stdtrit
+
+    return float(stdtrit(FREEDOM, 0.5 + 0.5 * confidence))
 
 
 def _times(difference: Array, half_width: Array) -> Array:
@@ -503,7 +504,9 @@ def _base_differences(first: SavedResult, second: SavedResult, confidence: float
 
 def _link_differences(first: SavedResult, second: SavedResult, confidence: float) -> list[ParameterDifference]:
     """Return the differences of the numbers for which both tables have intervals."""
-    wider = _reach(confidence) / normal_quantile(0.975)  # those of the tables are of 95 % and of a normal distribution
+    from scipy.special import ndtri
+
+    wider = _reach(confidence) / float(ndtri(0.975))  # those of the tables are of 95 % and of a normal distribution
     theirs = {row["name"]: row for row in second.estimate.parameter_table if _has_interval(row, second)}
     found = []
     for row in first.estimate.parameter_table:
@@ -626,12 +629,13 @@ def _explanations(model: Model, first: Estimate, second: Estimate, confidence: f
     least (a linear program); where that is within what noise alone reaches, the link explains the differences.
     """
     from scipy.optimize import linprog
+    from scipy.special import stdtrit
 
     errors = _errors(first, second)
     known = np.isfinite(errors) & (errors > 0.0)
     difference = (_data(second) - _data(first))[known] / errors[known]
     matrix = model.base_parameters().K[known] / errors[known, None]
-    reach = -student_quantile((1.0 - confidence) / (2.0 * max(int(known.sum()), 1)), FREEDOM)
+    reach = float(-stdtrit(FREEDOM, (1.0 - confidence) / (2.0 * max(known.sum(), 1))))
     found = []
     for name, columns in _parts(model):
         own = matrix[:, columns]

@@ -20,7 +20,6 @@ from steelyard.feasibility import FeasibleSet
 from steelyard.feasibility.bounds.profile_intervals import profile_intervals
 from steelyard.feasibility.bounds.quantities import Quantity, quantities, standard_errors
 from steelyard.files import plain, suggestion
-from steelyard.quantiles import normal_quantile
 from steelyard.regression import Estimate, Information, ParameterCovariance
 from steelyard.robot import Inertia
 from steelyard.robot.inertia import moment_row
@@ -608,8 +607,10 @@ def _intervals_of_data(
     confidence: float,
 ) -> tuple[Array, Array]:
     """Centers and half-widths of the intervals of plain least squares; infinite for what the base does not tell."""
+    from scipy.special import ndtri
+
     rows = np.array([quantity.slope(parameters) for quantity in asked])
-    halves = normal_quantile(0.5 + 0.5 * confidence) * standard_errors(feasible_set, covariance, rows)
+    halves = float(ndtri(0.5 + 0.5 * confidence)) * standard_errors(feasible_set, covariance, rows)
     # Ratios are as their slopes say; where nothing is told, the center is not read.
     at_answer = [0.0 if one.mass is None else one.value(parameters) for one in asked]
     return at_answer + rows @ feasible_set.lift @ base, halves

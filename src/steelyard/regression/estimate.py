@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from steelyard.display import html_table
 from steelyard.errors import InputError, faults_told
 from steelyard.files import listed, plain, read_json, shown, write_json
-from steelyard.quantiles import normal_quantile
 from steelyard.robot.description import URDF, DescriptionFormat, UrdfFormat, description_format
 from steelyard.robot.joint import Drives
 
@@ -183,10 +182,12 @@ class Estimate:
         InputError
             Unless the level lies between 0 and 1.
         """
+        from scipy.special import ndtri
+
         if not 0.0 < level < 1.0:
             raise InputError(f"level must lie between 0 and 1, such as 0.95, got {level!r}.")
         error = np.full_like(self.standard_error, np.inf) if self.filtered_torque else self.standard_error
-        reach = normal_quantile(0.5 + 0.5 * level) * error
+        reach = float(ndtri(0.5 + 0.5 * level)) * error
         return np.column_stack([self.base - reach, self.base + reach])
 
     @property

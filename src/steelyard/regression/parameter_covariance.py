@@ -10,7 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.display import html_table
 from steelyard.errors import InputError
-from steelyard.quantiles import student_quantile
 
 from .batch_means import BATCH_LENGTHS
 from .factor import RANK, Factor, Reduced, column_lengths, eigenvectors, solve
@@ -77,8 +76,9 @@ class ResidualCorrelation:
     @property
     def widening(self) -> Array:
         """(N,): by which covariances are raised, so that normal intervals have the width of Student's."""
-        reach = [student_quantile(0.975, degrees) for degrees in self.degrees_of_freedom.tolist()]
-        return np.asarray((np.array(reach) / NORMAL) ** 2)
+        from scipy.special import stdtrit
+
+        return np.asarray((stdtrit(self.degrees_of_freedom, 0.975) / NORMAL) ** 2)
 
     def __repr__(self) -> str:
         least, most = float(np.min(self.inflation)), float(np.max(self.inflation))

@@ -9,7 +9,6 @@ import numpy.typing as npt
 from steelyard.errors import InputError
 from steelyard.files import read_number, tell
 from steelyard.lmi import AffineBlock
-from steelyard.quantiles import normal_quantile
 from steelyard.regression import ParameterCovariance
 
 from ..barrier import Barrier, LinearConditions, matrix_conditions, minimise
@@ -118,6 +117,8 @@ def profile_intervals(
     InputError
         If torques were filtered and the regressor was not, so that no interval holds, or `inside` is not inside.
     """
+    from scipy.special import gammaincinv
+
     if covariance.filtered_torque:
         raise InputError(
             "the torques of this data were filtered and the regressor was not, so that the estimate is off by more "
@@ -137,7 +138,7 @@ def profile_intervals(
     likely = minimise(_MostLikely(distance, barrier, FIRST_DISTANCE), start[None], basis, FIRST_ACCURACY)
     likely = minimise(_MostLikely(distance, barrier, MOST_DISTANCE), likely, basis, 1e-4)[0]
     chi_squared = float(distance.squares(likely[None])[0])
-    limit = chi_squared + normal_quantile(0.5 + 0.5 * confidence) ** 2  # the quantile of χ² with one degree of freedom
+    limit = chi_squared + 2.0 * float(gammaincinv(0.5, confidence))
     center = minimise(_Inside(distance, barrier, limit), likely[None], basis, CENTERED)[0]
     # What has no condition beside these is left to the data alone.
     conditioned = np.zeros(len(start), dtype=bool)

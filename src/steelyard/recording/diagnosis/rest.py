@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from steelyard.display import capital, joint_label
 from steelyard.dynamics.threads import one_thread
-from steelyard.quantiles import student_quantile
 
 from ..cutoff.by_torques import FAST, TorqueFit
 from ..filters import MotionFilter
@@ -289,6 +288,8 @@ def _lacks(samples: Sequence[Samples], usual: Array, model: Model, every: int) -
 
 def _last_lack(passes: list[Array], edges: Array) -> float:
     """Return the upper limit of the fastest bin whose passes show a lack of friction."""
+    from scipy.special import stdtrit  # scipy.stats takes as long to import as the whole of an identification
+
     known = [means for means in passes if len(means) >= FEWEST_PASSES]
     deepest = min((float(means.mean()) for means in known), default=0.0)
     limit = 0.0
@@ -296,6 +297,6 @@ def _last_lack(passes: list[Array], edges: Array) -> float:
         if len(means) < FEWEST_PASSES:
             continue
         mean, error = float(means.mean()), float(means.std(ddof=1)) / np.sqrt(len(means))
-        if mean < error * student_quantile(CHANCE, len(means) - 1.0) and mean < CLEAR * deepest:
+        if mean < error * float(stdtrit(len(means) - 1, CHANCE)) and mean < CLEAR * deepest:
             limit = float(edge)
     return limit
