@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError, require_package
-from steelyard.files import reading_table, shown, tell, write_table
+from steelyard.files import reading_table, shown, tell
 
 from ..columns import LogColumns
 from .decoded import DecodedColumns, decoded_once
@@ -192,6 +192,8 @@ class CsvFile(LogFile):
     def write(cls, file: IO[bytes], arrays: Mapping[str, NDArray[np.float64]]) -> None:
         """Write the columns under a line of their names."""
         import polars as pl
+
+        from steelyard.files import write_table  # whoever reads needs none of it
 
         write_table(pl.DataFrame(flattened(arrays)), file, ".csv")
 
