@@ -157,6 +157,7 @@ def test_many_links_and_joints_stay_on_a_screen_or_two(
         joint_error=size,
         noise_floor=size,
         whiteness=size,
+        units=("N·m",) * count,
     )
     many = replace(result, parameters=ParameterTable((*rows, table["total mass"])), prediction=verdict)
     assert len(shown(many, capsys).splitlines()) < 50
