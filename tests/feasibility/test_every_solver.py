@@ -78,6 +78,8 @@ def test_metrics(solver, two_links):
 )
 def test_constrained_fits_of_the_real_wam(solver, real_wam, consistency, terms, published):
     """With a bound on the mass all find the same; without one, where nothing is attained, the published optima."""
+    if solver == "scs" and consistency == "inertia":
+        pytest.skip("a first-order method takes a minute for each of these; it is tried with full consistency")
     model, reduced = real_wam
     for constraints, expected, tolerance in (([TotalMass(maximum=27.0)], None, 1e-4), ([], published, 1e-3)):
         feasible = FeasibleSet(model, consistency, constraints=constraints, terms=terms)
