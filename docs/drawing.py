@@ -20,6 +20,8 @@ Array = NDArray[np.float64]
 TEXT, SOFT, LINE, PAPER = "#1d2023", "#5a6067", "#e3e3de", "#fdfdfb"
 GREY, ORANGE, BLUE, GREEN, RED, GOLD = "#8b8b8b", "#d97a1d", "#005f9e", "#00604a", "#a33a00", "#8a6d00"
 COLORS = (BLUE, ORANGE, GREEN, "#a33a72", "#7a5fc0", GOLD, "#4f6d8a", "#b0413e")
+SCATTER = "± "
+"""Before the name of a figure: how far noise, or where a search ends, moves the figure to either side."""
 POINTS = 240  # of a curve: more are not seen on 700 pixels
 
 
@@ -261,7 +263,9 @@ def intervals(
         if np.isfinite(mark):
             at = float(axes.along(mark))
             drawing.add(f'<path d="M{at:.1f} {y - 8:.1f}v16" stroke="{TEXT}" stroke-width="1.6"/>')
-    drawing.figures.update({f"{name}": round(value, 6) for name, value, *_ in rows})
+    part = max(abs(value) for _, value, *_ in rows) / 20.0  # numbers near zero are mostly noise
+    for name, value, lower, upper, *_ in rows:
+        scattering(drawing, name, round(value, 6), min(upper - value, value - lower, part))
     drawing.figures["mark"] = marks
 
 
@@ -425,6 +429,12 @@ def terminal(title: str, rows: Sequence[tuple[str, float, str]], seconds: float,
             f"{escape(words)}</text>"
         )
     return drawing
+
+
+def scattering(drawing: Drawing, name: str, value: float, scatter: float) -> None:
+    """Note a figure that noise, or where a search ends, decides about by `scatter` to either side."""
+    drawing.figures[name] = value
+    drawing.figures[f"{SCATTER}{name}"] = float(f"{scatter:.3g}")
 
 
 def metadata(figures: dict[str, Any]) -> str:

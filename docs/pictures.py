@@ -1,8 +1,10 @@
 """Make every picture of the documentation anew, each from a run of Steelyard: ``python docs/pictures.py``.
 
 ``python docs/pictures.py NAME...`` makes some of them. With ``--check`` nothing is written: the runs are made again and
-their figures compared with those inside the pictures, and what differs is told. Every run has its seeds; figures may
-differ by rounding between processors, so that numbers are compared to two per cent.
+their figures compared with those inside the pictures, and what differs is told. Every run has its seeds, but processors
+round differently. Rounding turns single counts of simulated encoders, from which on a log has other noise: numbers are
+compared to five per cent. Searches of motions end elsewhere, and some numbers are mostly noise: their scatter stands
+beside them.
 """
 
 from __future__ import annotations
@@ -31,6 +33,7 @@ from drawing import (
     GREY,
     ORANGE,
     RED,
+    SCATTER,
     SOFT,
     TEXT,
     Axes,
@@ -40,6 +43,7 @@ from drawing import (
     figures_of,
     intervals,
     metadata,
+    scattering,
     span,
     terminal,
 )
@@ -51,7 +55,8 @@ from steelyard.report import robot_svg, torque_svg
 Array = NDArray[np.float64]
 IMAGES = Path(__file__).resolve().parent / "images"
 BASIS = {"measured": BLUE, "bounded": GREEN, "assumed": GOLD, "unknown": GREY}
-TOLERANCE = 0.02
+TOLERANCE = 0.05
+ENDS = 0.05  # of the condition number: 15.9, 16.3 and 17.0 with AVX-512, AVX2 and SSE3
 PICTURES: dict[str, Callable[[Runs], Drawing | str]] = {}
 
 
@@ -193,7 +198,7 @@ def story(runs: Runs) -> Drawing:
         impossible = view.bodies(parameters, BLUE)
         drawing.add("</g>")
         if color == RED:
-            drawing.figures["impossible links"] = len(impossible)
+            drawing.figures["some links are impossible"] = str(bool(impossible))  # noise decides which
             drawing.text(
                 left, 104, f"No robot has these values: proved. Red: {len(impossible)} of {len(view.poses)} links", 14
             )
@@ -640,7 +645,7 @@ def excite(runs: Runs) -> Drawing:
         axes.level(limit, RED)
         axes.level(-limit, RED)
     drawing.text(730, 24, f"condition number {design.condition_number:.3g}; dashed: limits", 12, SOFT, "end")
-    drawing.figures["condition number"] = round(design.condition_number, 3)
+    scattering(drawing, "condition number", round(design.condition_number, 3), ENDS * design.condition_number)
     return drawing
 
 
@@ -745,7 +750,7 @@ def experiment(runs: Runs) -> Drawing:
     ]
     intervals(drawing, (130, 40, 600, 215), rows, "SI units", "truth")
     drawing.text(130, 24, "dot: found, bar: two standard errors, tick: what was put in", 12, SOFT)
-    drawing.figures["condition number"] = round(design.condition_number, 3)
+    scattering(drawing, "condition number", round(design.condition_number, 3), ENDS * design.condition_number)
     return drawing
 
 
@@ -1035,7 +1040,8 @@ def ros2_control(runs: Runs) -> Drawing:
         run = sy.simulate(model, true, start, speed, 5.0, controller)
         ahead = model.inverse_dynamics(*motion.motion(run.t), parameters)
         axes.curve(run.t, run.torque[:, 1] - ahead[:, 1], color, 1.8)
-        drawing.figures[name] = round(float(np.sqrt(np.mean((run.torque[:, 1] - ahead[:, 1]) ** 2))), 2)
+        added = float(np.sqrt(np.mean((run.torque[:, 1] - ahead[:, 1]) ** 2)))
+        scattering(drawing, name, round(added, 3), 0.01)
     drawing.legend(60, 268, [("model of the description", ORANGE), ("identified model", BLUE)])
     return drawing
 
@@ -1200,7 +1206,7 @@ def prior_pull(runs: Runs) -> Drawing:
         axes.curve(x[keep], error[keep], color, 2.2)
     axes.upright(float(x[price.chosen]), RED, "chosen")
     drawing.legend(70, 282, [("data of the fit", ORANGE), ("stretches left out", BLUE)])
-    drawing.figures["chosen"] = round(float(np.log10(x[price.chosen])), 2)
+    scattering(drawing, "chosen", round(float(np.log10(x[price.chosen])), 2), 0.25)  # half a step of the weights
     return drawing
 
 
@@ -1244,7 +1250,8 @@ def interval_coverage(runs: Runs) -> Drawing:
     held = {"plain": 0, "corrected": 0}
     total = 0
     sensors = sy.simulation.Sensors(encoder_resolution=2 * np.pi / 65536, torque_noise=0.3, torque_time_constant=0.05)
-    for seed in range(12):
+    logs = 12
+    for seed in range(logs):
         log = sy.play(model, truth, design.trajectory, sensors=sensors, seed=seed)
         info = sy.Information.from_samples(model, log.process(cutoff=15.0))
         for name, data in (("plain", replace(info, batch_means=())), ("corrected", info)):
@@ -1261,7 +1268,8 @@ def interval_coverage(runs: Runs) -> Drawing:
         unit=" %",
     )
     drawing.text(290, 165, f"{total} intervals of simulated logs whose truth is known; 95 % are asked for", 12, SOFT)
-    drawing.figures.update({"plain": round(shares[0], 1), "corrected": round(shares[1], 1)})
+    for name, share in zip(held, shares, strict=True):  # what one log's intervals hold, they mostly hold together
+        scattering(drawing, name, round(share, 1), math.sqrt(share * (100.0 - share) / logs))
     return drawing
 
 
@@ -1440,10 +1448,11 @@ for _name in ("wam", *EXAMPLES):
 def differences(before: dict[str, Any], now: dict[str, Any]) -> list[str]:
     """Return which figures of a picture are others than those of a new run."""
     told = []
-    for name in sorted(before.keys() | now.keys()):
+    for name in sorted(name for name in before.keys() | now.keys() if not name.startswith(SCATTER)):
         old, new = before.get(name), now.get(name)
         if isinstance(old, (int, float)) and isinstance(new, (int, float)):
-            same = abs(old - new) <= TOLERANCE * max(abs(old), abs(new)) + 1e-3
+            scatter = sum(figures.get(f"{SCATTER}{name}", 0.0) for figures in (before, now))
+            same = abs(old - new) <= max(TOLERANCE * max(abs(old), abs(new)) + 1e-3, scatter)
         else:
             same = type(old) is type(new) and (not isinstance(old, str) or _words(old) == _words(new))
         if not same:

@@ -45,6 +45,9 @@ def test_figures_are_compared_and_not_pixels(script: ModuleType) -> None:
     told = script.differences(figures, {"mass, kg": 11.6, "verdict": "poor: 4.2 %", "links": 6})
     assert [sentence.split(":")[0] for sentence in told] == ["mass, kg", "verdict"]
     assert script.differences(figures, {**figures, "links": 5}) == ["links: 6 in the picture, 5 now"]
+    scatter = {**figures, "± mass, kg": 1.0}
+    assert script.differences(scatter, {**scatter, "mass, kg": 12.5}) == []
+    assert script.differences(scatter, {**scatter, "mass, kg": 12.7}) == ["mass, kg: 10.6 in the picture, 12.7 now"]
     drawing = script.Drawing("a < b & c")
     drawing.figures.update(figures)
     assert script.figures_of(drawing.svg()) == figures

@@ -96,8 +96,8 @@ def test_2000_mutated_files(path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(2, 12))
-def test_100000_mutated_files(path, seed):
+@pytest.mark.parametrize("seed", range(2, 4))
+def test_20000_mutated_files(path, seed):
     assert survive(path, seed, 10_000) > 300
 
 

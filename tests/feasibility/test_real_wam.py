@@ -116,6 +116,8 @@ def test_other_solvers_agree_below_a_mass_bound(real_wam, require_solver, solver
 @pytest.mark.parametrize(("consistency", "terms", "key", "squared"), CASES)
 def test_other_solvers_agree_without_a_bound(real_wam, require_solver, solver, consistency, terms, key, squared):
     require_solver(solver)
+    if solver == "scs" and consistency == "inertia":
+        pytest.skip("a first-order method takes a minute for each of these; it is tried with full consistency")
     model, reduced = real_wam
     found = fit_reduced(reduced, FeasibleSet(model, consistency, terms=terms), None, solver=solver)
     assert found.squared_residual == pytest.approx(squared, rel=1e-3)

@@ -200,6 +200,27 @@ def test_logs_are_reduced_on_the_way(arms: Arms) -> None:
     assert np.array_equal(fleet.rows[1].values["base"], sy.least_squares(reduced.information).base)
 
 
+def test_a_log_of_several_is_no_validation_of_their_fit(arms: Arms) -> None:
+    """By itself it would be filtered otherwise than beside one whose encoders are coarse."""
+    random = np.random.default_rng(1)
+    t = np.arange(0.0, 12.0, 0.01)
+    for number, step in enumerate((0.004, 1e-6, 1e-6)):
+        w = 2 * np.pi * np.array([0.2, 0.31, 0.43])
+        q = np.sin(w * t[:, None] + number)
+        torque = arms.model.inverse_dynamics(q, w * np.cos(w * t[:, None] + number), -(w**2) * q, arms.usual)
+        torque = torque + 0.1 * random.normal(size=torque.shape)
+        sy.Recording(t=t, q=step * np.round(q / step), torque=torque, source="log").save(arms.folder / f"{number}.csv")
+    path: Path = arms.folder / "fleet.toml"
+    text = "".join(
+        f'[[robots]]\nid = "{name}"\nlogs = ["0.csv", "1.csv"]\nvalidate = ["{name}.csv"]\n' for name in ("1", "2")
+    )
+    path.write_text('robot = "robot.toml"\n' + text, encoding="utf-8")
+    seen, new = (row.values for row in identify_fleet(path).rows)
+    told = "1.csv: the rows of this log were used in the fit, so that its error is no test of a prediction."
+    assert [sum(told in remark for remark in one["remarks"]) for one in (seen, new)] == [1, 0]
+    assert new["source"] == "the validation log" != seen["source"]
+
+
 @pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="processes are stopped by signals of POSIX")
 def test_a_cluster_with_a_killed_and_a_slow_worker_writes_the_same_bytes(arms: Arms, tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from kr300 import description, log_section
 
 import steelyard as sy
 from steelyard.identification import examine
-from steelyard.identification.examples import EXAMPLES, write_example
+from steelyard.identification.examples import EXAMPLES
 
 ROBOTS = Path(__file__).resolve().parents[2] / "examples"
 TERMS = "".join(f'[[terms]]\nkind = "{kind}"\n' for kind in ("viscous", "coulomb", "offset", "rotor_inertia"))
@@ -28,8 +28,8 @@ SHOW_LITTLE = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", EXAMPLES)
-def test_the_logs_of_the_examples_are_sound_but_for_joints_that_hardly_move(name, tmp_path):
-    folder = write_example(name, tmp_path / name)
+def test_the_logs_of_the_examples_are_sound_but_for_joints_that_hardly_move(name, example):
+    folder = example(name)
     for log in ("train.csv", "validate.csv"):
         alone, with_robot = SHOW_LITTLE.get((name, log), ([], []))
         assert kinds(examine(folder / log)) == alone

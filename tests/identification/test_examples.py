@@ -82,8 +82,8 @@ def test_list_names_all_and_where_real_recordings_are():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", EXAMPLES)
-def test_what_must_come_out_comes_out(robots, name, tmp_path):
-    folder = write_example(name, tmp_path / name)
+def test_what_must_come_out_comes_out(name, example):
+    folder = example(name)
     found = sy.identify(folder / "robot.toml", [folder / "train.csv"], validate=[folder / "validate.csv"])
     truth = sy.Estimate.load(folder / "truth.json")
     values = dict(zip(truth.parameter_names, truth.parameters, strict=True))

@@ -150,7 +150,7 @@ def _estimate(task: dict[str, Any]) -> dict[str, Any]:
     assert estimate.parameters is not None
     validation, others = _validation(known, task["validate"])
     given += [(path, "validation", part) for path, part in zip(task["validate"], validation, strict=True)]
-    copies = copies_among(given)
+    copies = copies_among(given, {name: _content(name) for name, _, _ in given})
     remarks += copies.values()
     validation = [part for index, (_, role, part) in enumerate(given) if role == "validation" and index not in copies]
     few = [
@@ -259,5 +259,10 @@ def inputs_of(task: dict[str, Any]) -> list[Any]:
     described = [file_hash(path) for path in (file.path, file.robot.source) if path is not None and path.is_file()]
     logs = [str(log) for log in given_logs(task["logs"], None)[0]] if task["logs"] else []
     files = [*logs, *task["informations"], *task["validate"]]
-    hashes = [content_hash(entry) for path in files for entry in hashed_log(path)]
+    hashes = [one for path in files for one in _content(path)]
     return [task["intervals"], sections, described, robot_content(file.robot), hashes]
+
+
+def _content(log: str) -> tuple[str, ...]:
+    """What tells the contents of a log, whose files may be several."""
+    return tuple(content_hash(entry) for entry in hashed_log(log))

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -40,7 +41,9 @@ _DENSE_ROWS = 4000
 """Rows in the middle of a log by which a delay is told where the samples at hand are too far apart."""
 
 
-def copies_among(logs: Sequence[tuple[str, str, Information]]) -> dict[int, str]:
+def copies_among(
+    logs: Sequence[tuple[str, str, Information]], contents: Mapping[str, Hashable] = MappingProxyType({})
+) -> dict[int, str]:
     """Find logs that hold the very rows of one before them, and say of each what that does to the answer.
 
     Parameters
@@ -48,19 +51,23 @@ def copies_among(logs: Sequence[tuple[str, str, Information]]) -> dict[int, str]
     logs : sequence of (str, str, Information)
         Name, role and reduction of each log, those of the fit first. Sums of products that are the same to ten digits
         are those of the same rows: noise alone makes others different.
+    contents : mapping, optional
+        What tells the contents of logs, by name; logs of the same contents are copies as well. Logs that were
+        processed for themselves may have other rows left out, which changes their sums.
 
     Returns
     -------
     dict
         The sentence by the index of the log.
     """
-    first: dict[tuple[tuple[int, str], ...], int] = {}
+    first: dict[Hashable, int] = {}
     found = {}
     for index, (name, role, information) in enumerate(logs):
         # Sums of squares of one mixture of all columns; the last digits depend on how blocks were joined.
         mixed = [factor.triangle @ np.linspace(1.0, 2.0, len(factor.triangle)) for factor in information.factors]
         rows = tuple((f.count, f"{one @ one:.9e}") for f, one in zip(information.factors, mixed, strict=True))
-        before = first.setdefault(rows, index)
+        keys = [rows, contents[name]] if name in contents else [rows]
+        before = min(first.setdefault(key, index) for key in keys)
         if before == index or not information.count:
             continue
         other, other_role, _ = logs[before]
