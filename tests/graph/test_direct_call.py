@@ -1,14 +1,16 @@
 """Built-in functions that compute a few samples: what they take, and what they leave alone."""
 
+import gc
 import inspect
 import sys
+import weakref
 from functools import cache
 
 import numpy as np
 import pytest
 from small_kernels import NO_CACHE, PARAMETERS, expected, motions, pendulum, unusual
 
-from steelyard.graph import Argument, Kernel, direct_call
+from steelyard.graph import Argument, Kernel, direct_call, machine
 from steelyard.graph import kernel as kernel_module
 from steelyard.graph.machine import batch_lanes
 
@@ -84,6 +86,35 @@ def test_results_that_somebody_has_are_never_written_again(kernel):
         named.add(id(result))
         np.testing.assert_allclose(result, expected(row[None])[0], rtol=1e-12)
     assert len(named) <= 4  # two take turns, beside those that were kept before
+
+
+def test_results_to_which_there_are_weak_references_are_never_written_again(kernel):
+    direct = kernel.direct((2,), otherwise=lambda *_: None)
+    motion = motions(6)
+    memory = weakref.WeakValueDictionary()
+    for turn in range(2):
+        memory[turn] = direct(motion[turn], PARAMETERS)
+    before = {turn: found.tobytes() for turn, found in memory.items()}
+    for row in motion[2:]:
+        direct(row, PARAMETERS)
+        assert all(found.tobytes() == before[turn] for turn, found in memory.items())
+
+
+def test_what_two_threads_make_at_the_same_time_lives_as_long_as_its_function(kernel, monkeypatch):
+    """Each of them makes a definition and the code of its own, only one of which is then kept by the caches."""
+    monkeypatch.setattr(direct_call, "_loaded", direct_call._loaded.__wrapped__)
+    monkeypatch.setattr(direct_call, "_definition", direct_call._definition.__wrapped__)
+    made = []
+    link = machine._link
+    monkeypatch.setattr(machine, "_link", lambda *a: made.append(link(*a)) or made[-1])
+    direct = kernel.direct((2,), otherwise=lambda *_: None)
+    code = weakref.ref(made.pop())
+    gc.collect()
+    assert code() is not None
+    np.testing.assert_allclose(direct(motions(1)[0], PARAMETERS), expected(motions(1))[0], rtol=1e-12)
+    del direct
+    gc.collect()
+    assert code() is None
 
 
 @pytest.mark.filterwarnings("ignore:Setting the (shape|dtype):DeprecationWarning")

@@ -31,8 +31,9 @@ _MOST_ARGUMENTS = 8
 _MOST_SHAPE = 4
 _MOST_LEADING = 4
 _FASTCALL_KEYWORDS = 0x0080 | 0x0002
-# Where the words of an array stand after the head of the object: data, nd, dimensions, strides, base, descr, flags.
-_DATA, _ND, _DIMENSIONS, _DESCR, _FLAGS = 0, 8, 16, 40, 48
+# Where the words of an array stand after the head of the object: data, nd, dimensions, strides, base, descr, flags, and
+# the list of weak references.
+_DATA, _ND, _DIMENSIONS, _DESCR, _FLAGS, _WEAK = 0, 8, 16, 40, 48, 56
 _C_CONTIGUOUS, _ALIGNED, _WRITEABLE = 0x0001, 0x0100, 0x0400
 _DOUBLE = np.dtype(np.float64)
 # Where NumPy keeps the version of its binary interface, its type of arrays and the function that makes one: the same
@@ -53,6 +54,9 @@ _OUT_NAME = sys.intern("out")  # as names of arguments in compiled code are, so 
 
 
 class _MethodDefinition(ctypes.Structure):
+    """What CPython knows of a built-in function; with it lives the code at the address."""
+
+    code: LoadedCode
     _fields_ = (
         ("name", ctypes.c_char_p),
         ("address", ctypes.c_void_p),
@@ -123,9 +127,11 @@ def direct_call(
     table[_ARGUMENTS:] = [number for a in arguments for number in (a.width, a.uniform)]
     create = ctypes.pythonapi.PyCFunction_NewEx
     create.restype, create.argtypes = ctypes.py_object, [ctypes.c_void_p, ctypes.py_object, ctypes.c_void_p]
-    # Which keeps the tuple, and so the table, what is called otherwise, and the last results.
-    kept = (table, otherwise, *[None] * _KEPT)
-    result: DirectCall = create(ctypes.byref(_definition(*_described(otherwise))), kept, None)
+    # Which keeps the tuple, and so the table, what is called otherwise, the last results, and its own definition: where
+    # two threads ask for one at the same time, one of them gets what the cache does not keep.
+    definition = _definition(*_described(otherwise))
+    kept = (table, otherwise, *[None] * _KEPT, definition)
+    result: DirectCall = create(ctypes.byref(definition), kept, None)
     return result
 
 
@@ -166,7 +172,7 @@ def _arrays_are_known() -> bool:
     if version not in _KNOWN_VERSIONS or interface[_TYPE_OF_ARRAYS] != id(np.ndarray):
         return False
     head = object.__basicsize__
-    if ctypes.sizeof(ctypes.c_void_p) != 8 or head % 8 or np.ndarray.__basicsize__ < head + _FLAGS + 4:
+    if ctypes.sizeof(ctypes.c_void_p) != 8 or head % 8 or np.ndarray.__weakrefoffset__ != head + _WEAK:
         return False
     array: NDArray[np.float64] = np.zeros((2, 3))
     pair = (array, _OUT_NAME)
@@ -207,8 +213,10 @@ def _loaded() -> LoadedCode:
 
 @cache
 def _definition(name: str, documentation: str | None) -> _MethodDefinition:
-    text = None if documentation is None else documentation.encode()
-    return _MethodDefinition(name.encode(), _loaded().addresses["direct"], _FASTCALL_KEYWORDS, text)
+    text, code = None if documentation is None else documentation.encode(), _loaded()
+    definition = _MethodDefinition(name.encode(), code.addresses["direct"], _FASTCALL_KEYWORDS, text)
+    definition.code = code
+    return definition
 
 
 class _Lines:
@@ -410,6 +418,7 @@ def _source(triple: str, head: int, items: int, lanes: int, double: int, *, coun
         it.failed = f"kept{kept + 1}"
         earlier = it.at("%self", items + 8 * (_OTHERS + kept), "ptr")
         it.require(f"icmp eq i32 {it.at(earlier, 0, 'i32')}, 1")
+        it.require(f"icmp eq ptr {it.at(earlier, head + _WEAK, 'ptr')}, null")
         data = it.result(f"kept{kept}", earlier, head, leading, lead, tail)
         it.label(f"again{kept}")
         it.lines += [f"  call void @Py_IncRef(ptr {earlier})", "  br label %write"]
