@@ -213,6 +213,19 @@ def test_a_class_with_methods_of_its_own_keeps_them():
         np.testing.assert_allclose(model.gravity(q, p), 2.0 * MODEL.gravity(q, p), rtol=1e-14)
 
 
+def test_a_model_whose_method_was_replaced_keeps_what_took_its_place():
+    model = small_model()
+    q, p, calls = np.array([0.3, 0.2]), np.ones(model.parameter_count), []
+    for batch in (q, np.repeat(q[None], 3, axis=0)):  # before machine code is ready for one sample, and for several
+        plain = model.gravity
+        model.gravity = lambda *a, plain=plain: calls.append(len(a)) or plain(*a)
+        for turn in range(1, 5):
+            calls.clear()
+            np.testing.assert_array_equal(model.gravity(batch, p), MODEL.gravity(batch, p), err_msg=f"{turn}")
+            assert calls == [2]
+        model.gravity = plain
+
+
 def test_a_model_that_nobody_has_is_freed():
     model = small_model()
     q, p = np.zeros(2), np.ones(model.parameter_count)

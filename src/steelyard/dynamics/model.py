@@ -85,6 +85,7 @@ class Model:
         if robot.channels:
             self._call = self._with_channels(self._call)
         self._forward_dynamics: dict[str, str] = {}
+        self._direct: dict[str, Callable[..., Any]] = {}
 
     def _repr_html_(self) -> str:
         robot, base = self.robot, self.base_parameters()
@@ -658,10 +659,11 @@ class Model:
     def _call_directly(self, function: str, call: Call) -> None:
         """Let machine code stand in the place of a method that was called often; it calls the method where it must."""
         method = getattr(type(self), function, None)
-        if function in _PLAIN and method is getattr(Model, function) and not self.robot.channels:
+        replaced = self.__dict__.get(function) is not self._direct.get(function)  # by the user, whose own it stays
+        if function in _PLAIN and method is getattr(Model, function) and not replaced and not self.robot.channels:
             direct = call.method(MethodType(method, self))
             if direct is not None:
-                self.__dict__[function] = direct
+                self.__dict__[function] = self._direct[function] = direct
 
     def _with_channels(self, call: Callable[..., Array]) -> Callable[..., Array]:
         def checked(function: str, given: tuple[Any, ...], gravity: ArrayLike | None, out: Array | None) -> Array:
