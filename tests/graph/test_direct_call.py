@@ -1,7 +1,9 @@
 """Built-in functions that compute a few samples: what they take, and what they leave alone."""
 
+import ctypes
 import gc
 import inspect
+import pickle
 import sys
 import weakref
 from functools import cache
@@ -188,6 +190,22 @@ def test_an_interface_of_numpy_that_is_not_known(monkeypatch, name):
         monkeypatch.delattr("numpy._core._multiarray_umath._ARRAY_API")
         monkeypatch.setattr(direct_call, "_interface_of_numpy", direct_call._interface_of_numpy.__wrapped__)
     assert not direct_call._arrays_are_known.__wrapped__()
+
+
+def test_others_may_have_types_of_their_own_for_functions_of_python(monkeypatch):
+    types = [ctypes.c_void_p]
+    for name in ("PyCapsule_GetPointer", "PyCFunction_NewEx"):
+        monkeypatch.setattr(getattr(ctypes.pythonapi, name), "argtypes", types)
+    assert len(direct_call._interface_of_numpy.__wrapped__()) > direct_call._NEW_ARRAY
+    assert Kernel(pendulum(), cache=NO_CACHE).direct((2,)) is not None
+    for name in ("PyCapsule_GetPointer", "PyCFunction_NewEx"):
+        assert getattr(ctypes.pythonapi, name).argtypes == types
+
+
+def test_machine_code_of_this_process_is_not_pickled(direct, kernel):
+    for function in (direct, kernel.direct((2,), otherwise=lambda *_: None)):
+        with pytest.raises(TypeError, match="cannot be pickled"):
+            pickle.dumps(function)
 
 
 def test_outputs_of_any_shape(kernel):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from types import MethodType
 from typing import TYPE_CHECKING, Any
@@ -83,7 +83,7 @@ class Model:
         self._functions = ModelFunctions(self._layout, self.base_parameters)
         self._call = Evaluator(self._functions, threads, self._call_directly).compute
         if robot.channels:
-            self._call = self._with_channels(self._call)
+            self._call = partial(self._with_channels, self._call)
         self._forward_dynamics: dict[str, str] = {}
         self._direct: dict[str, Callable[..., Any]] = {}
 
@@ -665,14 +665,27 @@ class Model:
             if direct is not None:
                 self.__dict__[function] = self._direct[function] = direct
 
-    def _with_channels(self, call: Callable[..., Array]) -> Callable[..., Array]:
-        def checked(function: str, given: tuple[Any, ...], gravity: ArrayLike | None, out: Array | None) -> Array:
-            entry = CATALOGUE[function.partition("(")[0]]
-            if entry.drives and len(given) == len(entry.arguments):
-                raise InputError(self._lacks(self.robot.channels[0]))
-            return call(function, given, gravity, out)
+    def _with_channels(
+        self,
+        call: Callable[..., Array],
+        function: str,
+        given: tuple[Any, ...],
+        gravity: ArrayLike | None,
+        out: Array | None,
+    ) -> Array:
+        entry = CATALOGUE[function.partition("(")[0]]
+        if entry.drives and len(given) == len(entry.arguments):
+            raise InputError(self._lacks(self.robot.channels[0]))
+        return call(function, given, gravity, out)
 
-        return checked
+    def __getstate__(self) -> dict[str, Any]:
+        # Compiled code stays where it was compiled.
+        state = vars(self) | {"_direct": {}}
+        state.pop("base_columns", None)
+        for name, direct in self._direct.items():
+            if state.get(name) is direct:
+                del state[name]
+        return state
 
     # What the model is made of
 

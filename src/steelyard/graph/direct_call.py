@@ -65,6 +65,23 @@ class _MethodDefinition(ctypes.Structure):
     )
 
 
+class _Kept(tuple[Any, ...]):
+    """The items that belong to a function; a copy of one in the place of a method is the method of a copy."""
+
+    __slots__ = ()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # As what belongs to a function is pickled, followed by the name that the function has in it.
+        owner = getattr(self[_OTHERS - 1], "__self__", None)
+        if owner is None:
+            raise TypeError("a function that is machine code of this process cannot be pickled")
+        return _itself, (owner,)
+
+
+def _itself(owner: Any) -> Any:
+    return owner
+
+
 def direct_call(
     arguments: Sequence[Argument],
     shape: tuple[int, ...],
@@ -125,12 +142,14 @@ def direct_call(
     )
     table[_SHAPE : _SHAPE + len(shape)] = shape
     table[_ARGUMENTS:] = [number for a in arguments for number in (a.width, a.uniform)]
-    create = ctypes.pythonapi.PyCFunction_NewEx
-    create.restype, create.argtypes = ctypes.py_object, [ctypes.c_void_p, ctypes.py_object, ctypes.c_void_p]
+    # A function of its own, since others may give those of `pythonapi` other types.
+    create = ctypes.PYFUNCTYPE(ctypes.py_object, ctypes.c_void_p, ctypes.py_object, ctypes.c_void_p)(
+        ("PyCFunction_NewEx", ctypes.pythonapi)
+    )
     # Which keeps the tuple, and so the table, what is called otherwise, the last results, and its own definition: where
     # two threads ask for one at the same time, one of them gets what the cache does not keep.
     definition = _definition(*_described(otherwise))
-    kept = (table, otherwise, *[None] * _KEPT, definition)
+    kept = _Kept((table, otherwise, *[None] * _KEPT, definition))
     result: DirectCall = create(ctypes.byref(definition), kept, None)
     return result
 
@@ -150,8 +169,9 @@ def _interface_of_numpy() -> Sequence[int]:
     """Return the addresses that NumPy gives to extensions, up to those that are wanted here."""
     from numpy._core import _multiarray_umath  # type: ignore[attr-defined]
 
-    pointer = ctypes.pythonapi.PyCapsule_GetPointer
-    pointer.restype, pointer.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]
+    pointer = ctypes.PYFUNCTYPE(ctypes.c_void_p, ctypes.py_object, ctypes.c_char_p)(
+        ("PyCapsule_GetPointer", ctypes.pythonapi)
+    )
     table = pointer(_multiarray_umath._ARRAY_API, None)
     return list((ctypes.c_int64 * (_NEW_ARRAY + 1)).from_address(table or 0))
 
@@ -175,7 +195,7 @@ def _arrays_are_known() -> bool:
     if ctypes.sizeof(ctypes.c_void_p) != 8 or head % 8 or np.ndarray.__weakrefoffset__ != head + _WEAK:
         return False
     array: NDArray[np.float64] = np.zeros((2, 3))
-    pair = (array, _OUT_NAME)
+    pair = _Kept((array, _OUT_NAME))
     start = id(array) + head
 
     def word(address: int) -> int:
