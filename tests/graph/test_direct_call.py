@@ -102,6 +102,24 @@ def test_results_to_which_there_are_weak_references_are_never_written_again(kern
         assert all(found.tobytes() == before[turn] for turn, found in memory.items())
 
 
+@pytest.mark.parametrize("several", [False, True])
+@pytest.mark.parametrize("otherwise", [None, lambda *_: None])
+def test_the_code_of_a_kernel_lives_as_long_as_its_function(several, otherwise):
+    """Of two kernels of one function that two threads made at the same time, a model keeps one."""
+    kernel = Kernel(pendulum(), cache=NO_CACHE)
+    direct = kernel.direct((2,), several=several, otherwise=otherwise)
+    code = [weakref.ref(one) for one in kernel._loaded.values()]
+    assert len(code) == 1 + several
+    del kernel
+    gc.collect()
+    assert all(one() is not None for one in code)
+    given = (motions(1)[0], PARAMETERS, *[None] * (otherwise is None))
+    np.testing.assert_allclose(direct(*given), expected(motions(1))[0], rtol=1e-12)
+    del direct
+    gc.collect()
+    assert all(one() is None for one in code)
+
+
 def test_what_two_threads_make_at_the_same_time_lives_as_long_as_its_function(kernel, monkeypatch):
     """Each of them makes a definition and the code of its own, only one of which is then kept by the caches."""
     monkeypatch.setattr(direct_call, "_loaded", direct_call._loaded.__wrapped__)
@@ -139,8 +157,7 @@ def test_without_known_counts_of_references(monkeypatch):
     monkeypatch.setattr(direct_call, "_references_are_counted", lambda: False)
     monkeypatch.setattr(direct_call, "_loaded", cache(direct_call._loaded.__wrapped__))
     monkeypatch.setattr(direct_call, "_definition", cache(direct_call._definition.__wrapped__))
-    kernel = Kernel(pendulum(), cache=NO_CACHE)  # which has to outlive its function
-    direct = kernel.direct((2,), several=True)
+    direct = Kernel(pendulum(), cache=NO_CACHE).direct((2,), several=True)
     motion = motions(3)
     found = direct(motion, PARAMETERS, None)
     assert sys.getrefcount(found) == 2
@@ -294,7 +311,7 @@ def test_references_are_neither_lost_nor_kept(direct):
 
 def test_kernels_that_have_no_such_function(monkeypatch):
     many = [Argument(f"a{k}", 1) for k in range(9)]
-    assert direct_call.direct_call(many, (1,), single=1, batch=1, few=1, most=1, made=1) is None
+    assert direct_call.direct_call(many, (1,), single=None, batch=None, few=1, most=1, made=1) is None
     monkeypatch.setattr(direct_call, "_arrays_are_known", lambda: False)
     without = Kernel(pendulum(), cache=NO_CACHE)
     assert without.direct((2,)) is None

@@ -86,8 +86,8 @@ def direct_call(
     arguments: Sequence[Argument],
     shape: tuple[int, ...],
     *,
-    single: int,
-    batch: int,
+    single: LoadedCode,
+    batch: LoadedCode,
     few: int,
     most: int,
     made: int,
@@ -106,9 +106,9 @@ def direct_call(
     arguments : sequence of Argument
     shape : tuple of int
         Of the outputs of one sample.
-    single, batch : int
-        Addresses of the functions that compute samples one by one and side by side, see
-        :attr:`steelyard.graph.Kernel.batch_function`. They must live as long as what is returned is called.
+    single, batch : LoadedCode
+        Of the functions that compute samples one by one and side by side, see
+        :attr:`steelyard.graph.Kernel.batch_function`. It stays in memory with what is returned.
     few : int
         How many samples that are left over are computed one by one rather than in a register that would not be full.
     most : int
@@ -125,8 +125,8 @@ def direct_call(
         return None
     table = np.zeros(_ARGUMENTS + 2 * len(arguments), dtype=np.int64)
     table[:_SHAPE] = (
-        single,
-        batch,
+        single.addresses["kernel"],
+        batch.addresses["kernel"],
         len(arguments),
         most,
         made,
@@ -146,10 +146,10 @@ def direct_call(
     create = ctypes.PYFUNCTYPE(ctypes.py_object, ctypes.c_void_p, ctypes.py_object, ctypes.c_void_p)(
         ("PyCFunction_NewEx", ctypes.pythonapi)
     )
-    # Which keeps the tuple, and so the table, what is called otherwise, the last results, and its own definition: where
-    # two threads ask for one at the same time, one of them gets what the cache does not keep.
+    # Which keeps the tuple, and so the table, what is called otherwise, the last results, the code, and its own
+    # definition: where two threads ask for one at the same time, one of them gets what the cache does not keep.
     definition = _definition(*_described(otherwise))
-    kept = _Kept((table, otherwise, *[None] * _KEPT, definition))
+    kept = _Kept((table, otherwise, *[None] * _KEPT, definition, single, batch))
     result: DirectCall = create(ctypes.byref(definition), kept, None)
     return result
 
