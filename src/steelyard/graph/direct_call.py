@@ -214,11 +214,11 @@ def _arrays_are_known() -> bool:
 
 def _references_are_counted() -> bool:
     """Tell whether the number of references to an object is where the machine code reads it, whatever thread asks."""
+    # `sys.getrefcount` would count what the interpreter has on its stack, or not, depending on its version.
     things = [object() for _ in range(3)]
-    more = [things, [*things], things[1:]]
-    counts = [sys.getrefcount(thing) - 1 for thing in things]
-    found = [ctypes.c_int32.from_address(id(thing)).value for thing in things]
-    return len(more) == 3 and found == counts and getattr(sys, "_is_gil_enabled", lambda: True)()
+    more = [[*things], things[1:]]
+    found = [ctypes.c_int32.from_address(address).value for address in map(id, things)]
+    return len(more) == 2 and found == [2, 3, 3] and getattr(sys, "_is_gil_enabled", lambda: True)()
 
 
 @cache
