@@ -216,6 +216,15 @@ def test_a_class_with_methods_of_its_own_keeps_them():
         np.testing.assert_allclose(model.gravity(q, p), 2.0 * MODEL.gravity(q, p), rtol=1e-14)
 
 
+def test_what_took_the_place_of_a_method_of_the_class_is_called_every_time(monkeypatch):
+    plain, calls = sy.Model.gravity, []
+    monkeypatch.setattr(sy.Model, "gravity", lambda *a: calls.append(len(a)) or plain(*a))
+    model = small_model()
+    for _ in range(5):
+        model.gravity(np.array([0.3, 0.2]), np.ones(model.parameter_count))
+    assert calls == [3] * 5
+
+
 def test_a_model_whose_method_was_replaced_keeps_what_took_its_place():
     model = small_model()
     q, p, calls = np.array([0.3, 0.2]), np.ones(model.parameter_count), []

@@ -658,9 +658,9 @@ class Model:
 
     def _call_directly(self, function: str, call: Call) -> None:
         """Let machine code stand in the place of a method that was called often; it calls the method where it must."""
-        method = getattr(type(self), function, None)
+        method = _METHODS.get(function)
         replaced = self.__dict__.get(function) is not self._direct.get(function)  # by the user, whose own it stays
-        if function in _PLAIN and method is getattr(Model, function) and not replaced and not self.robot.channels:
+        if method is not None and getattr(type(self), function) is method and not replaced and not self.robot.channels:
             direct = call.method(MethodType(method, self))
             if direct is not None:
                 self.__dict__[function] = self._direct[function] = direct
@@ -884,6 +884,9 @@ class Model:
         if not 0 <= link < len(names):
             raise InputError(f"{self.robot.name} has moving links 0 to {len(names) - 1}, got {link}.")
         return names[link]
+
+
+_METHODS = {name: getattr(Model, name) for name in _PLAIN}  # as they are here, whatever takes their place later
 
 
 def _number(values: Array, out: Array | None) -> Array:
