@@ -1,5 +1,8 @@
 """Terms that need channels of a log, and the load of gravity: by formulas, and through samples and logs."""
 
+import copy
+import pickle
+
 import numpy as np
 import pytest
 
@@ -41,6 +44,18 @@ def test_friction_is_that_of_the_temperature(random):
 
 
 @pytest.mark.slow
+def test_a_copy_of_a_model_with_channels(random):
+    model = arm(WARM)
+    q, dq, ddq = random.normal(size=(3, 20, 2))
+    given, parameters = {"temperature": random.uniform(20.0, 50.0, (20, 2))}, values(model, **FRICTION)
+    expected = model.inverse_dynamics(q, dq, ddq, parameters, channels=given)
+    for twin in (copy.deepcopy(model), pickle.loads(pickle.dumps(model))):
+        found = twin.inverse_dynamics(q, dq, ddq, parameters, channels=given)
+        assert found.tobytes() == expected.tobytes()
+        with pytest.raises(sy.InputError, match="needs the channel 'temperature'"):
+            twin.inverse_dynamics(q, dq, ddq, parameters)
+
+
 def test_a_held_channel_and_forward_dynamics(random):
     model = arm(WARM)
     q, dq, ddq = random.normal(size=(3, 20, 2))

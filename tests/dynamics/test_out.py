@@ -1,8 +1,11 @@
 """Results that are written into arrays of the caller, beside results in arrays of their own."""
 
+import copy
 import gc
 import inspect
+import pickle
 import weakref
+from types import BuiltinFunctionType
 
 import numpy as np
 import pytest
@@ -211,6 +214,55 @@ def test_a_class_with_methods_of_its_own_keeps_them():
     q, p = np.array([0.3, 0.2]), np.ones(model.parameter_count)
     for _ in range(3):
         np.testing.assert_allclose(model.gravity(q, p), 2.0 * MODEL.gravity(q, p), rtol=1e-14)
+
+
+def test_what_took_the_place_of_a_method_of_the_class_is_called_every_time(monkeypatch):
+    plain, calls = sy.Model.gravity, []
+    monkeypatch.setattr(sy.Model, "gravity", lambda *a: calls.append(len(a)) or plain(*a))
+    model = small_model()
+    for _ in range(5):
+        model.gravity(np.array([0.3, 0.2]), np.ones(model.parameter_count))
+    assert calls == [3] * 5
+
+
+def test_a_model_whose_method_was_replaced_keeps_what_took_its_place():
+    model = small_model()
+    q, p, calls = np.array([0.3, 0.2]), np.ones(model.parameter_count), []
+    for batch in (q, np.repeat(q[None], 3, axis=0)):  # before machine code is ready for one sample, and for several
+        plain = model.gravity
+        model.gravity = lambda *a, plain=plain: calls.append(len(a)) or plain(*a)
+        for turn in range(1, 5):
+            calls.clear()
+            np.testing.assert_array_equal(model.gravity(batch, p), MODEL.gravity(batch, p), err_msg=f"{turn}")
+            assert calls == [2]
+        model.gravity = plain
+
+
+@pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, lambda thing: pickle.loads(pickle.dumps(thing))])
+def test_copies_compute_the_same_whatever_was_called_before(copied):
+    """Compiled code stays where it was compiled, and a copy is not the model that it was made of."""
+    model, q, p = small_model(), np.array([0.3, 0.2]), np.ones(26)
+    expected = MODEL.gravity(q, p).tobytes()
+    assert model.base_columns.uneven.size  # which has kernels
+    for _ in range(3):
+        twin = copied(model)
+        for turn in range(3):
+            assert twin.gravity(q, p).tobytes() == expected, turn
+            assert model.gravity(q, p).tobytes() == expected
+    assert type(vars(model)["gravity"]) is BuiltinFunctionType
+    again = weakref.ref(model)
+    del model
+    gc.collect()
+    assert (again() is None) == (copied is not copy.copy)  # a shallow copy shares its code
+    assert twin.gravity(q, p).tobytes() == expected
+
+
+def test_methods_that_are_called_often_can_be_sent_to_another_process():
+    model, q, p = small_model(), np.array([0.3, 0.2]), np.ones(26)
+    for _ in range(3):
+        sent = pickle.loads(pickle.dumps(model.gravity))
+        assert sent(q, p).tobytes() == model.gravity(q, p).tobytes()
+    assert type(vars(model)["gravity"]) is BuiltinFunctionType
 
 
 def test_a_model_that_nobody_has_is_freed():

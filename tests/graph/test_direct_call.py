@@ -1,14 +1,18 @@
 """Built-in functions that compute a few samples: what they take, and what they leave alone."""
 
+import ctypes
+import gc
 import inspect
+import pickle
 import sys
+import weakref
 from functools import cache
 
 import numpy as np
 import pytest
 from small_kernels import NO_CACHE, PARAMETERS, expected, motions, pendulum, unusual
 
-from steelyard.graph import Argument, Kernel, direct_call
+from steelyard.graph import Argument, Kernel, direct_call, machine
 from steelyard.graph import kernel as kernel_module
 from steelyard.graph.machine import batch_lanes
 
@@ -44,7 +48,8 @@ def test_a_new_array_where_none_is_given(direct, lead):
     assert found.shape == (*lead, 2)
     assert found.flags.owndata
     assert found.flags.carray
-    assert sys.getrefcount(found) == 3  # the function has it, too
+    alone = np.empty(2)
+    assert sys.getrefcount(found) == sys.getrefcount(alone) + 1  # the function has it, too
     assert found.tobytes() == direct(motion, PARAMETERS, np.empty((*lead, 2))).tobytes()
 
 
@@ -86,6 +91,53 @@ def test_results_that_somebody_has_are_never_written_again(kernel):
     assert len(named) <= 4  # two take turns, beside those that were kept before
 
 
+def test_results_to_which_there_are_weak_references_are_never_written_again(kernel):
+    direct = kernel.direct((2,), otherwise=lambda *_: None)
+    motion = motions(6)
+    memory = weakref.WeakValueDictionary()
+    for turn in range(2):
+        memory[turn] = direct(motion[turn], PARAMETERS)
+    before = {turn: found.tobytes() for turn, found in memory.items()}
+    for row in motion[2:]:
+        direct(row, PARAMETERS)
+        assert all(found.tobytes() == before[turn] for turn, found in memory.items())
+
+
+@pytest.mark.parametrize("several", [False, True])
+@pytest.mark.parametrize("otherwise", [None, lambda *_: None])
+def test_the_code_of_a_kernel_lives_as_long_as_its_function(several, otherwise):
+    """Of two kernels of one function that two threads made at the same time, a model keeps one."""
+    kernel = Kernel(pendulum(), cache=NO_CACHE)
+    direct = kernel.direct((2,), several=several, otherwise=otherwise)
+    code = [weakref.ref(one) for one in kernel._loaded.values()]
+    assert len(code) == 1 + several
+    del kernel
+    gc.collect()
+    assert all(one() is not None for one in code)
+    given = (motions(1)[0], PARAMETERS, *[None] * (otherwise is None))
+    np.testing.assert_allclose(direct(*given), expected(motions(1))[0], rtol=1e-12)
+    del direct
+    gc.collect()
+    assert all(one() is None for one in code)
+
+
+def test_what_two_threads_make_at_the_same_time_lives_as_long_as_its_function(kernel, monkeypatch):
+    """Each of them makes a definition and the code of its own, only one of which is then kept by the caches."""
+    monkeypatch.setattr(direct_call, "_loaded", direct_call._loaded.__wrapped__)
+    monkeypatch.setattr(direct_call, "_definition", direct_call._definition.__wrapped__)
+    made = []
+    link = machine._link
+    monkeypatch.setattr(machine, "_link", lambda *a: made.append(link(*a)) or made[-1])
+    direct = kernel.direct((2,), otherwise=lambda *_: None)
+    code = weakref.ref(made.pop())
+    gc.collect()
+    assert code() is not None
+    np.testing.assert_allclose(direct(motions(1)[0], PARAMETERS), expected(motions(1))[0], rtol=1e-12)
+    del direct
+    gc.collect()
+    assert code() is None
+
+
 @pytest.mark.filterwarnings("ignore:Setting the (shape|dtype):DeprecationWarning")
 @pytest.mark.parametrize(
     "change",
@@ -101,16 +153,23 @@ def test_results_that_were_changed_in_place_are_not_returned_anew(kernel, change
         change(result)
 
 
+def test_counts_of_references_are_known_whatever_the_interpreter_counts(monkeypatch):
+    """Python 3.14 does not count those of names that stand on its stack."""
+    count = sys.getrefcount
+    monkeypatch.setattr(sys, "getrefcount", lambda thing: count(thing) - 2)
+    assert direct_call._references_are_counted()
+
+
 def test_without_known_counts_of_references(monkeypatch):
     """As in an interpreter without its lock: then every result is new."""
     monkeypatch.setattr(direct_call, "_references_are_counted", lambda: False)
     monkeypatch.setattr(direct_call, "_loaded", cache(direct_call._loaded.__wrapped__))
     monkeypatch.setattr(direct_call, "_definition", cache(direct_call._definition.__wrapped__))
-    kernel = Kernel(pendulum(), cache=NO_CACHE)  # which has to outlive its function
-    direct = kernel.direct((2,), several=True)
+    direct = Kernel(pendulum(), cache=NO_CACHE).direct((2,), several=True)
     motion = motions(3)
     found = direct(motion, PARAMETERS, None)
-    assert sys.getrefcount(found) == 2
+    alone = np.empty(2)
+    assert sys.getrefcount(found) == sys.getrefcount(alone)
     np.testing.assert_allclose(found, expected(motion), rtol=1e-12)
 
 
@@ -157,6 +216,22 @@ def test_an_interface_of_numpy_that_is_not_known(monkeypatch, name):
         monkeypatch.delattr("numpy._core._multiarray_umath._ARRAY_API")
         monkeypatch.setattr(direct_call, "_interface_of_numpy", direct_call._interface_of_numpy.__wrapped__)
     assert not direct_call._arrays_are_known.__wrapped__()
+
+
+def test_others_may_have_types_of_their_own_for_functions_of_python(monkeypatch):
+    types = [ctypes.c_void_p]
+    for name in ("PyCapsule_GetPointer", "PyCFunction_NewEx"):
+        monkeypatch.setattr(getattr(ctypes.pythonapi, name), "argtypes", types)
+    assert len(direct_call._interface_of_numpy.__wrapped__()) > direct_call._NEW_ARRAY
+    assert Kernel(pendulum(), cache=NO_CACHE).direct((2,)) is not None
+    for name in ("PyCapsule_GetPointer", "PyCFunction_NewEx"):
+        assert getattr(ctypes.pythonapi, name).argtypes == types
+
+
+def test_machine_code_of_this_process_is_not_pickled(direct, kernel):
+    for function in (direct, kernel.direct((2,), otherwise=lambda *_: None)):
+        with pytest.raises(TypeError, match="cannot be pickled"):
+            pickle.dumps(function)
 
 
 def test_outputs_of_any_shape(kernel):
@@ -245,7 +320,7 @@ def test_references_are_neither_lost_nor_kept(direct):
 
 def test_kernels_that_have_no_such_function(monkeypatch):
     many = [Argument(f"a{k}", 1) for k in range(9)]
-    assert direct_call.direct_call(many, (1,), single=1, batch=1, few=1, most=1, made=1) is None
+    assert direct_call.direct_call(many, (1,), single=None, batch=None, few=1, most=1, made=1) is None
     monkeypatch.setattr(direct_call, "_arrays_are_known", lambda: False)
     without = Kernel(pendulum(), cache=NO_CACHE)
     assert without.direct((2,)) is None

@@ -17,6 +17,11 @@ def test_extremes_are_those_of_numpy(width: int, size: int) -> None:
     np.testing.assert_array_equal(found, np.concatenate([both.argmin(axis=1), both.argmax(axis=1)], axis=1))
 
 
+@pytest.mark.parametrize("width", [0, 1, 9])
+def test_no_groups_have_no_extremes(width: int) -> None:
+    assert extreme_rows(np.zeros((0, width)), np.zeros((0, width)), 3).shape == (0, 4 * width)
+
+
 def test_rows_beyond_whole_groups_are_refused() -> None:
     with pytest.raises(ValueError, match="whole groups"):
         extreme_rows(np.zeros((7, 2)), np.zeros((7, 2)), 3)

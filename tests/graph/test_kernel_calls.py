@@ -1,16 +1,19 @@
 """Calls of kernels: threads, single samples, pointers, and arrays that do not fit."""
 
 import ctypes
+import gc
 import shutil
 import subprocess
 import threading
+import weakref
+from functools import cache
 
 import numpy as np
 import pytest
 from small_kernels import NO_CACHE, PARAMETERS, expected, motions, pendulum, unusual
 
 from steelyard.errors import InputError
-from steelyard.graph import Argument, Function, Graph, Kernel, Output
+from steelyard.graph import Argument, Function, Graph, Kernel, Output, machine
 from steelyard.graph import kernel as kernel_module
 from steelyard.graph.machine import batch_lanes
 
@@ -41,6 +44,24 @@ def test_only_large_batches_are_shared(monkeypatch):
     for count in (2, 1000, 1_000_000):
         shared(motions(count), PARAMETERS, threads=3)
     assert shares == [3]
+
+
+@pytest.mark.parametrize("lanes", [1, batch_lanes()])
+def test_functions_that_a_kernel_imports_live_as_long_as_its_code(lanes, monkeypatch):
+    """Two threads at the same time each make a processor and its support, only one of which is kept by the caches."""
+    made = cache(lambda lanes: machine.Machine(lanes))
+    monkeypatch.setattr(machine, "host_machine", made)
+    monkeypatch.setattr(kernel_module, "host_machine", made)
+    new = Kernel(pendulum(), cache=NO_CACHE)
+    function = {1: "single_function", batch_lanes(): "batch_function"}[lanes]
+    assert getattr(new, function)
+    support = weakref.ref(made(lanes).support)
+    made.cache_clear()
+    gc.collect()
+    assert support() is not None
+    del new
+    gc.collect()
+    assert support() is None
 
 
 def test_many_callers_of_a_new_kernel():

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from decimal import Decimal, localcontext
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -75,7 +75,7 @@ class BaseParameters:
     dependent: NDArray[np.intp]
     Kd: Matrix
     meant: bool = False
-    _sampled: Callable[[], Matrix] = field(default=lambda: np.zeros((0, 0)), repr=False)
+    _sampled: Callable[[], Matrix] = field(default=partial(np.zeros, (0, 0)), repr=False)
 
     def __repr__(self) -> str:
         return f"BaseParameters({self.count} of {len(self.parameter_names)})"
@@ -217,7 +217,7 @@ def _base_parameters(
             if k != pivot:
                 Kd[place[k], column] = -float(value)
     meant = robot is not layout.robot
-    return BaseParameters(names, independent, dependent, _without_last_digits(Kd), meant, lambda: sampled(layout))
+    return BaseParameters(names, independent, dependent, _without_last_digits(Kd), meant, partial(sampled, layout))
 
 
 def _null_vectors(layout: ParameterLayout, columns: TermColumns, exact: Unidentifiable) -> dict[int, Vector]:
@@ -424,7 +424,7 @@ def base_parameters_of(regressor: Matrix, parameter_names: tuple[str, ...]) -> B
         solved = np.column_stack([_sparse_solution(factor[:, kept], factor[:, column]) for column in rest])
         solved = solved / scale[kept][:, None] * scale[rest][None, :]
         combinations[:, np.searchsorted(dependent, present[rest])] = _rounded(solved)
-    return BaseParameters(parameter_names, independent, dependent, combinations, False, lambda: regressor)
+    return BaseParameters(parameter_names, independent, dependent, combinations, False, partial(np.asarray, regressor))
 
 
 def _sparse_solution(matrix: Matrix, values: Matrix) -> Matrix:

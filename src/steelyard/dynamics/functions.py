@@ -161,6 +161,9 @@ class ModelFunctions:
         self._kernels: dict[tuple[str, bool, str, str], Kernel] = {}
         self._functions: dict[tuple[str, bool, str, str], Function] = {}
 
+    def __getstate__(self) -> dict[str, Any]:
+        return vars(self) | {"_kernels": {}, "_functions": {}}
+
     def kernel(self, name: str, *, base: bool = False, gravity: str = "fixed", sign: str = "exact") -> Kernel:
         """Return a compiled function, see :meth:`function`."""
         key = (name, base, gravity, sign)
@@ -577,6 +580,9 @@ class Evaluator:
         self._called_often = called_often
         self._calls: dict[str, Call] = {}
         self._calls_with_gravity: dict[str, Call] = {}
+
+    def __getstate__(self) -> dict[str, Any]:
+        return vars(self) | {"_calls": {}, "_calls_with_gravity": {}}
 
     def compute(
         self, function: str, given: tuple[Any, ...], gravity: ArrayLike | None = None, out: Array | None = None

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from types import MethodType
 from typing import TYPE_CHECKING, Any
@@ -83,8 +83,9 @@ class Model:
         self._functions = ModelFunctions(self._layout, self.base_parameters)
         self._call = Evaluator(self._functions, threads, self._call_directly).compute
         if robot.channels:
-            self._call = self._with_channels(self._call)
+            self._call = partial(self._with_channels, self._call)
         self._forward_dynamics: dict[str, str] = {}
+        self._direct: dict[str, Callable[..., Any]] = {}
 
     def _repr_html_(self) -> str:
         robot, base = self.robot, self.base_parameters()
@@ -657,20 +658,34 @@ class Model:
 
     def _call_directly(self, function: str, call: Call) -> None:
         """Let machine code stand in the place of a method that was called often; it calls the method where it must."""
-        method = getattr(type(self), function, None)
-        if function in _PLAIN and method is getattr(Model, function) and not self.robot.channels:
+        method = _METHODS.get(function)
+        replaced = self.__dict__.get(function) is not self._direct.get(function)  # by the user, whose own it stays
+        if method is not None and getattr(type(self), function) is method and not replaced and not self.robot.channels:
             direct = call.method(MethodType(method, self))
             if direct is not None:
-                self.__dict__[function] = direct
+                self.__dict__[function] = self._direct[function] = direct
 
-    def _with_channels(self, call: Callable[..., Array]) -> Callable[..., Array]:
-        def checked(function: str, given: tuple[Any, ...], gravity: ArrayLike | None, out: Array | None) -> Array:
-            entry = CATALOGUE[function.partition("(")[0]]
-            if entry.drives and len(given) == len(entry.arguments):
-                raise InputError(self._lacks(self.robot.channels[0]))
-            return call(function, given, gravity, out)
+    def _with_channels(
+        self,
+        call: Callable[..., Array],
+        function: str,
+        given: tuple[Any, ...],
+        gravity: ArrayLike | None,
+        out: Array | None,
+    ) -> Array:
+        entry = CATALOGUE[function.partition("(")[0]]
+        if entry.drives and len(given) == len(entry.arguments):
+            raise InputError(self._lacks(self.robot.channels[0]))
+        return call(function, given, gravity, out)
 
-        return checked
+    def __getstate__(self) -> dict[str, Any]:
+        # Compiled code stays where it was compiled.
+        state = vars(self) | {"_direct": {}}
+        state.pop("base_columns", None)
+        for name, direct in self._direct.items():
+            if state.get(name) is direct:
+                del state[name]
+        return state
 
     # What the model is made of
 
@@ -869,6 +884,9 @@ class Model:
         if not 0 <= link < len(names):
             raise InputError(f"{self.robot.name} has moving links 0 to {len(names) - 1}, got {link}.")
         return names[link]
+
+
+_METHODS = {name: getattr(Model, name) for name in _PLAIN}  # as they are here, whatever takes their place later
 
 
 def _number(values: Array, out: Array | None) -> Array:

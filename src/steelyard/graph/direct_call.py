@@ -31,8 +31,9 @@ _MOST_ARGUMENTS = 8
 _MOST_SHAPE = 4
 _MOST_LEADING = 4
 _FASTCALL_KEYWORDS = 0x0080 | 0x0002
-# Where the words of an array stand after the head of the object: data, nd, dimensions, strides, base, descr, flags.
-_DATA, _ND, _DIMENSIONS, _DESCR, _FLAGS = 0, 8, 16, 40, 48
+# Where the words of an array stand after the head of the object: data, nd, dimensions, strides, base, descr, flags, and
+# the list of weak references.
+_DATA, _ND, _DIMENSIONS, _DESCR, _FLAGS, _WEAK = 0, 8, 16, 40, 48, 56
 _C_CONTIGUOUS, _ALIGNED, _WRITEABLE = 0x0001, 0x0100, 0x0400
 _DOUBLE = np.dtype(np.float64)
 # Where NumPy keeps the version of its binary interface, its type of arrays and the function that makes one: the same
@@ -53,6 +54,9 @@ _OUT_NAME = sys.intern("out")  # as names of arguments in compiled code are, so 
 
 
 class _MethodDefinition(ctypes.Structure):
+    """What CPython knows of a built-in function; with it lives the code at the address."""
+
+    code: LoadedCode
     _fields_ = (
         ("name", ctypes.c_char_p),
         ("address", ctypes.c_void_p),
@@ -61,12 +65,29 @@ class _MethodDefinition(ctypes.Structure):
     )
 
 
+class _Kept(tuple[Any, ...]):
+    """The items that belong to a function; a copy of one in the place of a method is the method of a copy."""
+
+    __slots__ = ()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # As what belongs to a function is pickled, followed by the name that the function has in it.
+        owner = getattr(self[_OTHERS - 1], "__self__", None)
+        if owner is None:
+            raise TypeError("a function that is machine code of this process cannot be pickled")
+        return _itself, (owner,)
+
+
+def _itself(owner: Any) -> Any:
+    return owner
+
+
 def direct_call(
     arguments: Sequence[Argument],
     shape: tuple[int, ...],
     *,
-    single: int,
-    batch: int,
+    single: LoadedCode,
+    batch: LoadedCode,
     few: int,
     most: int,
     made: int,
@@ -85,9 +106,9 @@ def direct_call(
     arguments : sequence of Argument
     shape : tuple of int
         Of the outputs of one sample.
-    single, batch : int
-        Addresses of the functions that compute samples one by one and side by side, see
-        :attr:`steelyard.graph.Kernel.batch_function`. They must live as long as what is returned is called.
+    single, batch : LoadedCode
+        Of the functions that compute samples one by one and side by side, see
+        :attr:`steelyard.graph.Kernel.batch_function`. It stays in memory with what is returned.
     few : int
         How many samples that are left over are computed one by one rather than in a register that would not be full.
     most : int
@@ -104,8 +125,8 @@ def direct_call(
         return None
     table = np.zeros(_ARGUMENTS + 2 * len(arguments), dtype=np.int64)
     table[:_SHAPE] = (
-        single,
-        batch,
+        single.addresses["kernel"],
+        batch.addresses["kernel"],
         len(arguments),
         most,
         made,
@@ -121,11 +142,15 @@ def direct_call(
     )
     table[_SHAPE : _SHAPE + len(shape)] = shape
     table[_ARGUMENTS:] = [number for a in arguments for number in (a.width, a.uniform)]
-    create = ctypes.pythonapi.PyCFunction_NewEx
-    create.restype, create.argtypes = ctypes.py_object, [ctypes.c_void_p, ctypes.py_object, ctypes.c_void_p]
-    # Which keeps the tuple, and so the table, what is called otherwise, and the last results.
-    kept = (table, otherwise, *[None] * _KEPT)
-    result: DirectCall = create(ctypes.byref(_definition(*_described(otherwise))), kept, None)
+    # A function of its own, since others may give those of `pythonapi` other types.
+    create = ctypes.PYFUNCTYPE(ctypes.py_object, ctypes.c_void_p, ctypes.py_object, ctypes.c_void_p)(
+        ("PyCFunction_NewEx", ctypes.pythonapi)
+    )
+    # Which keeps the tuple, and so the table, what is called otherwise, the last results, the code, and its own
+    # definition: where two threads ask for one at the same time, one of them gets what the cache does not keep.
+    definition = _definition(*_described(otherwise))
+    kept = _Kept((table, otherwise, *[None] * _KEPT, definition, single, batch))
+    result: DirectCall = create(ctypes.byref(definition), kept, None)
     return result
 
 
@@ -144,8 +169,9 @@ def _interface_of_numpy() -> Sequence[int]:
     """Return the addresses that NumPy gives to extensions, up to those that are wanted here."""
     from numpy._core import _multiarray_umath  # type: ignore[attr-defined]
 
-    pointer = ctypes.pythonapi.PyCapsule_GetPointer
-    pointer.restype, pointer.argtypes = ctypes.c_void_p, [ctypes.py_object, ctypes.c_char_p]
+    pointer = ctypes.PYFUNCTYPE(ctypes.c_void_p, ctypes.py_object, ctypes.c_char_p)(
+        ("PyCapsule_GetPointer", ctypes.pythonapi)
+    )
     table = pointer(_multiarray_umath._ARRAY_API, None)
     return list((ctypes.c_int64 * (_NEW_ARRAY + 1)).from_address(table or 0))
 
@@ -166,10 +192,10 @@ def _arrays_are_known() -> bool:
     if version not in _KNOWN_VERSIONS or interface[_TYPE_OF_ARRAYS] != id(np.ndarray):
         return False
     head = object.__basicsize__
-    if ctypes.sizeof(ctypes.c_void_p) != 8 or head % 8 or np.ndarray.__basicsize__ < head + _FLAGS + 4:
+    if ctypes.sizeof(ctypes.c_void_p) != 8 or head % 8 or np.ndarray.__weakrefoffset__ != head + _WEAK:
         return False
     array: NDArray[np.float64] = np.zeros((2, 3))
-    pair = (array, _OUT_NAME)
+    pair = _Kept((array, _OUT_NAME))
     start = id(array) + head
 
     def word(address: int) -> int:
@@ -188,11 +214,11 @@ def _arrays_are_known() -> bool:
 
 def _references_are_counted() -> bool:
     """Tell whether the number of references to an object is where the machine code reads it, whatever thread asks."""
+    # `sys.getrefcount` would count what the interpreter has on its stack, or not, depending on its version.
     things = [object() for _ in range(3)]
-    more = [things, [*things], things[1:]]
-    counts = [sys.getrefcount(thing) - 1 for thing in things]
-    found = [ctypes.c_int32.from_address(id(thing)).value for thing in things]
-    return len(more) == 3 and found == counts and getattr(sys, "_is_gil_enabled", lambda: True)()
+    more = [[*things], things[1:]]
+    found = [ctypes.c_int32.from_address(address).value for address in map(id, things)]
+    return len(more) == 2 and found == [2, 3, 3] and getattr(sys, "_is_gil_enabled", lambda: True)()
 
 
 @cache
@@ -207,8 +233,10 @@ def _loaded() -> LoadedCode:
 
 @cache
 def _definition(name: str, documentation: str | None) -> _MethodDefinition:
-    text = None if documentation is None else documentation.encode()
-    return _MethodDefinition(name.encode(), _loaded().addresses["direct"], _FASTCALL_KEYWORDS, text)
+    text, code = None if documentation is None else documentation.encode(), _loaded()
+    definition = _MethodDefinition(name.encode(), code.addresses["direct"], _FASTCALL_KEYWORDS, text)
+    definition.code = code
+    return definition
 
 
 class _Lines:
@@ -410,6 +438,7 @@ def _source(triple: str, head: int, items: int, lanes: int, double: int, *, coun
         it.failed = f"kept{kept + 1}"
         earlier = it.at("%self", items + 8 * (_OTHERS + kept), "ptr")
         it.require(f"icmp eq i32 {it.at(earlier, 0, 'i32')}, 1")
+        it.require(f"icmp eq ptr {it.at(earlier, head + _WEAK, 'ptr')}, null")
         data = it.result(f"kept{kept}", earlier, head, leading, lead, tail)
         it.label(f"again{kept}")
         it.lines += [f"  call void @Py_IncRef(ptr {earlier})", "  br label %write"]

@@ -50,7 +50,7 @@ def extreme_rows(values: Array, others: Array, size: int) -> NDArray[np.intp]:
         raise ValueError("rows whose extremes are looked for must be whole groups of both arrays")
     found = np.empty((count // size, 4, wide))
     _compiled()(*map(address_of, (values, others, found)), len(found), size, wide)
-    return found[:, :, :width].reshape(len(found), -1).astype(np.intp)
+    return found[:, :, :width].reshape(len(found), 4 * width).astype(np.intp)
 
 
 @cache

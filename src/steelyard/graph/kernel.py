@@ -431,24 +431,23 @@ class Kernel:
         Returns
         -------
         callable or None
-            None where Python or NumPy keep arrays in a way that is not known. It may be called while the kernel lives.
+            None where Python or NumPy keep arrays in a way that is not known.
         """
         key = (shape, several)
         if otherwise is None and key in self._direct:
             return self._direct[key]
         from .direct_call import direct_call  # only where small batches are computed
 
-        single = self.function_pointer
+        single = self._code(1)
         batch, few = single, 1
         if several:
-            batch = self.batch_address
+            batch = self._code(batch_lanes())
             # A register that is not full takes as long as 2 single samples, or half its lanes where most of the
             # time goes into writing. Where nearly all outputs are zero, which is where there is little code for each
             # of them, single samples are always as fast: ns for one of 2, 4, 8 and 16 samples one by one and side by
             # side, regressor of a quadruped (7 bytes of code for an output) 242, 249, 279, 252 and 710, 410, 412, 320;
             # of two arms (20 bytes) 1316, 1265, 1271, 1298 and 1892, 1107, 983, 925.
-            size = self._code(batch_lanes()).size
-            if size < 12 * self._width:
+            if batch.size < 12 * self._width:
                 few = self.most
             else:
                 few = batch_lanes() // 2 if self._width > 8 / 3 * self._cost else 2

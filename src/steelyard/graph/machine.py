@@ -33,6 +33,8 @@ class LoadedCode:
     tracker : llvmlite ResourceTracker
     symbols : tuple of str
     size : int
+    called : LoadedCode, optional
+        Other code that this one calls, which therefore stays in memory with it.
 
     Attributes
     ----------
@@ -41,8 +43,9 @@ class LoadedCode:
         Bytes of the object code.
     """
 
-    def __init__(self, tracker: Any, symbols: tuple[str, ...], size: int) -> None:
+    def __init__(self, tracker: Any, symbols: tuple[str, ...], size: int, called: LoadedCode | None = None) -> None:
         self._tracker = tracker
+        self._called = called
         self.addresses = {name: int(tracker[name]) for name in symbols}
         self.size = size
 
@@ -94,7 +97,8 @@ class Machine:
 
     def load(self, code: bytes) -> LoadedCode | None:
         """Bring the object code of a kernel into memory; None where it is not such code."""
-        return _link(code, ("kernel",), self.support.addresses)
+        support = self.support
+        return _link(code, ("kernel",), support.addresses, support)
 
     @cached_property
     def support(self) -> LoadedCode:
@@ -152,7 +156,9 @@ def _linker() -> Any:
     return llvm.create_lljit_compiler(use_jit_link=not _WHOLE_ADDRESSES, suppress_errors=True)
 
 
-def _link(code: bytes, symbols: tuple[str, ...], imports: dict[str, int]) -> LoadedCode | None:
+def _link(
+    code: bytes, symbols: tuple[str, ...], imports: dict[str, int], called: LoadedCode | None = None
+) -> LoadedCode | None:
     import llvmlite.binding as llvm
 
     # Some targets call functions of the C library, for a fused multiplication or a check of the stack; this process
@@ -167,4 +173,4 @@ def _link(code: bytes, symbols: tuple[str, ...], imports: dict[str, int]) -> Loa
             tracker = builder.link(_linker(), f"steelyard-{next(_NUMBERS)}")
         except RuntimeError:
             return None
-    return LoadedCode(tracker, symbols, len(code))
+    return LoadedCode(tracker, symbols, len(code), called)
