@@ -205,12 +205,21 @@ def test_a_link_with_many_frames_spans_the_farthest_of_them(tmp_path):
     assert 0.97 * exact <= body.shape.length <= exact * (1.0 + 1e-12)
 
 
-def test_strokes_count():
-    text = [(0, 0, "q", 0), (0, 0.4, 0, "q")]
-    robot = sy.Robot.from_dh(text)
-    rail = replace(robot, joints=(replace(robot.joints[0], lower=0.0, upper=1.0), robot.joints[1]))
-    assert lengths_beyond(robot) == pytest.approx([0.4, 0.4])
-    assert lengths_beyond(rail) == pytest.approx([1.4, 0.4])
+def test_strokes_count_but_for_that_of_a_rail():
+    """A telescope grows; what moves along a rail does not, unless its stroke is all that is known."""
+    limits = {"lower": 0.0, "upper": 1.0}
+    robot = sy.Robot.from_dh([(0, 0.5, 0, "q"), (0, 0, "q", 0), (0, 0.4, 0, "q")])
+    turn, slide, last = robot.joints
+    telescope = replace(robot, joints=(turn, replace(slide, **limits), last))
+    assert lengths_beyond(robot) == pytest.approx([0.9, 0.4, 0.4])
+    assert lengths_beyond(telescope) == pytest.approx([1.9, 1.4, 0.4])
+    arm = sy.Robot.from_dh([(0, 0, "q", 0), (0, 0.4, 0, "q")])
+    rail = replace(arm, joints=(replace(arm.joints[0], lower=0.0, upper=10.0), arm.joints[1]))
+    assert [lengths_beyond(one).tolist() for one in (rail, arm)] == [pytest.approx([0.4, 0.4])] * 2
+    masses, known = (physical_prior(sy.Model(one)).masses for one in (rail, arm))
+    assert masses == pytest.approx(known)
+    cart = sy.Robot.from_dh([(0, 0, "q", 0)])
+    assert lengths_beyond(replace(cart, joints=(replace(cart.joints[0], **limits),))) == pytest.approx([1.0])
 
 
 def test_links_that_only_join_axes_weigh_little_beside_described_ones(tmp_path):

@@ -46,7 +46,8 @@ class _Step(NamedTuple):
 def lengths_beyond(robot: Robot) -> Array:
     """Length in m of the longest chain, stretched, from each joint on, (joints,).
 
-    Strokes of prismatic joints with limits count.
+    Strokes of prismatic joints with limits count, but for that of a rail on which all else moves: it lies still, and
+    arms on longer rails are not thicker. Ten metres of it made an arm of 0.8 m weigh 3.5 tons.
 
     Examples
     --------
@@ -57,7 +58,8 @@ def lengths_beyond(robot: Robot) -> Array:
     for index in reversed(range(len(robot.joints))):
         joint = robot.joints[index]
         found[index] += float(np.linalg.norm(joint.after[:3, 3]))
-        if not joint.rotates and np.isfinite(joint.upper - joint.lower):
+        is_rail = joint.parent < 0 and found[index] >= SHORTEST_REACH
+        if not joint.rotates and np.isfinite(joint.upper - joint.lower) and not is_rail:
             found[index] += joint.upper - joint.lower
         if joint.parent >= 0:
             through = found[index] + float(np.linalg.norm(joint.before[:3, 3]))
