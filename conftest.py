@@ -2,6 +2,7 @@
 
 import contextlib
 import csv
+import gc
 import importlib
 import os
 import sys
@@ -59,6 +60,12 @@ def pytest_configure() -> None:
             providers.is_local_module_file = lambda path: False
 
 
+def pytest_collection_finish() -> None:
+    """Take what all modules hold out of the garbage collector's sight, which else looks through it again and again."""
+    gc.collect()
+    gc.freeze()
+
+
 # What the examples of a file, of the files of a folder, or of a function import.
 NEEDS = {
     "casadi_function.py": "casadi",
@@ -72,9 +79,12 @@ NEEDS = {
     "self_collision.py": "coal",
 }
 
+SLOW = {"identify_from_positions"}
+"""Functions whose examples take more than a few seconds."""
+
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the examples whose extra is missing."""
+    """Mark the examples whose extra is missing, and those that are slow."""
     for item in items:
         if not isinstance(item, pytest.DoctestItem):
             continue
@@ -82,6 +92,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         extra = next((NEEDS[name] for name in names if name in NEEDS), None)
         if extra is not None and find_spec(extra) is None:
             item.add_marker(pytest.mark.skip(reason=f"{extra} is not installed"))
+        if names[-1] in SLOW:
+            item.add_marker(pytest.mark.slow)
 
 
 # Compiled code of the tests stays out of the user's cache. Processes side by side share one, which the first one made.
