@@ -1,5 +1,7 @@
 """Xacro: expanded without ROS, with arguments and packages, and in spite of hostile files."""
 
+import io
+import runpy
 import subprocess
 import sys
 
@@ -130,6 +132,25 @@ def test_packages_are_found_without_ros(arm, tmp_path, monkeypatch):
     assert Robot.from_urdf(arm.rename(arm.with_name("other.xacro"))).dof == 1
 
 
+@pytest.fixture
+def in_this_process(monkeypatch):
+    """Run the program that expands xacro here, with a xacro of its own, which it changes."""
+
+    def run(program, request, *_):
+        answers = io.BytesIO()
+        loaded = [name for name in sys.modules if name.partition(".")[0] == "xacro"]
+        with monkeypatch.context() as patch:
+            for name in loaded:
+                patch.delitem(sys.modules, name)
+            patch.setattr(sys, "stdin", io.StringIO(request.decode()))
+            runpy.run_path(str(program))["main"](answers)
+            for name in [name for name in sys.modules if name.partition(".")[0] == "xacro"]:
+                del sys.modules[name]
+        return answers.getvalue(), 0
+
+    monkeypatch.setattr("steelyard.robot.xacro.run_child", run)
+
+
 ESCAPE = "[c for c in ().__class__.__base__.__subclasses__()]"
 
 
@@ -159,7 +180,7 @@ ESCAPE = "[c for c in ().__class__.__base__.__subclasses__()]"
         ('<link name="a"/><joint name="j"/>', r"expanded, line \d+: joint \"j\" has no type"),
     ],
 )
-def test_what_is_refused(arm, tmp_path, body, message):
+def test_what_is_refused(arm, tmp_path, in_this_process, body, message):
     (tmp_path / "secret").mkdir()
     (tmp_path / "secret" / "x.xacro").write_text(HEAD + "</robot>")
     arm.with_name("bomb.xacro").write_text('<!DOCTYPE r [<!ENTITY a "aa">]><robot>&a;</robot>')
