@@ -25,6 +25,7 @@ if sys.dont_write_bytecode:
     os.environ["PYTHONPYCACHEPREFIX"] = sys.pycache_prefix
 
 import pytest
+from child_programs import run_here
 from hypothesis import settings
 from stand_ins import factored as factored
 from stand_ins import inertial_symbols as inertial_symbols
@@ -147,6 +148,12 @@ def no_extensions(monkeypatch: pytest.MonkeyPatch) -> None:
     """Begin without registered extensions and loaded ones, and end as it was before."""
     monkeypatch.setattr("steelyard.extensions._REGISTERED", {})
     monkeypatch.setattr("steelyard.extensions._LOADED", {})
+
+
+@pytest.fixture
+def meshes_in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run the program that reads meshes here."""
+    monkeypatch.setattr("steelyard.collision.mesh_files.run_child", run_here)
 
 
 @pytest.fixture

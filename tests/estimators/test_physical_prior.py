@@ -18,6 +18,8 @@ from steelyard.identification import physical_prior
 from steelyard.robot.described_inertia import possible_body
 from steelyard.robot.inertia import Inertia, pseudo_inertia
 
+pytestmark = pytest.mark.usefixtures("meshes_in_this_process")
+
 ROBOTS = Path(sysconfig.get_path("purelib")) / "cmeel.prefix/share/example-robot-data/robots"
 BOX = '<geometry><box size="0.1 0.2 0.4"/></geometry>'
 LIMIT = '<limit lower="-3" upper="3" effort="1" velocity="1"/>'

@@ -1,14 +1,11 @@
 """A small log of a two-joint motion, as columns and as files."""
 
-import io
-import runpy
-import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
+from child_programs import run_here
 
 Columns = dict[str, np.ndarray]
 
@@ -44,14 +41,5 @@ def write(tmp_path: Path) -> Callable[..., Path]:
 
 @pytest.fixture
 def mat_in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Run the program that reads MATLAB's files here: in a process of its own most of the time is SciPy's import."""
-    from steelyard.recording.formats import mat_file
-
-    def run(program: Path, request: bytes, limits: Any, what: str, arguments: Sequence[str]) -> tuple[bytes, int]:
-        answers = io.BytesIO()
-        with monkeypatch.context() as patch:
-            patch.setattr(sys, "argv", [str(program), *arguments])
-            runpy.run_path(str(program))["main"](answers)
-        return answers.getvalue(), 0
-
-    monkeypatch.setattr(mat_file, "run_child", run)
+    """Run the program that reads MATLAB's files here."""
+    monkeypatch.setattr("steelyard.recording.formats.mat_file.run_child", run_here)

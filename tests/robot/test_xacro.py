@@ -1,12 +1,11 @@
 """Xacro: expanded without ROS, with arguments and packages, and in spite of hostile files."""
 
-import io
-import runpy
 import subprocess
 import sys
 
 import numpy as np
 import pytest
+from child_programs import run_here
 
 from steelyard.errors import InputError, MissingExtraError
 from steelyard.robot import Robot, RobotFile, write_urdf
@@ -136,17 +135,17 @@ def test_packages_are_found_without_ros(arm, tmp_path, monkeypatch):
 def in_this_process(monkeypatch):
     """Run the program that expands xacro here, with a xacro of its own, which it changes."""
 
-    def run(program, request, *_):
-        answers = io.BytesIO()
-        loaded = [name for name in sys.modules if name.partition(".")[0] == "xacro"]
+    def loaded():
+        return [name for name in sys.modules if name.partition(".")[0] == "xacro"]
+
+    def run(*given):
         with monkeypatch.context() as patch:
-            for name in loaded:
+            for name in loaded():
                 patch.delitem(sys.modules, name)
-            patch.setattr(sys, "stdin", io.StringIO(request.decode()))
-            runpy.run_path(str(program))["main"](answers)
-            for name in [name for name in sys.modules if name.partition(".")[0] == "xacro"]:
+            answer = run_here(*given)
+            for name in loaded():
                 del sys.modules[name]
-        return answers.getvalue(), 0
+        return answer
 
     monkeypatch.setattr("steelyard.robot.xacro.run_child", run)
 
