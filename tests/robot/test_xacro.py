@@ -1,6 +1,5 @@
 """Xacro: expanded without ROS, with arguments and packages, and in spite of hostile files."""
 
-import subprocess
 import sys
 
 import numpy as np
@@ -69,7 +68,7 @@ def test_a_xacro_is_expanded(arm):
     assert Robot.from_urdf(plain).links[0].inertia.mass == 3.0
 
 
-def test_arguments_from_robot_toml_and_from_the_command_line(arm):
+def test_arguments_from_robot_toml_and_from_the_command_line(arm, run):
     toml = arm.with_name("robot.toml")
     toml.write_text(
         '[description]\nurdf = "arm.urdf.xacro"\nxacro_arguments = { reach = 0.8, load = true }\nlocked = ["two"]\n'
@@ -79,10 +78,8 @@ def test_arguments_from_robot_toml_and_from_the_command_line(arm):
     assert file.robot.links[0].inertia.mass == 4.0
     assert file.description["xacro_arguments"] == {"reach": "0.8", "load": "true"}
     assert RobotFile.load(f"{arm} load:=true reach:=0.3").robot.joints[1].before[0, 3] == 0.3
-    done = subprocess.run(
-        [sys.executable, "-m", "steelyard", "inspect", f"{arm} load:=true"], capture_output=True, text=True, check=False
-    )
-    assert "arm: 2 joints" in done.stdout, done.stderr
+    _, out, err = run("inspect", f"{arm} load:=true")
+    assert "arm: 2 joints" in out, err
     toml.write_text('[description]\nurdf = "plain.urdf"\nxacro_arguments = { a = 1 }\n')
     arm.with_name("plain.urdf").write_text('<robot name="r"><link name="a"/></robot>')
     with pytest.raises(InputError, match="it is no xacro, so it takes no arguments"):
