@@ -96,7 +96,8 @@ class Imports(NamedTuple):
 @cache  # several tests look at every file
 def imports_of(source: str, module: str, is_package: bool) -> Imports:
     tree = ast.parse(source)
-    return Imports(*(list(imports_in(nodes, module, is_package)) for nodes in (statements(tree), needed_at_import(tree))))
+    parts = (statements(tree), needed_at_import(tree))
+    return Imports(*(list(imports_in(nodes, module, is_package)) for nodes in parts))
 
 
 def violations(source: str, module: str, is_package: bool = False) -> list[str]:
