@@ -165,6 +165,12 @@ def meshes_in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
+def mujoco_in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run the program that compiles an MJCF here."""
+    monkeypatch.setattr("steelyard.robot.mjcf_compiled.run_child", run_here)
+
+
+@pytest.fixture
 def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, no_extensions: None) -> Callable[..., None]:
     """Return a function that installs a package: its name, the text of its one file, and its entry points of one kind.
 

@@ -561,7 +561,9 @@ def stripped(robot, shapes):
 
 
 @pytest.mark.parametrize("shapes", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["kinematics", "shapes"])
-@pytest.mark.parametrize("name", ARMS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow if name in ("panda", "xarm7", "talos") else ()) for name in ARMS]
+)
 def test_masses_of_robots_from_little_and_their_bounds(name, shapes):
     path, tip = ARMS[name]
     if not (ROBOTS / path).exists():

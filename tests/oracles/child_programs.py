@@ -19,11 +19,12 @@ def run_here(
     arguments: Sequence[str] = (),
     folder: str | None = None,
 ) -> tuple[bytes, int]:
-    """Do what `run_child` does, but for the limits, the folder, and a process that may crash."""
-    assert folder is None
+    """Do what `run_child` does, but for the limits, and a process that may crash."""
     answers = io.BytesIO()
     with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # which nobody sees who runs another process
+        if folder is not None:
+            patch.chdir(folder)
         patch.setattr(sys, "argv", [str(program), *arguments])
         patch.setattr(sys, "stdin", io.StringIO(request.decode()))
         runpy.run_path(str(program))["main"](answers)

@@ -151,7 +151,9 @@ FOR_ANSWERS = [
 
 
 @pytest.mark.usefixtures("mat_in_this_process")
-@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=() if name in FOR_ANSWERS else pytest.mark.slow) for name in WRITERS]
+)
 def test_every_format_holds_the_same_arrays(name: str, arrays: Arrays, tmp_path: Path) -> None:
     pytest.importorskip("rosbags") if name in BAGS else None
     arrays = {key: array[:500] for key, array in arrays.items()}

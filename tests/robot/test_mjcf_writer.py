@@ -20,6 +20,8 @@ from described_robots import (  # noqa: E402
 )
 from random_mjcf import random_forest  # noqa: E402
 
+pytestmark = pytest.mark.usefixtures("mujoco_in_this_process")
+
 ARM = """<?xml version="1.0"?>
 <!-- kept: Größe > 1 -->
 <mujoco   model='arm' >
