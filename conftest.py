@@ -2,11 +2,12 @@
 
 import contextlib
 import csv
+import gc
 import importlib
 import os
 import sys
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -24,6 +25,7 @@ if sys.dont_write_bytecode:
     os.environ["PYTHONPYCACHEPREFIX"] = sys.pycache_prefix
 
 import pytest
+from child_programs import run_here
 from hypothesis import settings
 from stand_ins import factored as factored
 from stand_ins import inertial_symbols as inertial_symbols
@@ -59,6 +61,12 @@ def pytest_configure() -> None:
             providers.is_local_module_file = lambda path: False
 
 
+def pytest_collection_finish() -> None:
+    """Take what all modules hold out of the garbage collector's sight, which else looks through it again and again."""
+    gc.collect()
+    gc.freeze()
+
+
 # What the examples of a file, of the files of a folder, or of a function import.
 NEEDS = {
     "casadi_function.py": "casadi",
@@ -72,12 +80,14 @@ NEEDS = {
     "self_collision.py": "coal",
 }
 
+SLOW = {"identify_from_positions"}
+"""Functions whose examples take more than a few seconds."""
 
 LONGEST = "test_no_picture_is_out_of_date"  # minutes, for which the other processes would wait at the end
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with what takes longest, and mark the examples whose extra is missing."""
+    """Begin with what takes longest, and mark what is slow and the examples whose extra is missing."""
     items.sort(key=lambda item: item.name != LONGEST)
     for item in items:
         if not isinstance(item, pytest.DoctestItem):
@@ -86,12 +96,22 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         extra = next((NEEDS[name] for name in names if name in NEEDS), None)
         if extra is not None and find_spec(extra) is None:
             item.add_marker(pytest.mark.skip(reason=f"{extra} is not installed"))
+        if names[-1] in SLOW:
+            item.add_marker(pytest.mark.slow)
 
 
 # Compiled code of the tests stays out of the user's cache. Processes side by side share one, which the first one made.
 if "PYTEST_XDIST_WORKER" not in os.environ:
     _cache = tempfile.TemporaryDirectory(prefix="steelyard-cache-")
     os.environ["STEELYARD_CACHE_DIR"] = _cache.name
+
+
+@pytest.fixture(scope="session", autouse=True)
+def no_waiting_for_the_disk() -> Iterator[None]:
+    """Nothing that tests write has to outlive a power failure, and the disk takes its time."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "fsync", lambda handle: None)
+        yield
 
 
 @pytest.fixture(scope="session")
@@ -142,6 +162,18 @@ def no_extensions(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture
+def meshes_in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run the program that reads meshes here."""
+    monkeypatch.setattr("steelyard.collision.mesh_files.run_child", run_here)
+
+
+@pytest.fixture
+def mujoco_in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run the program that compiles an MJCF here."""
+    monkeypatch.setattr("steelyard.robot.mjcf_compiled.run_child", run_here)
+
+
+@pytest.fixture
 def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, no_extensions: None) -> Callable[..., None]:
     """Return a function that installs a package: its name, the text of its one file, and its entry points of one kind.
 
@@ -163,11 +195,27 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, no_extensions: None
     return install
 
 
+_made: dict[tuple[object, ...], object] = {}
+
+
 @pytest.fixture
 def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
     """Return a function that runs ``steelyard`` and returns exit code, standard output and standard error."""
 
+    import typer.main
+
     from steelyard.cli import main
+
+    make = typer.main.get_command
+
+    def made(app: typer.Typer) -> object:
+        """Make the commands of an app once: it takes a tenth of a second, and each call of the program needs them."""
+        key = (app, *app.registered_commands)
+        if key not in _made:
+            _made[key] = make(app)
+        return _made[key]
+
+    monkeypatch.setattr("typer.main.get_command", made)
 
     def run(*arguments: object) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", ["steelyard", *map(str, arguments)])

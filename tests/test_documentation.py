@@ -95,6 +95,9 @@ SLOW = {
     ("docs/how-to/fleet.md", "console"): "estimates of several robots",
     ("docs/how-to/on-the-fly.md", "console"): "a motion on the fly",
     ("docs/how-to/currents.md", "console"): "an identification, and the gains of drives",
+    ("docs/how-to/many-logs.md", "console"): "an identification of four logs",
+    ("docs/how-to/online.md", "python"): "an answer a hundred times a second",
+    ("docs/explanation/estimators.md", "python"): "a robot in a loop, and samples of a posterior",
 }
 
 ELSEWHERE = {

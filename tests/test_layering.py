@@ -76,6 +76,16 @@ def needed_at_import(tree: ast.Module) -> Iterator[ast.stmt]:
             waiting += [*node.body, *node.orelse]
 
 
+def statements(tree: ast.Module) -> Iterator[ast.AST]:
+    """Yield all statements, those in others as well; expressions hold none, and are most of a file."""
+    waiting: list[ast.AST] = [tree]
+    while waiting:
+        node = waiting.pop()
+        yield node
+        for part in ("body", "orelse", "finalbody", "handlers", "cases"):
+            waiting += getattr(node, part, ())
+
+
 class Imports(NamedTuple):
     """Line and full name of what a module imports: anywhere, and at once when it is imported itself."""
 
@@ -86,7 +96,8 @@ class Imports(NamedTuple):
 @cache  # several tests look at every file
 def imports_of(source: str, module: str, is_package: bool) -> Imports:
     tree = ast.parse(source)
-    return Imports(*(list(imports_in(nodes, module, is_package)) for nodes in (ast.walk(tree), needed_at_import(tree))))
+    parts = (statements(tree), needed_at_import(tree))
+    return Imports(*(list(imports_in(nodes, module, is_package)) for nodes in parts))
 
 
 def violations(source: str, module: str, is_package: bool = False) -> list[str]:
@@ -179,6 +190,18 @@ def imports_of_files(at_once: bool) -> dict[str, set[str]]:
         names = {home_of(name) for _, name in (imports.at_once if at_once else imports.all)}
         found[module] = names & paths.keys() - {module}
     return found
+
+
+def test_imports_are_found_wherever_a_statement_may_stand() -> None:
+    """As a walk over everything finds them, in the order of the lines."""
+    source = (
+        "import a\nif x:\n  import b\nelse:\n  import c\nfor _ in x:\n  import d\nelse:\n  import e\ntry:\n  import f\n"
+        "except A:\n  import g\nelse:\n  import h\nfinally:\n  import i\nwith x:\n  import j\nmatch x:\n  case 1:\n"
+        "    import k\nclass C:\n  async def m(self):\n    while x:\n      from . import l\n"
+    )
+    walked = sorted(imports_in(ast.walk(ast.parse(source)), "p.q", False))
+    assert sorted(imports_of(source, "p.q", False).all) == walked
+    assert len(walked) == 12
 
 
 def test_no_files_import_each_other_in_a_circle() -> None:

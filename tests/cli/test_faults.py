@@ -82,7 +82,9 @@ def hostile(place, mark):
         (place / "pair.urdf").write_text(text, encoding="utf-8")
 
 
-@pytest.mark.parametrize("mark", SEQUENCES)
+@pytest.mark.parametrize(
+    "mark", [mark if mark in ("\x1b", "\u202e") else pytest.param(mark, marks=pytest.mark.slow) for mark in SEQUENCES]
+)
 def test_names_do_not_speak_to_the_terminal(run, place, mark):
     hostile(place, mark)
     log = place / f"log{mark}[31m.csv"

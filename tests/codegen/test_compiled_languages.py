@@ -28,6 +28,7 @@ from .conftest import (
 )
 
 LANGUAGES = ("c", "cpp", "rust")
+OTHERS = {("cpp", "wam_generated"), ("rust", "odd_generated")}
 TOLERANCE = 1e-12  # of the largest value of an output
 
 
@@ -98,8 +99,15 @@ def test_sign_and_not_a_number(language: str, odd_generated: Project, tmp_path: 
     assert np.isfinite(y[13])  # does not depend on what is not a number
 
 
-@pytest.mark.parametrize("name", ["wam_generated", "odd_generated"])
-@pytest.mark.parametrize("language", LANGUAGES)
+@pytest.mark.parametrize(
+    ("language", "name"),
+    [
+        # Of compilers that take longer than that of C, each has one of the two.
+        pytest.param(language, name, marks=pytest.mark.slow if (language, name) in OTHERS else ())
+        for language in LANGUAGES
+        for name in ("wam_generated", "odd_generated")
+    ],
+)
 def test_self_test_passes(language: str, name: str, tmp_path: Path, request: pytest.FixtureRequest) -> None:
     generate(request.getfixturevalue(name), language, tmp_path)
     assert run([build_self_test(language, tmp_path)], tmp_path)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from any_text import CHARACTERS
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
@@ -53,7 +54,7 @@ HOSTILE = (
 
 nasty = st.one_of(
     st.sampled_from(HOSTILE),
-    st.text(max_size=40),
+    st.text(CHARACTERS, max_size=40),
     st.text(st.sampled_from("*/\\?\n\r%{}#=\"'`-<>![]() u\u2028\u202e"), max_size=30),
 )
 

@@ -4,6 +4,7 @@ import re
 import unicodedata
 
 import pytest
+from any_text import CHARACTERS
 from hypothesis import example, given
 from hypothesis import strategies as st
 
@@ -14,7 +15,7 @@ OPENERS = ("*/", "/*", "??", "%{", "%}", "#{", "#}", "#=", "=#", "-->", "<!--", 
 SPECIAL = "\\*/?%#=-<>\"'`]{} "
 
 
-@given(st.text())
+@given(st.text(CHARACTERS))
 @example("*/*/ ??/\n\\ %{ #= =# --> \u202e\u2066 \x00\x1b[2J \ud800 \u2028\r\n")
 @example("//*//**/ ???/ ''''''' \"\"\"\"\"\" <!--->")
 def test_nothing_opens_closes_or_continues_a_comment(text: str) -> None:
@@ -38,7 +39,7 @@ def test_units_and_foreign_letters_stay() -> None:
     assert comment_text(text) == text
 
 
-@given(st.lists(st.text(), max_size=5), st.sampled_from(["// ", " * ", "# ", "% ", "//! "]))
+@given(st.lists(st.text(CHARACTERS), max_size=5), st.sampled_from(["// ", " * ", "# ", "% ", "//! "]))
 def test_every_line_is_a_comment_of_bounded_width(lines: list[str], prefix: str) -> None:
     for line in comment_lines(lines, prefix):
         assert line.startswith(prefix.rstrip())
@@ -49,7 +50,7 @@ def test_every_line_is_a_comment_of_bounded_width(lines: list[str], prefix: str)
     assert all(len(line) <= 100 for line in comment_lines(["word " * 100], prefix))
 
 
-@given(st.text())
+@given(st.text(CHARACTERS))
 @example("<script>alert(1)</script> [x](javascript:y) `code` | $z$ #1")
 def test_markdown_has_no_markup(text: str) -> None:
     plain = markdown_text(text)
@@ -57,7 +58,7 @@ def test_markdown_has_no_markup(text: str) -> None:
     assert re.search(r"(?<!\\)[`*_\[\]|~$]", plain) is None
 
 
-@given(st.text())
+@given(st.text(CHARACTERS))
 @example("")
 @example("7")
 @example("_")

@@ -14,6 +14,8 @@ from steelyard.collision import RobotGeometry, SelfCollision, TablePlane, Worksp
 from steelyard.collision.configurations import place_links  # noqa: E402
 from steelyard.collision.distances import PairDistances  # noqa: E402
 
+pytestmark = pytest.mark.usefixtures("meshes_in_this_process")
+
 FAST = ["ur5_robot", "panda", "panda_collision", "xarm7"]
 SLOW = ["kinova", "z1", "anymal-kinova", "a1", "romeo", "tiago_no_hand"]
 

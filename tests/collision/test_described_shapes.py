@@ -11,6 +11,8 @@ from steelyard.estimators.physical_prior import physical_prior
 from steelyard.robot import Robot, mjcf_compiled, mjcf_document
 from steelyard.robot.description import read_description
 
+pytestmark = pytest.mark.usefixtures("meshes_in_this_process")
+
 CORNERS = np.array([[0, 0, 0], [0.3, 0, 0], [0, 0.2, 0], [0, 0, 0.4]])
 OBJ = "".join(f"v {x} {y} {z}\n" for x, y, z in CORNERS) + "f 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
 MJCF = """<mujoco><compiler angle="radian" meshdir="parts"/>

@@ -158,6 +158,7 @@ def test_a_package_above_the_urdf_that_holds_it(tmp_path, monkeypatch):
         (shape('<mesh filename="line.obj"/>'), r"line.obj: a mesh: its 4 different vertices span no surface"),
     ],
 )
+@pytest.mark.usefixtures("meshes_in_this_process")
 def test_broken_collision_elements_say_where(text, message, tmp_path):
     pytest.importorskip("coal", reason="coal (extra `collision`) is not installed")
     (tmp_path / "bad.stl").write_text("no mesh at all")

@@ -170,7 +170,7 @@ def test_arms_without_friction_follow(file, rate, sensors):
         assert np.abs(predicted - expected).max() < 1e-6 * np.abs(expected).max()
 
 
-@pytest.mark.parametrize("file", ["panda.urdf", "talos_left_arm.urdf"])
+@pytest.mark.parametrize("file", ["panda.urdf", pytest.param("talos_left_arm.urdf", marks=pytest.mark.slow)])
 @pytest.mark.parametrize(("rate", "exact"), [(500.0, True), (500.0, False), (200.0, False)])
 def test_the_default_controller_holds_the_robot_of_pinocchio(file, rate, exact):
     """The same controller on a plant of its own: Pinocchio's inverse dynamics solved for the accelerations."""

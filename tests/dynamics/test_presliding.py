@@ -1,6 +1,8 @@
 """Dahl's and LuGre's friction as terms: their state beside SciPy's integration, their passivity, and what logs tell."""
 
+import math
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -23,12 +25,17 @@ def motion(t):
     return np.sin(phase) @ SIZES, np.cos(phase) @ (SIZES * RATES), -np.sin(phase) @ (SIZES * RATES**2)
 
 
-def integrated(t, ratio=RATIO, displacement=D, speed_of=lambda t: motion(t)[1]):
+def speed(t):
+    """The speed of `motion` at one time, without arrays."""
+    return sum(size * rate * math.cos(rate * t) for size, rate in zip(SIZES.tolist(), RATES.tolist(), strict=True))
+
+
+def integrated(t, ratio=RATIO, displacement=D, speed_of=speed):
     """The state of the bristles by SciPy, from zero."""
 
-    def slope(time, u):
-        v = speed_of(time)
-        return (v - np.abs(v) * u / (1.0 + ratio * np.exp(-((v / SPEED) ** 2)))) / displacement
+    def slope(time, state):
+        v, u = speed_of(float(time)), float(state[0])
+        return [(v - abs(v) * u / (1.0 + ratio * math.exp(-((v / SPEED) ** 2)))) / displacement]
 
     found = solve_ivp(slope, (t[0], t[-1]), [0.0], t_eval=t, rtol=1e-9, atol=1e-11, max_step=0.01)
     return found.y[0]
@@ -197,10 +204,16 @@ def test_each_joint_has_the_condition_of_its_own_ratio():
     assert term_from_dict(term.to_dict()) == term
 
 
-def late_log(shift):
+@cache
+def long_log():
     t = np.arange(8000) / 200.0
     q, _, _, torque = log_of(t, RATIO, 2.0, 0.5, 0.7, 0.02)
-    return Recording(t=t, q=q, torque=np.interp(t - shift, t, torque[:, 0])[:, None])
+    return t, q, torque
+
+
+def late_log(shift):
+    t, q, torque = long_log()
+    return Recording(t=t.copy(), q=q.copy(), torque=np.interp(t - shift, t, torque[:, 0])[:, None])
 
 
 def test_a_law_that_another_stands_for_asks_nothing_of_the_states():

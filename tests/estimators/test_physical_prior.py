@@ -18,6 +18,8 @@ from steelyard.identification import physical_prior
 from steelyard.robot.described_inertia import possible_body
 from steelyard.robot.inertia import Inertia, pseudo_inertia
 
+pytestmark = pytest.mark.usefixtures("meshes_in_this_process")
+
 ROBOTS = Path(sysconfig.get_path("purelib")) / "cmeel.prefix/share/example-robot-data/robots"
 BOX = '<geometry><box size="0.1 0.2 0.4"/></geometry>'
 LIMIT = '<limit lower="-3" upper="3" effort="1" velocity="1"/>'
@@ -568,7 +570,9 @@ def stripped(robot, shapes):
 
 
 @pytest.mark.parametrize("shapes", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["kinematics", "shapes"])
-@pytest.mark.parametrize("name", ARMS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow if name in ("panda", "xarm7", "talos") else ()) for name in ARMS]
+)
 def test_masses_of_robots_from_little_and_their_bounds(name, shapes):
     path, tip = ARMS[name]
     if not (ROBOTS / path).exists():

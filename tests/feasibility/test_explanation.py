@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import scipy.optimize
 import scipy.stats
 
 from steelyard.errors import InputError
@@ -151,42 +150,18 @@ def test_shares_add_up(two_links, consistency):
         assert found.distance**2 == pytest.approx(correct(feasible, base=base).squared_distance, rel=1e-3)
 
 
-def factored(unknowns):
-    """Feasible parameters of two links from free factors: pseudo-inertia F Fᵀ, friction s²."""
-    delta = np.zeros(22)
-    for link in range(2):
-        factor = unknowns[17 * link : 17 * link + 16].reshape(4, 4)
-        pseudo = factor @ factor.T
-        inertia = np.trace(pseudo[:3, :3]) * np.eye(3) - pseudo[:3, :3]
-        place = 11 * link
-        delta[place : place + 6] = inertia[np.triu_indices(3)]
-        delta[place + 6 : place + 9] = pseudo[:3, 3]
-        delta[place + 9] = pseudo[3, 3]
-        delta[place + 10] = unknowns[17 * link + 16] ** 2
-    return delta
-
-
-def test_distance_in_standard_deviations_agrees_with_descent_over_factors(two_links):
+def test_distance_in_standard_deviations_agrees_with_descent_over_factors(two_links, least_by_descent):
     rng = np.random.default_rng(43)
     feasible = FeasibleSet(two_links)
     factor = rng.normal(size=(6, 6)) + 2 * np.eye(6)
     covariance = factor @ factor.T
     whitening = np.linalg.inv(np.linalg.cholesky(covariance))
-    runs = [
-        scipy.optimize.least_squares(
-            lambda unknowns: whitening @ (feasible.K @ factored(unknowns) - HEAVY),
-            rng.normal(size=34),
-            xtol=1e-14,
-            ftol=1e-14,
-        )
-        for _ in range(4)
-    ]
-    best = min(runs, key=lambda run: run.cost)
+    nearest, squared = least_by_descent(feasible, lambda delta: whitening @ (feasible.K @ delta - HEAVY))
     found = explain_infeasibility(feasible, HEAVY, covariance=covariance)
-    assert found.distance == pytest.approx(np.sqrt(2 * best.cost), rel=1e-4)
-    change = feasible.K @ factored(best.x) - HEAVY
+    assert found.distance == pytest.approx(np.sqrt(squared), rel=1e-4)
+    change = feasible.K @ nearest - HEAVY
     np.testing.assert_allclose([degree.change for degree in found.degrees], change, atol=1e-3)
-    expected = change * np.linalg.solve(covariance, change) / (2 * best.cost)
+    expected = change * np.linalg.solve(covariance, change) / squared
     np.testing.assert_allclose([degree.share for degree in found.degrees], expected, atol=1e-3)
     deviations = np.sqrt(np.diag(covariance))
     np.testing.assert_allclose([d.change_in_deviations for d in found.degrees], change / deviations, atol=1e-3)

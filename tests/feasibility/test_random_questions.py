@@ -23,7 +23,7 @@ def decided(question: Question) -> sy.Verdict:
 
 
 @pytest.mark.parametrize(
-    "seed", [0, 8, 10, 13, 22, 29, *(pytest.param(s, marks=pytest.mark.slow) for s in (7, 9, 12, 15, 25, 32))]
+    "seed", [0, 8, 29, *(pytest.param(s, marks=pytest.mark.slow) for s in (7, 9, 10, 12, 13, 15, 22, 25, 32))]
 )
 def test_verdict_and_margin_are_those_of_cvxpy(seed):
     """The conditions are written out anew, and β enters through torques: see `margin_by_cvxpy`."""
@@ -38,7 +38,7 @@ def test_verdict_and_margin_are_those_of_cvxpy(seed):
     assert verdict.margin == pytest.approx(margin, rel=1e-5, abs=CLEAR)
 
 
-@pytest.mark.parametrize("seed", [152, 182, 512, 696, 1754, 1898])
+@pytest.mark.parametrize("seed", [152, 182, 512, 696, pytest.param(1754, marks=pytest.mark.slow), 1898])
 def test_nearly_singular_robots_are_decided(seed):
     """Axes a thousandth of a degree from parallel; in the last, least squares that LAPACK's gelsd cannot solve."""
     assert decided(random_question(seed)).feasible is not None

@@ -122,7 +122,7 @@ def test_torques_of_the_wrong_sign_are_said(elbow, simulation):
 
 def test_constraints_of_the_robot_file_hold(elbow, simulation):
     path, model, folder = elbow
-    log = simulation.record(model, folder / "log.csv", seed=8, noise=1.0)
+    log = simulation.record(model, folder / "log.csv", seed=8)
     path.write_text(simulation.robot_file + "\n[constraints]\ntotal_mass = { equal = 9.0 }\n")
     result = sy.identify(path, [log])
     assert result.total_mass == pytest.approx(9.0, abs=1e-6)

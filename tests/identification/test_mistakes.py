@@ -129,8 +129,8 @@ def case(planted, arms, mistake, seed=3):
     return SimpleNamespace(arm=arm, log=log, robot=robot, model=sy.Model(robot.with_terms(*log.terms)))
 
 
-# One of each kind; the others take a second each.
-QUICK = ("sign of a torque", "two joints swapped", "mN·m at a joint", "gear ratio", "missing rotors", "payload")
+# A sign, an order, and what is missing or carried; the others take a second each.
+QUICK = ("sign of a torque", "two joints swapped", "missing rotors", "payload")
 
 
 def slow_but(quick, mistakes=MISTAKES):

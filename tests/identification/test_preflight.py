@@ -7,6 +7,7 @@ from planted_defects import DEFECTS, ROBOTS, installed, named, planted
 from steelyard.identification.preflight import preflight
 from steelyard.robot import Inertia, Robot
 
+pytestmark = pytest.mark.usefixtures("meshes_in_this_process")
 NEEDED = pytest.mark.skipif(not (installed() / ROBOTS[0]).exists(), reason="example-robot-data is not installed")
 
 
@@ -21,7 +22,15 @@ def test_good_arms_pass(name):
 
 @NEEDED
 @pytest.mark.parametrize(
-    "defect", ["mass in g", "inertia in kg mm²", "decimal slip of ixx", "swapped axes", "copied link", "placeholder"]
+    "defect",
+    [
+        "mass in g",
+        pytest.param("inertia in kg mm²", marks=pytest.mark.slow),
+        pytest.param("decimal slip of ixx", marks=pytest.mark.slow),
+        "swapped axes",
+        "copied link",
+        pytest.param("placeholder", marks=pytest.mark.slow),
+    ],
 )
 def test_the_cause_of_a_planted_defect_is_named(defect):
     robot, link = planted(installed() / ROBOTS[1], defect)
@@ -51,7 +60,7 @@ def test_a_unit_is_mended():
 def test_every_impossible_link_is_found_and_mended():
     """Beside an independent test: a body can have moments of inertia where none is more than the two others."""
     random = np.random.default_rng(4)
-    for _ in range(40):
+    for _ in range(16):
         inertias, expected = {}, []
         for number in (1, 2, 3):
             turn = np.linalg.qr(random.normal(size=(3, 3)))[0]

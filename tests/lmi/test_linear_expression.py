@@ -4,6 +4,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from any_text import CHARACTERS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -133,7 +134,7 @@ def test_what_is_no_affine_text_is_refused(text, message):
         parse_expression(text, ["Lyy1", "Lyy2", "m1", "m2"])
 
 
-@given(text=st.text(max_size=30))
+@given(text=st.text(CHARACTERS, max_size=30))
 @settings(max_examples=150, deadline=None)
 def test_any_text_is_an_expression_or_an_error(text):
     try:

@@ -119,7 +119,10 @@ ROBOTS = {
 }
 
 
-@pytest.mark.parametrize("name", ROBOTS)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(name, marks=pytest.mark.slow if name in ("1e-3 off", "1e-5 off") else ()) for name in ROBOTS],
+)
 def test_rank_and_map_of_the_energies(name):
     rows = ROBOTS[name]
     cells = [tuple(c if c in ("q", "pi/2", "-pi/2") else float(c) for c in row) for row in rows]

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from child_programs import run_here
 
 Columns = dict[str, np.ndarray]
 
@@ -36,3 +37,9 @@ def write(tmp_path: Path) -> Callable[..., Path]:
         return path
 
     return write_csv
+
+
+@pytest.fixture
+def mat_in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run the program that reads MATLAB's files here."""
+    monkeypatch.setattr("steelyard.recording.formats.mat_file.run_child", run_here)

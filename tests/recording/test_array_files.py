@@ -36,6 +36,7 @@ def expect(path: Path, joints: Any = 3, order: tuple[int, ...] = (0, 1, 2)) -> N
     np.testing.assert_array_equal(joined.torque, TORQUE[:, order])
 
 
+@pytest.mark.usefixtures("mat_in_this_process")
 @pytest.mark.parametrize("compressed", [False, True])
 @pytest.mark.parametrize("across", [False, True])
 @pytest.mark.parametrize("struct", [False, True])
@@ -46,6 +47,7 @@ def test_mat(compressed: bool, across: bool, struct: bool, tmp_path: Path) -> No
     expect(path)
 
 
+@pytest.mark.usefixtures("mat_in_this_process")
 def test_mat_version_4(tmp_path: Path) -> None:
     path = tmp_path / "run.mat"
     savemat(path, {"t": T, "q": Q, "tau": TORQUE}, format="4")
@@ -68,6 +70,7 @@ def test_a_mat_is_decoded_once_until_it_is_written_again(tmp_path: Path, monkeyp
     assert len(started) == 2
 
 
+@pytest.mark.usefixtures("mat_in_this_process")
 def test_joints_that_a_mat_names(tmp_path: Path) -> None:
     path = tmp_path / "run.mat"
     content = {"t": T, "position": Q, "effort": TORQUE, "joint_names": np.array(JOINTS, dtype=object)}
@@ -78,6 +81,7 @@ def test_joints_that_a_mat_names(tmp_path: Path) -> None:
     assert open_log(path).joint_labels() == JOINTS
 
 
+@pytest.mark.usefixtures("mat_in_this_process")
 def test_structs_keep_their_names_apart(tmp_path: Path) -> None:
     path = tmp_path / "run.mat"
     savemat(
@@ -91,6 +95,7 @@ def test_structs_keep_their_names_apart(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found.torque, -TORQUE)
 
 
+@pytest.mark.usefixtures("mat_in_this_process")
 def test_arrays_of_other_lengths_are_named(tmp_path: Path) -> None:
     path = tmp_path / "run.mat"
     savemat(path, {"t": T, "q": Q, "tau": TORQUE[:-1], "picture": np.zeros((40, 60)), "volume": np.zeros((3, 4, 5))})
@@ -101,6 +106,7 @@ def test_arrays_of_other_lengths_are_named(tmp_path: Path) -> None:
 MATLAB = Path(scipy.io.matlab.__file__).parent / "tests" / "data"
 
 
+@pytest.mark.usefixtures("mat_in_this_process")
 @pytest.mark.parametrize(
     "name", ["testdouble_4.2c_SOL2", "testdouble_6.1_SOL2", "testdouble_7.4_GLNX86", "testhdf5_7.4_GLNX86"]
 )
@@ -114,6 +120,7 @@ def test_a_file_that_matlab_wrote(name: str) -> None:
     np.testing.assert_allclose(log.read(["testdouble"])["testdouble"], np.linspace(0, 2 * np.pi, 9), atol=1e-15)
 
 
+@pytest.mark.usefixtures("mat_in_this_process")
 @pytest.mark.parametrize("name", ["testfunc_7.4_GLNX86", "testobject_7.4_GLNX86", "parabola"])
 def test_objects_of_matlab_are_named(name: str) -> None:
     if not (MATLAB / f"{name}.mat").exists():
@@ -259,7 +266,11 @@ def test_hdf5_that_claims_more_than_it_holds_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("suffix", [".h5", ".mat"])
 @pytest.mark.parametrize("change", ["cut off", "short", "text"])
-def test_damaged_arrays_are_one_sentence(suffix: str, change: str, tmp_path: Path) -> None:
+def test_damaged_arrays_are_one_sentence(
+    suffix: str, change: str, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    if change != "short":  # which goes the whole way
+        request.getfixturevalue("mat_in_this_process")
     path = tmp_path / f"run{suffix}"
     if suffix == ".h5":
         h5py = pytest.importorskip("h5py")

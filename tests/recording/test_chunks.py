@@ -38,12 +38,24 @@ def recording() -> Recording:
     return Recording(t=t + 1000.0, q=q, velocity=velocity, torque=rng.normal(size=(COUNT, 2)))
 
 
-@pytest.fixture(scope="module", params=[".csv", ".npz", ".parquet"])
+SUFFIXES = (".csv", ".npz", ".parquet")
+
+
+@pytest.fixture(scope="module", params=SUFFIXES)
 def path(request: pytest.FixtureRequest, recording: Recording, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return recording.save(tmp_path_factory.mktemp("logs") / f"log{request.param}")
 
 
-@pytest.mark.parametrize("case", OPTIONS)
+@pytest.mark.parametrize(
+    ("path", "case"),
+    [
+        # What is done to the rows does not depend on the file that they come from.
+        pytest.param(suffix, case, marks=() if suffix == ".npz" or case == "all" else pytest.mark.slow)
+        for suffix in SUFFIXES
+        for case in OPTIONS
+    ],
+    indirect=["path"],
+)
 def test_chunks_equal_the_whole(case: str, path: Path) -> None:
     processing = Processing.from_dict(OPTIONS[case])
     whole = Recording.read(path).process(processing)

@@ -88,6 +88,7 @@ TEXTS: dict[str, Callable[[Path], Any]] = {
 }
 
 
+@pytest.mark.usefixtures("mat_in_this_process")
 @pytest.mark.parametrize("name", TEXTS)
 def test_dates_in_files(name: str, tmp_path: Path) -> None:
     TEXTS[name](tmp_path / name)
@@ -119,6 +120,7 @@ def test_dates_of_an_hdf5_file_are_parsed_once_until_it_is_written_again(
     assert parsed.count(S) == 2
 
 
+@pytest.mark.usefixtures("mat_in_this_process")
 def test_short_logs_have_dates_too(tmp_path: Path) -> None:
     """As many texts as there may be joints are read in another way."""
     savemat(tmp_path / "run.mat", {"t": np.array(ISO[:80]), "q": Q[:80], "tau": TORQUE[:80]})

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from any_text import CHARACTERS
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -78,8 +79,8 @@ VALUES = (
     | st.booleans()
     | st.integers()
     | st.floats()
-    | st.text()
-    | st.lists(st.floats() | st.text())
+    | st.text(CHARACTERS)
+    | st.lists(st.floats() | st.text(CHARACTERS))
     | st.just({})
 )
 

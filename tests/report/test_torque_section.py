@@ -118,12 +118,12 @@ def test_of_a_long_piece_that_is_not_whole_few_rows_wait() -> None:
 
     model = sy.Model(sy.Robot.from_dh([("-pi/2", 0.0, 0.3, "q"), (0, 0.4, 0, "q")]))
     drawn = DrawnRows(model, 200)
-    samples = sy.Samples(*np.random.default_rng(2).standard_normal((4, 1000, 2)))
-    for _ in range(10):
+    samples = sy.Samples(*np.random.default_rng(2).standard_normal((4, 4000, 2)))
+    for _ in range(3):
         drawn.add(samples)
     tracemalloc.start()
     try:
-        for _ in range(1590):
+        for _ in range(397):
             drawn.add(samples)
         _, peak = tracemalloc.get_traced_memory()
     finally:

@@ -222,6 +222,7 @@ def test_meshes_are_read_where_an_inertia_needs_them(tmp_path):
     assert "\n" not in str(told.value)
 
 
+@pytest.mark.usefixtures("mujoco_in_this_process", "meshes_in_this_process")
 @pytest.mark.parametrize(
     ("setting", "file"),
     [pytest.param("", "in\\solid.stl", marks=EXACT), ('strippath="true"', "x\\y/solid.stl")],

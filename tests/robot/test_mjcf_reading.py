@@ -10,6 +10,8 @@ import steelyard as sy
 from steelyard.errors import InputError
 from steelyard.robot import Robot
 
+pytestmark = pytest.mark.usefixtures("mujoco_in_this_process")
+
 NESTED = """<mujoco model="nested"><compiler angle="radian" eulerseq="ZyX" autolimits="true"/>
 <default><joint damping="1" armature="0.1"/><geom density="500" type="capsule" size="0.05 0.1" euler="0.1 0.2 0.3"/>
  <general gainprm="7"/><equality active="false"/>

@@ -1,10 +1,10 @@
 """Xacro: expanded without ROS, with arguments and packages, and in spite of hostile files."""
 
-import subprocess
 import sys
 
 import numpy as np
 import pytest
+from child_programs import run_here
 
 from steelyard.errors import InputError, MissingExtraError
 from steelyard.robot import Robot, RobotFile, write_urdf
@@ -68,7 +68,7 @@ def test_a_xacro_is_expanded(arm):
     assert Robot.from_urdf(plain).links[0].inertia.mass == 3.0
 
 
-def test_arguments_from_robot_toml_and_from_the_command_line(arm):
+def test_arguments_from_robot_toml_and_from_the_command_line(arm, run):
     toml = arm.with_name("robot.toml")
     toml.write_text(
         '[description]\nurdf = "arm.urdf.xacro"\nxacro_arguments = { reach = 0.8, load = true }\nlocked = ["two"]\n'
@@ -78,10 +78,8 @@ def test_arguments_from_robot_toml_and_from_the_command_line(arm):
     assert file.robot.links[0].inertia.mass == 4.0
     assert file.description["xacro_arguments"] == {"reach": "0.8", "load": "true"}
     assert RobotFile.load(f"{arm} load:=true reach:=0.3").robot.joints[1].before[0, 3] == 0.3
-    done = subprocess.run(
-        [sys.executable, "-m", "steelyard", "inspect", f"{arm} load:=true"], capture_output=True, text=True, check=False
-    )
-    assert "arm: 2 joints" in done.stdout, done.stderr
+    _, out, err = run("inspect", f"{arm} load:=true")
+    assert "arm: 2 joints" in out, err
     toml.write_text('[description]\nurdf = "plain.urdf"\nxacro_arguments = { a = 1 }\n')
     arm.with_name("plain.urdf").write_text('<robot name="r"><link name="a"/></robot>')
     with pytest.raises(InputError, match="it is no xacro, so it takes no arguments"):
@@ -130,6 +128,25 @@ def test_packages_are_found_without_ros(arm, tmp_path, monkeypatch):
     assert Robot.from_urdf(arm.rename(arm.with_name("other.xacro"))).dof == 1
 
 
+@pytest.fixture
+def in_this_process(monkeypatch):
+    """Run the program that expands xacro here, with a xacro of its own, which it changes."""
+
+    def loaded():
+        return [name for name in sys.modules if name.partition(".")[0] == "xacro"]
+
+    def run(*given):
+        with monkeypatch.context() as patch:
+            for name in loaded():
+                patch.delitem(sys.modules, name)
+            answer = run_here(*given)
+            for name in loaded():
+                del sys.modules[name]
+        return answer
+
+    monkeypatch.setattr("steelyard.robot.xacro.run_child", run)
+
+
 ESCAPE = "[c for c in ().__class__.__base__.__subclasses__()]"
 
 
@@ -159,7 +176,7 @@ ESCAPE = "[c for c in ().__class__.__base__.__subclasses__()]"
         ('<link name="a"/><joint name="j"/>', r"expanded, line \d+: joint \"j\" has no type"),
     ],
 )
-def test_what_is_refused(arm, tmp_path, body, message):
+def test_what_is_refused(arm, tmp_path, in_this_process, body, message):
     (tmp_path / "secret").mkdir()
     (tmp_path / "secret" / "x.xacro").write_text(HEAD + "</robot>")
     arm.with_name("bomb.xacro").write_text('<!DOCTYPE r [<!ENTITY a "aa">]><robot>&a;</robot>')

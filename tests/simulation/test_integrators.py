@@ -27,7 +27,10 @@ def oscillator_motion(t, mass=2.0, stiffness=50.0, damping=3.0):
     return x, -np.exp(-decay * t) * (w + decay**2 / w) * np.sin(w * t)
 
 
-@pytest.mark.parametrize("method", ADAPTIVE)
+QUICK = [pytest.param(m, marks=pytest.mark.slow if m in ("dop853", "bdf") else ()) for m in ADAPTIVE]
+
+
+@pytest.mark.parametrize("method", QUICK)
 def test_adaptive_methods_follow_the_pendulum_to_their_tolerance(pendulum, method):
     model, delta = pendulum
     exact, speed = pendulum_motion(np.arange(3001) / 1000, 2.5)
@@ -85,7 +88,7 @@ def test_rosenbrock_neither_gains_nor_loses_energy(pendulum):
     assert late < 1.1 * early < 0.02
 
 
-@pytest.mark.parametrize("method", [*ADAPTIVE, *FIXED])
+@pytest.mark.parametrize("method", [*QUICK, *FIXED])
 def test_energy_of_a_conservative_robot_stays(two_links, method):
     model, delta = two_links
     result = simulate(

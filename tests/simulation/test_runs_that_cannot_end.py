@@ -12,7 +12,7 @@ from steelyard.simulation.simulate import first_impossible
 
 ADAPTIVE = ("dormand_prince", "dop853", "radau", "bdf", "lsoda")
 METHODS = (*ADAPTIVE, "runge_kutta_4", "rosenbrock")
-QUICK = tuple(pytest.param(m, marks=pytest.mark.slow) if m in ("dop853", "radau", "bdf") else m for m in METHODS)
+QUICK = tuple(pytest.param(m, marks=pytest.mark.slow) if m in ADAPTIVE[1:] else m for m in METHODS)
 
 
 def growth(t, q, dq):

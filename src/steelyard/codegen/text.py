@@ -66,6 +66,8 @@ def comment_text(text: str) -> str:
     >>> comment_text("elbow */ system(1);\\n // inertia, m² kg")
     'elbow * / system(1); // inertia, m² kg'
     """
+    if text.isascii() and text.isprintable():  # nearly every text, at once
+        return _in_pieces(text.replace("\\", "/"))
     characters = []
     for character in unicodedata.normalize("NFC", text):
         category = unicodedata.category(character)
@@ -77,7 +79,12 @@ def comment_text(text: str) -> str:
             characters.append(_REPLACEMENT)
         else:
             characters.append(character)
-    return _BROKEN.sub(lambda found: f"{found[0]} ", " ".join("".join(characters).split()))
+    return _in_pieces("".join(characters))
+
+
+def _in_pieces(text: str) -> str:
+    """Return one line, with spaces in what would end or open a comment."""
+    return _BROKEN.sub(lambda found: f"{found[0]} ", " ".join(text.split()))
 
 
 def comment_lines(lines: Iterable[str], prefix: str, *, width: int = _WIDTH) -> list[str]:

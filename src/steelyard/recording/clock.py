@@ -429,7 +429,10 @@ def _most_regular(t: NDArray[np.float64], typical: float, width: float = COARSE)
     blocks = blocks - blocks.mean(axis=1, keepdims=True)
 
     def gathered(period: float) -> float:
-        return float(np.mean(np.abs(np.mean(np.exp(2j * np.pi / period * blocks), axis=1)) ** 2))
+        # Single precision is a tenth of the work, and periods that differ by the least step differ more in this.
+        cycles = blocks / period
+        phases = (2.0 * np.pi * (cycles - np.rint(cycles))).astype(np.float32)
+        return float(np.mean(np.cos(phases).mean(axis=1) ** 2 + np.sin(phases).mean(axis=1) ** 2))
 
     while width > FINEST:
         periods = typical * np.linspace(1.0 - width, 1.0 + width, 301 if width == COARSE else 21)

@@ -91,11 +91,14 @@ def test_agrees_with_another_modelling(consistency, point_cloud_parameters):
         matrix = block.constant + sum(terms[1:], terms[0])
         conditions.append(matrix >> 0 if block.size > 1 else matrix >= 0)
     index = list(model.parameter_names).index
+    weights = cvxpy.Parameter(len(truth))
+    problem = cvxpy.Problem(cvxpy.Minimize(weights @ delta), conditions)  # which CVXPY translates once
     for name in names:
-        masses = [delta[index(f"m{i}")] for i in (1, 2, 3)]
-        objective = sum(masses[1:], masses[0]) if name == "total mass" else delta[index(name)]
-        low = cvxpy.Problem(cvxpy.Minimize(objective), conditions).solve(solver=cvxpy.CLARABEL)
-        high = cvxpy.Problem(cvxpy.Maximize(objective), conditions).solve(solver=cvxpy.CLARABEL)
+        weights.value = np.zeros(len(truth))
+        weights.value[[index(f"m{i}") for i in (1, 2, 3)] if name == "total mass" else index(name)] = 1.0
+        low = problem.solve(solver=cvxpy.CLARABEL)
+        weights.value = -weights.value
+        high = -problem.solve(solver=cvxpy.CLARABEL)
         if not np.isfinite(low) or abs(low) > 1e3:
             low = -np.inf
         if not np.isfinite(high) or abs(high) > 1e3:

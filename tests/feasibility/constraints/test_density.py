@@ -147,7 +147,7 @@ def largest_within(quadratic, lower, upper):
     return best
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(k, marks=pytest.mark.slow) for k in range(2, 6))])
 def test_largest_moment_in_a_box(two_links, seed):
     """The conditions let no moment pass beyond what a point in the box has; CVXPY finds the largest."""
     cvxpy = pytest.importorskip("cvxpy", reason="CVXPY is not installed")

@@ -181,6 +181,7 @@ def test_files_of_points(tmp_path):
         ("a", b"", "the mesh cannot be read|has no vertices"),
     ],
 )
+@pytest.mark.usefixtures("meshes_in_this_process")
 def test_files_without_points_are_refused(tmp_path, name, content, message):
     if name.split(".")[-1] not in ("csv", "npy"):
         pytest.importorskip("trimesh", reason="trimesh is not installed")

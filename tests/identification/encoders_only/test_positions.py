@@ -334,16 +334,18 @@ def test_sensitivities_to_all_that_is_found_are_those_of_differences(arm, law, l
         np.concatenate([unit[:24].reshape(12, 2, count), np.zeros((1, 2, count))]), unit[24:26], unit[26:]
     )
     rows = 24
-    command = np.broadcast_to(np.linspace(0.8, 1.5, rows * 4)[:, None, None, None], (rows * 4, 1, 1, 2)).copy()
 
-    def moved(change, with_directions=None):
+    def moved(changes, with_directions=None):
+        """Of as many robots side by side as there are changes, (B, count)."""
+        many = len(changes)
+        command = np.linspace(0.8, 1.5, rows * 4)[:, None, None, None] * np.ones((1, many, 1, 2))
         return drive(
-            [branch],
-            [links + change[26:]],
-            drives + np.concatenate([change[:24].reshape(12, 2), np.zeros((1, 2))])[None],
-            change[None, 24:26],
-            np.array([[[-0.2, -0.3], [1.2, 1.4]]]),
-            np.array([[[0.1, -0.2, 3.0, 3.0]]]),
+            [branch] * many,
+            list(links + changes[:, 26:]),
+            drives + np.concatenate([changes[:, :24].reshape(many, 12, 2), np.zeros((many, 1, 2))], axis=1),
+            changes[:, 24:26],
+            np.tile([[-0.2, -0.3], [1.2, 1.4]], (many, 1, 1)),
+            np.tile([0.1, -0.2, 3.0, 3.0], (many, 1, 1)),
             np.full((rows, 1), 0.005),
             command,
             np.zeros_like(command),
@@ -352,10 +354,10 @@ def test_sensitivities_to_all_that_is_found_are_those_of_differences(arm, law, l
             directions=with_directions,
         )
 
-    found = moved(np.zeros(count), [directions]).by_parameters[:, 0, 0]
+    found = moved(np.zeros((1, count)), [directions]).by_parameters[:, 0, 0]
+    ahead, behind = (moved(sign * 1e-6 * unit).q[:, :, 0] for sign in (1.0, -1.0))
     for k in range(count):
-        ahead, behind = (moved(sign * 1e-6 * unit[k]).q[:, 0, 0] for sign in (1.0, -1.0))
-        difference = (ahead - behind) / 2e-6
+        difference = (ahead[:, k] - behind[:, k]) / 2e-6
         # What Newton's method leaves of a step, 1 % by the second encoder: it acts by gravity and friction alone.
         np.testing.assert_allclose(found[..., k], difference, rtol=0, atol=0.02 * np.abs(difference).max() + 1e-9)
 

@@ -149,7 +149,7 @@ def identify_from_positions(
     ... </robot>'''
     >>> path = getfixture("tmp_path") / "pendulum.urdf"
     >>> _ = path.write_text(text)
-    >>> t = np.arange(600) * 0.005
+    >>> t = np.arange(300) * 0.005
     >>> command = 0.8 * np.sin(3.0 * t + 2.0 * np.sin(t))
     >>> inertia, q, dq, rows = 2e-3 + 0.5 * 0.2**2 + 0.015, 0.0, 0.0, []
     >>> for target in command:

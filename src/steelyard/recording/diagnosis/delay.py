@@ -283,18 +283,22 @@ def _vertex(curve: Array, lags: Array, step: float) -> float:
     near = slice(max(0, lowest - width), min(len(lags), lowest + width + 1))
     x, y = lags[near] / step, curve[near] / max(float(curve[lowest]), 1e-300)
 
-    def misfit(place: float) -> float:
-        away = x - place
-        columns = np.column_stack([np.ones_like(x), away**2, np.abs(away)])
-        coefficients = np.linalg.lstsq(columns, y, rcond=None)[0]
-        if coefficients[2] < 0.0:
-            columns = columns[:, :2]
-            coefficients = np.linalg.lstsq(columns, y, rcond=None)[0]
-        return float(np.sum((y - columns @ coefficients) ** 2))
+    def misfits(places: Array) -> Array:
+        away = x - places[:, None]
+        q, r = np.linalg.qr(np.stack([np.ones_like(away), away**2, np.abs(away)], axis=-1))
+        shares = np.swapaxes(q, 1, 2) @ y
+        # `c` is the last share over the last of the diagonal: a kink that points upwards is left out.
+        shares[shares[:, 2] * r[:, 2, 2] < 0.0, 2] = 0.0
+        return np.asarray(np.sum((y - (q @ shares[:, :, None])[:, :, 0]) ** 2, axis=1))
 
     grid = np.linspace(lags[lowest] / step - 1.5, lags[lowest] / step + 1.5, 31)
-    middle = grid[int(np.argmin([misfit(float(place)) for place in grid]))]
-    found = minimize_scalar(misfit, bounds=(middle - 0.1, middle + 0.1), method="bounded", options={"xatol": 1e-5})
+    middle = grid[int(np.argmin(misfits(grid)))]
+    found = minimize_scalar(
+        lambda place: float(misfits(np.array([place]))[0]),
+        bounds=(middle - 0.1, middle + 0.1),
+        method="bounded",
+        options={"xatol": 1e-5},
+    )
     return float(found.x) * step
 
 
