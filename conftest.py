@@ -195,27 +195,11 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, no_extensions: None
     return install
 
 
-_made: dict[tuple[object, ...], object] = {}
-
-
 @pytest.fixture
 def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
     """Return a function that runs ``steelyard`` and returns exit code, standard output and standard error."""
 
-    import typer.main
-
     from steelyard.cli import main
-
-    make = typer.main.get_command
-
-    def made(app: typer.Typer) -> object:
-        """Make the commands of an app once: it takes a tenth of a second, and each call of the program needs them."""
-        key = (app, *app.registered_commands)
-        if key not in _made:
-            _made[key] = make(app)
-        return _made[key]
-
-    monkeypatch.setattr("typer.main.get_command", made)
 
     def run(*arguments: object) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", ["steelyard", *map(str, arguments)])

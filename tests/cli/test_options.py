@@ -29,7 +29,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "reference" / "command-line.md"
 
 
 def options_of(name):
-    return {option.name: option for option in GROUP.commands[name].params}
+    return {option.name: option for option in GROUP.get_command(None, name).params}
 
 
 def default_of(option):
