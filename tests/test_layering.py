@@ -46,6 +46,7 @@ ANYWHERE = {
     "errors",
     "extensions",
     "first_use",
+    "once",
     "__version__",
 }  # what every room may take from the package itself
 EMPTY_NAMES = {"utils", "util", "helpers", "helper", "common", "misc", "manager", "managers"}
