@@ -258,6 +258,7 @@ def test_every_folder_is_a_room() -> None:
         "errors.py",
         "extensions.py",
         "first_use.py",
+        "once.py",
     }
 
 
