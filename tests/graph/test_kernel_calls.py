@@ -1,5 +1,6 @@
 """Calls of kernels: threads, single samples, pointers, and arrays that do not fit."""
 
+import contextlib
 import ctypes
 import gc
 import multiprocessing
@@ -38,6 +39,46 @@ def test_threads_compute_the_same(layout, threads, count, monkeypatch):
     assert shared(motion, PARAMETERS, out=out, threads=threads) is out
     assert out.tolist() == alone.tolist()
     np.testing.assert_allclose(alone if layout == "rows" else alone.T, expected(motion), rtol=1e-12, atol=1e-13)
+
+
+def test_what_threads_write_lives_as_long_as_their_work(monkeypatch):
+    """Whoever waits for them may be interrupted."""
+    monkeypatch.setattr(kernel_module, "_WORTHWHILE", 1.0)
+    shared = Kernel(pendulum(), cache=NO_CACHE)
+    going_on, results = threading.Event(), []
+    compute = shared.batch_function
+
+    def slow(*given):
+        if threading.current_thread() is not threading.main_thread():
+            going_on.wait(10.0)
+        compute(*given)
+
+    def interrupted(others):
+        pending.extend(others)
+        raise KeyboardInterrupt
+
+    def empty(shape):
+        result = np.empty(shape)
+        results.append(weakref.ref(result))
+        return result
+
+    pending = []
+    shared.__dict__["batch_function"] = slow
+    monkeypatch.setattr(kernel_module, "wait", interrupted)
+    monkeypatch.setattr(Kernel, "empty", staticmethod(empty))
+    with contextlib.suppress(KeyboardInterrupt):
+        shared(motions(4099), PARAMETERS, threads=2)
+    gc.collect()
+    (result,) = results
+    assert result() is not None
+    going_on.set()
+    pending.pop().result(10.0)
+    pending.clear()
+    for _ in range(100):  # the thread forgets its work a moment after it told the result
+        if result() is None:
+            break
+        time.sleep(0.01)
+    assert result() is None
 
 
 def test_only_large_batches_are_shared(monkeypatch):

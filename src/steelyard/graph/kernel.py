@@ -389,7 +389,7 @@ class Kernel:
         elif (pieces := 1 if threads == 1 else self._pieces(threads, count)) < 2:
             self.batch_function(count, *addresses, target, self._stride(count))
         else:
-            self._share(pieces, threads, count, addresses, target)
+            self._share(pieces, threads, count, addresses, target, (arrays, kept, out))
         del kept
         return out
 
@@ -524,7 +524,9 @@ class Kernel:
         """What a sample of a batch may take, in ns: 1 ns for 500 bytes of code or 4 outputs."""
         return self._code(batch_lanes()).size / 500 + self._width / 4
 
-    def _share(self, pieces: int, threads: int, count: int, addresses: Sequence[int], target: int) -> None:
+    def _share(
+        self, pieces: int, threads: int, count: int, addresses: Sequence[int], target: int, held: object
+    ) -> None:
         """Let threads compute blocks of samples."""
         lanes, function, signature = batch_lanes(), self.batch_function, self.signature
         groups = -(-count // lanes)
@@ -533,7 +535,8 @@ class Kernel:
         step = 8 * signature.width if self.layout == "rows" else 8
         stride = self._stride(count)
 
-        def work(start: int, end: int) -> None:
+        # Ctrl-C may end the wait below: what a thread reads and writes lives as long as its work.
+        def work(start: int, end: int, _held: object = held) -> None:
             inputs = [address + start * size for address, size in zip(addresses, steps, strict=True)]
             function(end - start, *inputs, target + start * step, stride)
 
