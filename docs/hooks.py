@@ -141,6 +141,13 @@ def uses(name: str) -> tuple[list[Path], list[str]]:
     return _pages_with(name), others
 
 
+def on_startup(**_: Any) -> None:
+    """Let attributes that are computed once be described as attributes, as those of `functools` are."""
+    import griffe
+
+    griffe.stdlib_decorators["steelyard.once.cached_property"] = {"cached", "property"}
+
+
 def on_page_markdown(markdown: str, page: Any, **_: Any) -> str:
     """Add to the entries without an example of their own where they are used."""
 

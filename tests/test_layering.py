@@ -46,6 +46,7 @@ ANYWHERE = {
     "errors",
     "extensions",
     "first_use",
+    "once",
     "__version__",
 }  # what every room may take from the package itself
 EMPTY_NAMES = {"utils", "util", "helpers", "helper", "common", "misc", "manager", "managers"}
@@ -280,6 +281,7 @@ def test_every_folder_is_a_room() -> None:
         "errors.py",
         "extensions.py",
         "first_use.py",
+        "once.py",
     }
 
 

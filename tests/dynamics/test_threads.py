@@ -5,7 +5,7 @@ import time
 
 import numpy as np
 import pytest
-from threadpoolctl import threadpool_limits
+from threadpoolctl import ThreadpoolController, threadpool_limits
 
 from steelyard.dynamics.threads import in_threads, one_thread, serial
 
@@ -71,3 +71,67 @@ def test_two_callers_share_the_threads() -> None:
     for number in range(3):
         expected = np.linalg.det(np.random.default_rng(number).standard_normal((40, 30, 30)))
         np.testing.assert_allclose(found[number], expected, rtol=1e-12)
+
+
+def test_the_last_of_several_threads_lifts_the_limit_of_linear_algebra() -> None:
+    libraries = [one for one in ThreadpoolController().lib_controllers if one.user_api == "blas"]
+    before = [library.num_threads for library in libraries]
+
+    def limits() -> list[int]:
+        return [library.num_threads for library in libraries]
+
+    def set_limits(numbers: list[int]) -> None:
+        for library, number in zip(libraries, numbers, strict=True):
+            library.set_num_threads(number)
+            getattr(library, "clear_controlling_thread", list)()
+
+    entered, left = threading.Event(), threading.Event()
+    allowed: list[int] = []
+    meanwhile: list[list[int]] = []
+
+    def first() -> None:
+        with one_thread() as outside:
+            allowed.append(outside)
+            entered.wait(10.0)
+        left.set()
+        finished.wait(10.0)  # threads that are alive keep what is theirs
+
+    def second() -> None:
+        with one_thread() as outside:
+            allowed.append(outside)
+            entered.set()
+            left.wait(10.0)
+            meanwhile.append(limits())
+
+    set_limits([2] * len(libraries))
+    try:
+        for k in range(3):
+            finished = threading.Event()
+            entered.clear()
+            left.clear()
+            threads = [threading.Thread(target=one) for one in (first, second)]
+            threads[0].start()
+            while len(allowed) == 2 * k:
+                time.sleep(0.001)
+            threads[1].start()
+            threads[1].join(10.0)
+            finished.set()
+            threads[0].join(10.0)
+            assert limits() == [2] * len(libraries)
+    finally:
+        set_limits(before)
+    assert allowed == [2] * 6
+    assert meanwhile == [[1] * len(libraries)] * 3
+
+
+def test_threads_that_share_work_do_not_share_theirs() -> None:
+    def where(_: int) -> int:
+        time.sleep(0.002)
+        return threading.get_ident()
+
+    def own(_: int) -> bool:
+        return set(in_threads(where, range(4))) == {threading.get_ident()} or threading.get_ident() == caller
+
+    caller = threading.get_ident()
+    with threadpool_limits(2, "blas"):
+        assert all(in_threads(own, range(6)))

@@ -1,10 +1,14 @@
 """Calls of kernels: threads, single samples, pointers, and arrays that do not fit."""
 
+import contextlib
 import ctypes
 import gc
+import multiprocessing
+import os
 import shutil
 import subprocess
 import threading
+import time
 import weakref
 from functools import cache
 
@@ -35,6 +39,46 @@ def test_threads_compute_the_same(layout, threads, count, monkeypatch):
     assert shared(motion, PARAMETERS, out=out, threads=threads) is out
     assert out.tolist() == alone.tolist()
     np.testing.assert_allclose(alone if layout == "rows" else alone.T, expected(motion), rtol=1e-12, atol=1e-13)
+
+
+def test_what_threads_write_lives_as_long_as_their_work(monkeypatch):
+    """Whoever waits for them may be interrupted."""
+    monkeypatch.setattr(kernel_module, "_WORTHWHILE", 1.0)
+    shared = Kernel(pendulum(), cache=NO_CACHE)
+    going_on, results = threading.Event(), []
+    compute = shared.batch_function
+
+    def slow(*given):
+        if threading.current_thread() is not threading.main_thread():
+            going_on.wait(10.0)
+        compute(*given)
+
+    def interrupted(others):
+        pending.extend(others)
+        raise KeyboardInterrupt
+
+    def empty(shape):
+        result = np.empty(shape)
+        results.append(weakref.ref(result))
+        return result
+
+    pending = []
+    shared.__dict__["batch_function"] = slow
+    monkeypatch.setattr(kernel_module, "wait", interrupted)
+    monkeypatch.setattr(Kernel, "empty", staticmethod(empty))
+    with contextlib.suppress(KeyboardInterrupt):
+        shared(motions(4099), PARAMETERS, threads=2)
+    gc.collect()
+    (result,) = results
+    assert result() is not None
+    going_on.set()
+    pending.pop().result(10.0)
+    pending.clear()
+    for _ in range(100):  # the thread forgets its work a moment after it told the result
+        if result() is None:
+            break
+        time.sleep(0.01)
+    assert result() is None
 
 
 def test_only_large_batches_are_shared(monkeypatch):
@@ -79,6 +123,55 @@ def test_many_callers_of_a_new_kernel():
         thread.join()
     for k, result in enumerate(results):
         np.testing.assert_allclose(result, expected(motion[k:]), rtol=1e-12, atol=1e-13)
+
+
+def test_threads_that_compile_and_that_ask_for_sizes_do_not_wait_for_each_other(monkeypatch):
+    new = Kernel(pendulum(), cache=NO_CACHE)
+    loading, known = threading.Event(), threading.Event()
+    load = Kernel._load
+
+    def slow(kernel, lanes):
+        loading.set()
+        known.wait(1.0)
+        return load(kernel, lanes)
+
+    monkeypatch.setattr(Kernel, "_load", slow)
+
+    def sizes():
+        loading.wait(10.0)
+        assert new.signature.size == 2
+        known.set()
+
+    targets = (sizes, lambda: new.batch_address)
+    threads = [threading.Thread(target=target, daemon=True) for target in targets]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(10.0)
+    assert not any(thread.is_alive() for thread in threads)
+    assert known.is_set()
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are not forked here")
+@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
+def test_a_process_that_is_forked_while_another_thread_compiles_can_compile(kernel):
+    held = threading.Event()
+
+    def hold():
+        with machine.LOCK:
+            held.set()
+            time.sleep(0.2)
+
+    thread = threading.Thread(target=hold)
+    thread.start()
+    held.wait(10.0)
+    child = multiprocessing.get_context("fork").Process(target=lambda: Kernel(pendulum(), cache=NO_CACHE).batch_address)
+    child.start()
+    thread.join()
+    child.join(20.0)
+    code = child.exitcode
+    child.kill()
+    assert code == 0
 
 
 @pytest.mark.parametrize("threads", [0, -1, 1.5, None])

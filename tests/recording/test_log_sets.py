@@ -1,13 +1,16 @@
 """Folders, patterns, partitions and object stores stand for logs, in an order that follows from their names."""
 
 import contextlib
+import io
 import os
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import polars as pl
@@ -16,7 +19,7 @@ import pytest
 import steelyard as sy
 from steelyard.files import file_hash
 from steelyard.identification.given import given_logs
-from steelyard.recording.formats import content_hash, hashed_log
+from steelyard.recording.formats import content_hash, hashed_log, remote, standard_input
 from steelyard.recording.formats.log_sets import is_log_set, logs_in
 
 LOG = "t,q1,tau1\n" + "".join(f"{k / 100},{np.sin(k / 20)},{np.cos(k / 20)}\n" for k in range(60))
@@ -176,6 +179,52 @@ def test_an_object_that_changes_is_read_again(store: str) -> None:
         with fsspec.open(address, "wb") as file:
             file.write("\n".join(LOG.splitlines()[: rows + 1]).encode())
         assert sy.Recording.read(address).count == rows
+
+
+def test_threads_that_copy_at_once_have_copies_of_their_own(store: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    fsspec = pytest.importorskip("fsspec")
+    both, folder = threading.Barrier(2, timeout=0.2), remote._folder
+
+    def slow() -> Path:
+        with contextlib.suppress(threading.BrokenBarrierError):
+            both.wait()
+        return folder()
+
+    monkeypatch.setattr(remote, "_folder", slow)
+    found: dict[str, str] = {}
+
+    def read(name: str) -> None:
+        with fsspec.open(f"{store}/{name}.csv", "w") as file:
+            file.write(name)
+        found[name] = remote.local_copy(f"{store}/{name}.csv").read_text()
+
+    threads = [threading.Thread(target=read, args=(name,)) for name in ("one", "two")]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert found == {"one": "one", "two": "two"}
+
+
+def test_the_standard_input_is_read_once_by_all_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    both = threading.Barrier(2, timeout=0.2)
+
+    class Stream(io.BytesIO):
+        def read(self, *size: int | None) -> bytes:
+            with contextlib.suppress(threading.BrokenBarrierError):
+                both.wait()
+            return super().read(*size)
+
+    monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=Stream(LOG.encode()), closed=False, isatty=lambda: False))
+    monkeypatch.setattr(standard_input._Spool, "path", None)
+    found: list[Path] = []
+    threads = [threading.Thread(target=lambda: found.append(standard_input.standard_input())) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert found[0] == found[1]
+    assert found[0].read_text() == LOG
 
 
 def test_addresses_without_fsspec_say_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:

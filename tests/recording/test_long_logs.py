@@ -235,6 +235,32 @@ def test_decoded_columns_are_the_same_without_room_for_them(monkeypatch: pytest.
                     np.testing.assert_array_equal(found, values[name][start:])
 
 
+class Shared(dict[object, object]):
+    """A dictionary from which other threads take the oldest entry whenever something is put into it."""
+
+    def __setitem__(self, key: object, value: object) -> None:
+        super().__setitem__(key, value)
+        del self[next(super().__iter__())]
+
+    def __iter__(self) -> Iterator[object]:
+        return iter(["what another thread took meanwhile", *super().__iter__()])
+
+
+def test_threads_may_take_each_others_decoded_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(decoded, "_DECODED", Shared())
+    monkeypatch.setattr(decoded, "MOST_DECODED", 1)
+    for number in range(3):
+        assert decoded.decoded_once(tmp_path, number, lambda found=number: [found]) == [number]  # type: ignore[misc]
+
+
+def test_a_forked_process_decodes_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It would read from the file of its parent, which has one place for both."""
+    first = decoded.decoded_once(tmp_path, "rows", list)
+    assert decoded.decoded_once(tmp_path, "rows", list) is first
+    monkeypatch.setattr(os, "getpid", lambda: -1)
+    assert decoded.decoded_once(tmp_path, "rows", list) is not first
+
+
 def test_what_reads_ahead_stops_with_its_consumer() -> None:
     done = []
 

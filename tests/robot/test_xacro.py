@@ -7,8 +7,8 @@ import pytest
 from child_programs import run_here
 
 from steelyard.errors import InputError, MissingExtraError
-from steelyard.robot import Robot, RobotFile, write_urdf
-from steelyard.robot.xacro import expand_xacro
+from steelyard.robot import Robot, RobotFile, write_urdf, xacro
+from steelyard.robot.xacro import _Expansion, expand_xacro
 
 pytest.importorskip("xacro", reason="xacro (pip install 'steelyard[xacro]') is not installed")
 
@@ -215,3 +215,19 @@ def test_expansion_agrees_with_xacrodoc(arm):
         return [(one.tag, one.attrib) for one in ElementTree.fromstring(text).iter()]
 
     assert elements(ours) == elements(other)
+
+
+class Shared(dict):
+    """A dictionary of which another thread has just taken an entry."""
+
+    def __iter__(self):
+        return iter(["what another thread took", *super().__iter__()])
+
+
+def test_threads_may_forget_each_others_expansions(monkeypatch, tmp_path):
+    monkeypatch.setattr(xacro, "_EXPANDED", Shared())
+    monkeypatch.setattr(xacro, "MOST_KEPT", 1)
+    monkeypatch.setattr(xacro, "_expanded", lambda path, _: _Expansion(path.name.encode(), {}))
+    for name in ("one", "two", "three"):
+        assert expand_xacro(tmp_path / name) == name.encode()
+    assert len(xacro._EXPANDED) == 1

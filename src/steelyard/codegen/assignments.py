@@ -10,12 +10,12 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
 
 from steelyard.errors import InputError
 from steelyard.files import tell
 from steelyard.graph import Function, Node
 from steelyard.graph.expression import reachable
+from steelyard.once import cached_property
 
 from .text import Names, number
 

@@ -7,7 +7,6 @@ import os
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path, PurePosixPath
 
 import numpy as np
@@ -18,6 +17,7 @@ from steelyard.extensions import Extensions
 from steelyard.files import replaced_folder, shown, suggestion, write_bytes
 from steelyard.graph import Function
 from steelyard.graph.expression import reachable
+from steelyard.once import cached_property
 
 from .reference import Reference, reference_of
 from .text import MARKER

@@ -5,13 +5,14 @@ from __future__ import annotations
 import importlib
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from functools import cache, cached_property
+from functools import cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError, missing_extra
+from steelyard.once import cached_property
 from steelyard.robot import Robot
 from steelyard.robot.inertia import box_moments, capsule_moments, cylinder_moments, ellipsoid_moments
 from steelyard.robot.placement import frozen

@@ -1,12 +1,13 @@
 """Clarabel, an interior-point method, called without a modelling layer; it keeps a problem for many objectives."""
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sparse
+
+from steelyard.once import cached_property
 
 from .problem import Cone, ConicProblem, ConicSolution, Outcome, infeasibility_error, optimality_error
 from .scaling import Scaling, equilibrate, scaling_around

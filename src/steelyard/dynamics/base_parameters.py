@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from decimal import Decimal, localcontext
-from functools import cached_property, partial
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.display import html_table
+from steelyard.once import cached_property
 from steelyard.robot import Robot
 
 from .exact_placement import ExactMatrix, Number, robot_with_right_angles

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 from steelyard.display import joint_label
 from steelyard.errors import InputError
 from steelyard.files import shown
+from steelyard.once import cached_property
 from steelyard.robot import Condition, Joint, Robot, Term, TermParameter
 
 from .layout import columns_of
@@ -75,7 +75,7 @@ class ByJoint(Term):
         return hash(self.laws)
 
     @cached_property
-    def parameters(self) -> tuple[TermParameter, ...]:  # type: ignore[override]
+    def parameters(self) -> tuple[TermParameter, ...]:
         """The parameters of all the laws, each symbol once."""
         found: dict[str, TermParameter] = {}
         for law in self.laws:

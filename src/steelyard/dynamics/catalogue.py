@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -15,6 +14,7 @@ import numpy as np
 from steelyard import graph
 from steelyard.errors import InputError
 from steelyard.graph import Node
+from steelyard.once import cached_property
 from steelyard.robot import Robot, Term
 
 from . import algorithms

@@ -10,7 +10,6 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property
 from itertools import pairwise
 from typing import Any
 
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 from steelyard.errors import InputError
 from steelyard.files import shown
 from steelyard.graph.expression import is_zero
+from steelyard.once import cached_property
 from steelyard.robot import Condition, Joint, Robot, TermParameter
 from steelyard.robot.robot import PRESLIDING
 
@@ -286,7 +286,7 @@ class PolynomialFriction(ShapedTerm):
         self.powers = tuple(given)
 
     @cached_property
-    def parameters(self) -> tuple[TermParameter, ...]:  # type: ignore[override]
+    def parameters(self) -> tuple[TermParameter, ...]:
         """One parameter for each power, and one for each number that the sums of squares leave open."""
         result = []
         for power in self.powers:
@@ -373,7 +373,7 @@ class PiecewiseFriction(ShapedTerm):
         return tuple(self.shape["speeds"])
 
     @cached_property
-    def parameters(self) -> tuple[TermParameter, ...]:  # type: ignore[override]
+    def parameters(self) -> tuple[TermParameter, ...]:
         """The torque at each of the speeds."""
         return tuple(
             TermParameter(f"Fn{i}j", "N·m", "N", f"friction at {speed:g} rad/s or m/s", nonnegative=True)

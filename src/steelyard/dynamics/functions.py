@@ -6,7 +6,6 @@ import json
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from itertools import count
 from typing import Any
 
@@ -18,6 +17,7 @@ from steelyard.errors import InputError
 from steelyard.files import shown, suggestion
 from steelyard.graph import Argument, Function, Graph, Kernel, Node, Output, operation_count
 from steelyard.graph.expression import reachable
+from steelyard.once import cached_property
 from steelyard.robot.robot import PRESLIDING
 
 from .base_parameters import BaseParameters

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.graph.expression import is_zero
+from steelyard.once import cached_property
 from steelyard.robot import INERTIA_SYMBOLS, Robot, Term
 
 __all__ = ["ParameterLayout", "columns_of"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from functools import cached_property, partial
+from functools import partial
 from pathlib import Path
 from types import MethodType
 from typing import TYPE_CHECKING, Any
@@ -17,6 +17,7 @@ from steelyard.display import html_table
 from steelyard.errors import InputError
 from steelyard.graph import Function, Kernel
 from steelyard.lmi import AffineBlock
+from steelyard.once import cached_property
 from steelyard.robot import Drives, Robot, RobotFile
 from steelyard.robot.robot import PRESLIDING
 

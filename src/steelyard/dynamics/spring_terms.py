@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -15,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from steelyard.errors import InputError
 from steelyard.files import shown
+from steelyard.once import cached_property
 from steelyard.robot import Robot, Term, TermParameter
 
 from .terms import JointNumbers, PerJoint, ShapedTerm, weighted_sum
@@ -199,7 +199,7 @@ class Cogging(ShapedTerm):
             )
 
     @cached_property
-    def parameters(self) -> tuple[TermParameter, ...]:  # type: ignore[override]
+    def parameters(self) -> tuple[TermParameter, ...]:
         """A sine and a cosine for each harmonic."""
         return tuple(
             TermParameter(f"T{letter}{i}j", "N·m", "N", f"{name} of {n:g} q of the ripple", nonnegative=False)

@@ -7,9 +7,10 @@ import sys
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from contextvars import ContextVar
 from functools import cache, lru_cache, wraps
+from threading import Lock
 from typing import Any, ParamSpec, TypeVar
 
 __all__ = ["in_one_thread", "in_threads", "one_thread", "serial"]
@@ -33,14 +34,12 @@ def one_thread() -> Iterator[int]:
     if outside is not None:  # to set the limit again takes as long as the work on a small block
         yield outside
         return
-    controller = _controller(len(sys.modules))
-    allowed = _allowed(controller)
-    token = _ALLOWED.set(allowed)
-    try:
-        with controller.limit(limits=1, user_api="blas"):
+    with _LIMIT as allowed:
+        token = _ALLOWED.set(allowed)
+        try:
             yield allowed
-    finally:
-        _ALLOWED.reset(token)
+        finally:
+            _ALLOWED.reset(token)
 
 
 @contextmanager
@@ -95,7 +94,7 @@ def in_threads(function: Callable[[Item], Result], items: Sequence[Item]) -> lis
                     waiting.clear()  # nobody begins another one
                     raise
 
-        others = [_pool(os.getpid(), threads).submit(some) for _ in range(threads - 1)]
+        others = [_pool(os.getpid(), threads).submit(serial()(some)) for _ in range(threads - 1)]
         try:
             some()
         finally:
@@ -107,8 +106,51 @@ def in_threads(function: Callable[[Item], Result], items: Sequence[Item]) -> lis
         return [found[place] for place in range(len(items))]
 
 
+class _Limit:
+    """The limit of BLAS, which all threads share: the first one sets it, and the last one lifts it."""
+
+    def __init__(self) -> None:
+        self._lock = Lock()
+        self._count, self._allowed = 0, 1
+        self._controller: Any = None
+        self._limits = ExitStack()
+
+    def __enter__(self) -> int:
+        with self._lock:
+            controller = _controller(len(sys.modules))
+            if not self._count:
+                self._allowed = _allowed(controller)
+            if controller is not self._controller:  # there are more libraries by now
+                # Its limit is no context here: as such it would belong to the thread that entered it.
+                self._limits.callback(controller.limit(limits=1, user_api="blas").restore_original_limits)
+                self._controller = controller
+                _let_go(controller)
+            self._count += 1
+            return self._allowed
+
+    def __exit__(self, *error: object) -> None:
+        with self._lock:
+            self._count -= 1
+            if not self._count:
+                self._limits.close()
+                _let_go(self._controller)
+                self._controller = None
+
+
+_LIMIT = _Limit()
+if hasattr(os, "register_at_fork"):  # a forked process has none of the other threads
+    os.register_at_fork(after_in_child=_LIMIT.__init__)  # type: ignore[misc]
+
+
+def _let_go(controller: Any) -> None:
+    """Let other threads lift the limit, which from version 3.8 of threadpoolctl on one thread alone may."""
+    for library in controller.lib_controllers:
+        if hasattr(library, "clear_controlling_thread"):
+            library.clear_controlling_thread()
+
+
 def _allowed(controller: Any) -> int:
-    """Return how many threads BLAS may use, outside of all limits of ours."""
+    """Return how many threads BLAS may use where there is no limit of ours."""
     counts = [library["num_threads"] for library in controller.info() if library["user_api"] == "blas"]
     return max(counts, default=1)
 

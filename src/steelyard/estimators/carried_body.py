@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from types import SimpleNamespace
 from typing import Any, Literal
 
@@ -18,6 +17,7 @@ from steelyard.errors import InputError
 from steelyard.feasibility.constraints import Constraint, Equality
 from steelyard.files import suggestion
 from steelyard.lmi import AffineBlock
+from steelyard.once import cached_property
 from steelyard.robot import INERTIA_SYMBOLS
 from steelyard.robot.inertia import transformation
 

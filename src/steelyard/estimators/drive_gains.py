@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -18,6 +17,7 @@ from steelyard.feasibility.constraints import Equality
 from steelyard.feasibility.nearest_point import nearest_in_region
 from steelyard.files import read_number
 from steelyard.lmi import AffineBlock
+from steelyard.once import cached_property
 from steelyard.regression import Information, ParameterCovariance
 from steelyard.regression.parameter_covariance import NORMAL
 from steelyard.robot import INERTIA_SYMBOLS, Inertia

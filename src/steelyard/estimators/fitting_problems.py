@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from time import perf_counter
 
 import numpy as np
@@ -18,6 +17,7 @@ from steelyard.feasibility.feasible_set import FeasibleSet
 from steelyard.feasibility.tie_break import TieBreak
 from steelyard.feasibility.units import Units
 from steelyard.lmi import symmetric_to_vector, vector_to_symmetric
+from steelyard.once import cached_property
 
 from .prior import PreparedPrior
 from .reduced_regression import ReducedRegression

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import partial
 from itertools import pairwise, zip_longest
 from typing import Any
 
@@ -16,6 +16,7 @@ from steelyard.display import html_table, text_table
 from steelyard.dynamics import Model
 from steelyard.errors import InputError
 from steelyard.files import tell
+from steelyard.once import cached_property
 from steelyard.recording import Samples
 from steelyard.regression.coloured_noise import correlation_sum, stretches_of
 from steelyard.regression.parameter_covariance import NORMAL

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, reduce
+from functools import reduce
 from operator import add
 from typing import Any, Literal
 
@@ -15,6 +15,7 @@ from steelyard.dynamics import Model
 from steelyard.errors import InputError, SolverError
 from steelyard.feasibility.feasible_set import FeasibleSet
 from steelyard.files import read_number, shown
+from steelyard.once import cached_property
 from steelyard.recording import Samples
 from steelyard.regression import Estimate, Factor, Information, least_squares, triangular
 from steelyard.regression.batch_means import BatchMeans, BatchSums

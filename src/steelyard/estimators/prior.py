@@ -2,7 +2,6 @@
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -16,6 +15,7 @@ from steelyard.feasibility.barrier import add_log_determinants, log_determinants
 from steelyard.feasibility.cone_program import Part, Program
 from steelyard.feasibility.feasible_set import FeasibleSet
 from steelyard.feasibility.units import Units, lengths_of_links
+from steelyard.once import cached_property
 from steelyard.robot.inertia import PSEUDO_INERTIA, pseudo_inertia
 
 __all__ = ["ConstantPullbackPrior", "EntropicPrior", "EuclideanPrior", "PreparedPrior", "Prior", "distance_from"]

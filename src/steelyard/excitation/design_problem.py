@@ -11,12 +11,13 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any
 
 import numpy as np
 import scipy.optimize  # at import, since its own library of linear algebra can be limited to one thread only then
 from numpy.typing import NDArray
+
+from steelyard.once import cached_property
 
 from .criterion import Criterion, Spectrum
 from .family import Basis, Family

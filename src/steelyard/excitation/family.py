@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 
 from steelyard.errors import InputError
 from steelyard.files import read_whole
+from steelyard.once import cached_property
 
 from .fourier import SLOW_PACE, FourierTrajectory, RestToRestTrajectory
 from .spline import QuinticTrajectory, SplineTrajectory, hermite, splines

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -11,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.dynamics import Model
 from steelyard.errors import InputError
+from steelyard.once import cached_property
 
 from .motion_limits import MotionLimits
 from .vjp import CompiledVjp

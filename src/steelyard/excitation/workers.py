@@ -11,12 +11,13 @@ import os
 import signal
 import sys
 import threading
-import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
 from itertools import count
 from typing import Any
+
+from steelyard.files import without_warnings
 
 __all__ = ["Flag", "Pool", "Shares", "pool_of"]
 
@@ -90,9 +91,8 @@ class Pool:
 
     def submit(self, *arguments: Any) -> Future[Any]:
         """Call the function in a worker."""
-        with warnings.catch_warnings():
-            # Later versions of Python warn of forking a process with threads; our threads hold no locks at that time.
-            warnings.filterwarnings("ignore", message=".*fork.*", category=DeprecationWarning)
+        # Later versions of Python warn of forking a process with threads; our threads hold no locks at that time.
+        with without_warnings:
             return self._executor.submit(_run, self._number, arguments)
 
 

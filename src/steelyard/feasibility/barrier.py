@@ -6,7 +6,6 @@ as many calls of a conic solver take. Answers that must be proved optimal are le
 """
 
 from collections.abc import Sequence
-from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -14,6 +13,7 @@ import numpy.typing as npt
 
 from steelyard.dynamics.threads import in_threads
 from steelyard.lmi import AffineBlock
+from steelyard.once import cached_property
 from steelyard.robot.inertia import PSEUDO_INERTIA
 
 from .feasible_set import FeasibleSet

@@ -5,13 +5,13 @@ The objective is a sum of parts. Each part adds a quadratic function, and may ad
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 import scipy.sparse as sparse
 
 from steelyard.conic import ConicProblem, ConicSolution, Rows, solve, stacked_triangle
+from steelyard.once import cached_property
 
 from .feasible_set import FeasibleSet
 

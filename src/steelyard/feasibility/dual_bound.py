@@ -9,13 +9,13 @@ then holds for robots up to a certain size. Two classes use it: `SliceBound` for
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
 from steelyard.lmi import AffineStack, symmetric_to_vector, vector_to_symmetric
+from steelyard.once import cached_property
 
 from .feasible_set import FeasibleSet
 

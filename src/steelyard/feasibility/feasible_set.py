@@ -1,7 +1,6 @@
 """The set of parameters that a real robot can have."""
 
 from collections.abc import Callable, Collection, Sequence
-from functools import cached_property
 from typing import Any, Literal, TypeVar
 
 import numpy as np
@@ -14,6 +13,7 @@ from steelyard.display import html_table
 from steelyard.errors import InputError
 from steelyard.files import read_number, suggestion
 from steelyard.lmi import AffineBlock, AffineStack
+from steelyard.once import cached_property
 from steelyard.regression import Reduced
 from steelyard.robot.inertia import INERTIA_SYMBOLS
 

@@ -1,10 +1,11 @@
 """Units of mass and length for each link, in which parameters and blocks are about 1."""
 
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
+
+from steelyard.once import cached_property
 
 from .feasible_set import FeasibleSet
 

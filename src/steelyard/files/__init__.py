@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from .arguments import read_number as read_number
     from .arguments import read_whole as read_whole
     from .arguments import suggestion as suggestion
+    from .meanwhile import Meanwhile as Meanwhile
+    from .meanwhile import without_warnings as without_warnings
     from .reading import LARGEST_JSON as LARGEST_JSON
     from .reading import LARGEST_TEXT as LARGEST_TEXT
     from .reading import file_hash as file_hash

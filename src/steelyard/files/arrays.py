@@ -6,10 +6,11 @@ It is a file of its own because certificates are read and verified without NumPy
 from __future__ import annotations
 
 import math
-import warnings
 from typing import IO, Any
 
 import numpy as np
+
+from .meanwhile import without_warnings
 
 __all__ = ["read_array", "read_array_header"]
 
@@ -25,8 +26,7 @@ def read_array_header(stream: IO[bytes]) -> tuple[tuple[int, ...], bool, np.dtyp
         For anything that is no header.
     """
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # about headers of Python 2
+        with without_warnings:  # about headers of Python 2
             version = np.lib.format.read_magic(stream)
             read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
             shape, column_major, kind = read(stream)

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from steelyard import __version__
-from steelyard.dynamics.threads import in_one_thread
+from steelyard.dynamics.threads import in_one_thread, serial
 from steelyard.errors import InputError, SteelyardError, require_package
 from steelyard.files.reading import shown
 
@@ -62,10 +62,8 @@ def _leaf(leaf: Leaf, common: Any, task: Task) -> bytes:
 
 def _leaf_of_many(leaf: Leaf, common: Any, task: Task) -> bytes:
     """Run a task in a worker, of which there are as many as cores: its sums leave the cores of the others alone."""
-    from threadpoolctl import threadpool_limits
-
-    with threadpool_limits(limits=1, user_api="blas"):
-        return _leaf(leaf, common, task)
+    with serial():
+        return leaf(common, task)
 
 
 @in_one_thread

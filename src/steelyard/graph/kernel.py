@@ -8,12 +8,11 @@ import hashlib
 import json
 import math
 import os
-import threading
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -22,13 +21,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
+from steelyard.once import cached_property
 
 from .cache import ObjectCache, pack, unpack
 from .expression import operation_count
 from .function import Argument, Function
 from .instructions import support_source
 from .llvm import kernel_source
-from .machine import LoadedCode, batch_lanes, host_machine
+from .machine import LOCK, LoadedCode, batch_lanes, host_machine
 
 __all__ = ["DOUBLE", "Kernel", "Signature", "address_of", "addresses_of", "source_digest"]
 
@@ -221,7 +221,6 @@ class Kernel:
         self._cache = cache
         self._loaded: dict[int, LoadedCode] = {}
         self._direct: dict[tuple[tuple[int, ...], bool], Callable[..., Any] | None] = {}
-        self._lock = threading.RLock()
 
     def __repr__(self) -> str:
         inputs = ", ".join(f"{a.name}[{a.width}]" for a in self.arguments)
@@ -237,12 +236,11 @@ class Kernel:
     @cached_property
     def signature(self) -> Signature:
         """The sizes of arguments and outputs, from the object cache where it knows them."""
-        with self._lock:
-            for lanes in (batch_lanes(), 1) if self.identity is not None else ():
-                entry = self._entry(self._key(lanes))
-                if entry is not None:
-                    return entry[0]
-            return Signature.of(self.function, compact=self.compact)
+        for lanes in (batch_lanes(), 1) if self.identity is not None else ():
+            entry = self._entry(self._key(lanes))
+            if entry is not None:
+                return entry[0]
+        return Signature.of(self.function, compact=self.compact)
 
     @property
     def arguments(self) -> tuple[Argument, ...]:
@@ -298,7 +296,7 @@ class Kernel:
         return ctypes.CFUNCTYPE(None, ctypes.c_int64, *pointers, ctypes.c_int64)
 
     def _code(self, lanes: int) -> LoadedCode:
-        with self._lock:
+        with LOCK:
             if lanes not in self._loaded:
                 self._loaded[lanes] = self._load(lanes)
             return self._loaded[lanes]
@@ -391,7 +389,7 @@ class Kernel:
         elif (pieces := 1 if threads == 1 else self._pieces(threads, count)) < 2:
             self.batch_function(count, *addresses, target, self._stride(count))
         else:
-            self._share(pieces, threads, count, addresses, target)
+            self._share(pieces, threads, count, addresses, target, (arrays, kept, out))
         del kept
         return out
 
@@ -526,7 +524,9 @@ class Kernel:
         """What a sample of a batch may take, in ns: 1 ns for 500 bytes of code or 4 outputs."""
         return self._code(batch_lanes()).size / 500 + self._width / 4
 
-    def _share(self, pieces: int, threads: int, count: int, addresses: Sequence[int], target: int) -> None:
+    def _share(
+        self, pieces: int, threads: int, count: int, addresses: Sequence[int], target: int, held: object
+    ) -> None:
         """Let threads compute blocks of samples."""
         lanes, function, signature = batch_lanes(), self.batch_function, self.signature
         groups = -(-count // lanes)
@@ -535,7 +535,8 @@ class Kernel:
         step = 8 * signature.width if self.layout == "rows" else 8
         stride = self._stride(count)
 
-        def work(start: int, end: int) -> None:
+        # Ctrl-C may end the wait below: what a thread reads and writes lives as long as its work.
+        def work(start: int, end: int, _held: object = held) -> None:
             inputs = [address + start * size for address, size in zip(addresses, steps, strict=True)]
             function(end - start, *inputs, target + start * step, stride)
 

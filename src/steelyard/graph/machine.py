@@ -4,18 +4,25 @@ from __future__ import annotations
 
 import hashlib
 import itertools
+import os
 import sys
 import threading
 from collections.abc import Callable
-from functools import cache, cached_property
+from functools import cache
 from typing import Any
+
+from steelyard.once import cached_property
 
 from .cache import ObjectCache, pack, unpack
 from .instructions import SUPPORT, support_source
 
-__all__ = ["LoadedCode", "Machine", "batch_lanes", "host_machine"]
+__all__ = ["LOCK", "LoadedCode", "Machine", "batch_lanes", "host_machine"]
 
-_LOCK = threading.RLock()
+LOCK = threading.RLock()
+"""Held by the thread that compiles or loads code."""
+if hasattr(os, "register_at_fork"):  # a process that is forked meanwhile would wait for ever for a thread it has not
+    os.register_at_fork(before=LOCK.acquire, after_in_parent=LOCK.release, after_in_child=LOCK.release)
+
 _NUMBERS = itertools.count()
 
 # Machine code reaches its constants and what it calls by distances of 32 bits, and LLVM's older linker aborts the
@@ -92,7 +99,7 @@ class Machine:
         """Return the object code of LLVM assembly."""
         import llvmlite.binding as llvm
 
-        with _LOCK:
+        with LOCK:
             return bytes(self._target.emit_object(llvm.parse_assembly(source)))
 
     def load(self, code: bytes) -> LoadedCode | None:
@@ -118,7 +125,7 @@ class Machine:
 
         Where an identity is given that determines the source, this is only written where the cache does not have them.
         """
-        with _LOCK:
+        with LOCK:
             if identity is None:
                 identity = source = source if isinstance(source, str) else source()
             key = hashlib.sha256(f"{self.description}\n{identity}".encode()).hexdigest()
@@ -137,7 +144,7 @@ class Machine:
 @cache
 def host_machine(lanes: int) -> Machine:
     """Return this computer's processor with 1 or :func:`batch_lanes` lanes."""
-    with _LOCK:
+    with LOCK:
         return Machine(lanes)
 
 
@@ -168,7 +175,7 @@ def _link(
         builder.export_symbol(name)
     for name, address in imports.items():
         builder.import_symbol(name, address)
-    with _LOCK:
+    with LOCK:
         try:
             tracker = builder.link(_linker(), f"steelyard-{next(_NUMBERS)}")
         except RuntimeError:

@@ -6,7 +6,6 @@ import shutil
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +18,7 @@ from steelyard.dynamics import Coulomb, Model, Offset, RotorInertia, Viscous
 from steelyard.errors import InputError, missing_extra
 from steelyard.excitation import FourierTrajectory, RestToRestTrajectory
 from steelyard.files import replaced_folder, suggestion, write_text
+from steelyard.once import cached_property
 from steelyard.recording import Recording
 from steelyard.regression import Estimate
 from steelyard.robot import Inertia, Robot, Term, TermParameter

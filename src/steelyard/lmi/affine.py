@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -10,6 +9,7 @@ import scipy.sparse as sparse
 
 from steelyard.conic import Cone, stacked_triangle
 from steelyard.errors import InputError
+from steelyard.once import cached_property
 
 __all__ = ["AffineBlock", "AffineStack", "is_positive_definite", "symmetric_to_vector", "vector_to_symmetric"]
 

@@ -6,7 +6,6 @@ import ast
 import math
 import numbers
 import unicodedata
-import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
@@ -14,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from steelyard.errors import InputError
-from steelyard.files import suggestion
+from steelyard.files import suggestion, without_warnings
 
 __all__ = ["LinearExpression", "as_expression", "distinct_names", "number_text", "parse_expression", "variables"]
 
@@ -329,8 +328,7 @@ def parse_expression(text: str, names: Iterable[str] | None = None, where: str =
     if not source:
         raise InputError(f"{where} is empty; write {_ALLOWED}.")
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        with without_warnings:
             node = ast.parse(source, mode="eval").body
     except (SyntaxError, ValueError):
         raise InputError(f"{where} {shown!r} cannot be read; write {_ALLOWED}.") from None

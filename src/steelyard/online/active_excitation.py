@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -26,6 +25,7 @@ from steelyard.excitation.motion_constraints import TorqueLimit
 from steelyard.excitation.vjp import CompiledVjp, RegressorInformation
 from steelyard.feasibility import FeasibleSet
 from steelyard.files.arguments import positive
+from steelyard.once import cached_property
 from steelyard.recording import Recording, Samples
 from steelyard.regression import Estimate, Information
 from steelyard.regression.factor import eigenvectors

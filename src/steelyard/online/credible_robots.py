@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 from steelyard.dynamics import Model
 from steelyard.estimators.physical_prior import PhysicalPrior, nonnegative_terms, physical_prior
 from steelyard.excitation import MotionLimits
+from steelyard.once import cached_property
 from steelyard.robot.inertia import parameters_of_pseudo_inertia, pseudo_inertia
 
 __all__ = ["CredibleRobots", "random_motions"]

@@ -158,6 +158,8 @@ class OnlineEstimator:
     jumps. Samples that are late, repeated, missing or no numbers are left out, interpolated or bridged, and told in
     `remarks`.
 
+    It belongs to one thread at a time: whoever updates it in one and asks in another one takes a lock for both.
+
     Parameters
     ----------
     model : Model

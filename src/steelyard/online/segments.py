@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -19,6 +18,7 @@ from steelyard.excitation.motion_limits import MotionLimits
 from steelyard.excitation.spline import splines
 from steelyard.excitation.trajectory import SampledTrajectory, times_of
 from steelyard.excitation.vjp import RegressorInformation
+from steelyard.once import cached_property
 
 __all__ = ["Segment", "SegmentFamily", "SegmentPlanner", "starting_points"]
 

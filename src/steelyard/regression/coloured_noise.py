@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING, Literal
 
@@ -12,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.dynamics.threads import one_thread
+from steelyard.once import cached_property
 from steelyard.recording import Samples
 from steelyard.recording.diagnosis import detectors
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, fields, replace
-from functools import cached_property, reduce
+from functools import reduce
 from operator import add
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, TypeVar
@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from steelyard.display import html_table
 from steelyard.errors import InputError
 from steelyard.files import plain, read_json, shown, write_json
+from steelyard.once import cached_property
 from steelyard.recording import Samples
 from steelyard.recording.samples import regrouped
 

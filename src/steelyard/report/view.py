@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from steelyard.collision.configurations import place_links, upward
 from steelyard.collision.shapes import Box, Capsule, Cylinder, Mesh, PlacedShape, Shape, Sphere
 from steelyard.errors import InputError, require_package
+from steelyard.files import Meanwhile
 
 from .html_document import escape, number
 from .link_bodies import LinkBody
@@ -46,6 +47,7 @@ CHART_POINTS = 600
 MOST_TRIANGLES = 150_000  # of one mesh, beyond which its hull is sent: a browser slows down at a million in all
 SPEEDS = {"a tenth": 0.1, "half": 0.5, "real": 1.0, "double": 2.0, "tenfold": 10.0}
 CURVES = {"measured": "#8b8b8b", "identified": "#2f8fd0", "CAD": "#b5446e"}
+_PRINTING_NOTHING = Meanwhile(lambda: contextlib.redirect_stdout(io.StringIO()))
 
 
 def quaternion(rotation: Array) -> tuple[float, float, float, float]:
@@ -664,7 +666,7 @@ def view_robot(
     require_free(host, port)
     # Browsers open connections that they do not use; each would print a traceback of the server's library.
     logging.getLogger("websockets").setLevel(logging.CRITICAL)
-    with contextlib.redirect_stdout(io.StringIO()):  # a frame with the address, which `ready` is told
+    with _PRINTING_NOTHING:  # a frame with the address, which `ready` is told
         server = viser.ViserServer(host=host, port=port, label="steelyard view", verbose=False)
     try:
         viewer = Viewer(viewed, server, motion, nearness, remarks)
@@ -677,5 +679,5 @@ def view_robot(
         with contextlib.suppress(KeyboardInterrupt):
             viewer.run()
     finally:
-        with contextlib.redirect_stdout(io.StringIO()):  # viser says that it stopped, which the user knows
+        with _PRINTING_NOTHING:  # viser says that it stopped, which the user knows
             server.stop()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
@@ -20,6 +19,7 @@ from steelyard.identification.default_terms import model_of_estimate
 from steelyard.identification.parameter_table import Basis, LinkRows, ParameterTable, weakest
 from steelyard.identification.saved import matching_estimate
 from steelyard.identification.saved_result import SavedResult
+from steelyard.once import cached_property
 from steelyard.robot import RobotFile
 
 from .link_bodies import LinkBody, link_body

@@ -5,7 +5,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
@@ -15,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from steelyard.display import html_table
 from steelyard.errors import InputError
 from steelyard.files import shown, suggestion
+from steelyard.once import cached_property
 
 from .inertia import INERTIA_SYMBOLS, Inertia
 from .joint import Attachment, Joint, Link

@@ -47,8 +47,8 @@ def expand_xacro(path: Path, arguments: Mapping[str, str] | None = None) -> byte
     if known is None or known.times != _times(known.times):
         known = _expanded(path, dict(given))
     _EXPANDED[key] = known  # at the end, since the first ones are forgotten first
-    while len(_EXPANDED) > MOST_KEPT:
-        del _EXPANDED[next(iter(_EXPANDED))]
+    for oldest in list(_EXPANDED)[:-MOST_KEPT]:
+        _EXPANDED.pop(oldest, None)  # unless another thread did
     return known.content
 
 

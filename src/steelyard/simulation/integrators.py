@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from typing import Any
@@ -11,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.files import tell
+from steelyard.files import tell, without_warnings
 
 from .compiled import DAMPING, rosenbrock, runge_kutta_4
 from .events import Status
@@ -373,8 +372,7 @@ class LibraryMethod(Integrator):
         if first is not None:
             options["first_step"] = min(first, end - t)
         state, time = self.state[run].copy(), t
-        with np.errstate(all="ignore"), warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # LSODA warns of failures that its status reports
+        with np.errstate(all="ignore"), without_warnings:  # LSODA warns of failures that its status reports
             try:
                 if not np.isfinite(function(t, state)).all():
                     raise FloatingPointError

@@ -7,10 +7,11 @@ Nemirovskii, 1994). So links of 50 g beside links of 50 kg are all of size 1.
 """
 
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
+
+from steelyard.once import cached_property
 
 from .slice import BlockGroup, Slice
 

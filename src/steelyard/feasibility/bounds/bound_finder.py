@@ -7,7 +7,6 @@ inside the set. The true minimum lies between them.
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -15,6 +14,7 @@ import numpy.typing as npt
 
 from steelyard.conic import Outcome
 from steelyard.errors import InputError
+from steelyard.once import cached_property
 from steelyard.regression import ParameterCovariance
 
 from ..check import check

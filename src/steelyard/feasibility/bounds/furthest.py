@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -12,6 +11,7 @@ import numpy.typing as npt
 from steelyard.dynamics.threads import in_threads
 from steelyard.graph.kernel import address_of
 from steelyard.graph.machine import batch_lanes
+from steelyard.once import cached_property
 
 from .furthest_code import CONE, SINGLE, UNKNOWN, Word, compiled
 

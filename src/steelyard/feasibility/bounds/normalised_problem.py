@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -10,6 +9,7 @@ import numpy.typing as npt
 from steelyard.conic import Cone, ConicProblem, Outcome, Rows
 from steelyard.conic.clarabel_solver import RepeatedProblem
 from steelyard.lmi import symmetric_to_vector, vector_to_symmetric
+from steelyard.once import cached_property
 from steelyard.regression.factor import eigenvectors
 
 from .slice import BlockGroup, null_space

@@ -7,12 +7,12 @@ not show.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
 from steelyard.lmi import AffineBlock
+from steelyard.once import cached_property
 
 from ..feasible_set import FeasibleSet
 

@@ -6,7 +6,6 @@ They speak of the feasible set in exact numbers, where every float stands for th
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
-from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
@@ -15,6 +14,7 @@ import numpy.typing as npt
 
 from steelyard.files import write_json
 from steelyard.lmi import AffineBlock
+from steelyard.once import cached_property
 
 from ..feasible_set import FeasibleSet
 from .document import FORMAT, CertificateDocument

@@ -2,12 +2,12 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from fractions import Fraction
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from steelyard.errors import InputError
 from steelyard.files import read_json, shown
+from steelyard.once import cached_property
 
 from .rational import parse_number
 from .statement import Matrix, Statement

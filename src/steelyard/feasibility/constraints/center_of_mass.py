@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from io import BytesIO
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ from steelyard import collision
 from steelyard.errors import InputError
 from steelyard.files import read_bytes, read_text, require_file, shown
 from steelyard.lmi import AffineBlock
+from steelyard.once import cached_property
 
 from .constraint import Equality, LinkParameters, ModelLike, equation, scalar_block
 from .toml_section import read_placement, read_quantity, read_vector, table

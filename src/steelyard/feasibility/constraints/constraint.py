@@ -8,7 +8,6 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -19,6 +18,7 @@ from steelyard import dynamics, lmi
 from steelyard.errors import InputError, faults_told
 from steelyard.files import shown, suggestion
 from steelyard.lmi import AffineBlock
+from steelyard.once import cached_property
 from steelyard.robot import INERTIA_SYMBOLS
 
 __all__ = [

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +18,7 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.optimize import lsq_linear
 
 from steelyard.errors import InputError
+from steelyard.once import cached_property
 from steelyard.regression.coloured_noise import correlation_sum
 from steelyard.regression.factor import eigenvectors
 from steelyard.simulation.driven_joints import (

@@ -57,13 +57,14 @@ def decoded_once(path: Path, options: Hashable, decode: Callable[[], Decoded]) -
     decoding
     5
     """
-    key = (str(path), options, _state(path))
-    if key not in _DECODED:
-        found = decode()
-        while len(_DECODED) >= MOST_DECODED:
-            del _DECODED[next(iter(_DECODED))]
-        _DECODED[key] = found
-    return cast("Decoded", _DECODED[key])
+    # A forked process decodes anew: it would share the places at which files of its parent are read.
+    key = (os.getpid(), str(path), options, _state(path))
+    found = _DECODED.get(key)
+    if found is None:
+        found = _DECODED[key] = decode()
+        for oldest in list(_DECODED)[:-MOST_DECODED]:
+            _DECODED.pop(oldest, None)  # unless another thread did
+    return cast("Decoded", found)
 
 
 def _state(path: Path) -> Hashable:

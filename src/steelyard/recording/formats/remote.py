@@ -7,6 +7,7 @@ import shutil
 import tempfile
 import weakref
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 from steelyard.errors import InputError, require_package
@@ -26,6 +27,7 @@ class _Copies:
     handle: int | None = None
     paths: dict[tuple[str, str], Path]  # by address and content
     count = 0
+    lock = Lock()  # of all of it
 
 
 _Copies.paths = {}
@@ -61,14 +63,15 @@ def local_copy(address: str) -> Path:
     """
     system, path = object_store(address)
     key = address, str(sorted(_known(system, path, address).items()))
-    if key in _Copies.paths:
-        _Copies.paths[key] = found = _Copies.paths.pop(key)
-        return found
-    while len(_Copies.paths) >= MOST_COPIES:
-        oldest = next(iter(_Copies.paths))
-        shutil.rmtree(_Copies.paths.pop(oldest).parent, ignore_errors=True)
-    _Copies.count += 1
-    copy = _folder() / str(_Copies.count) / os.path.basename(path)
+    with _Copies.lock:
+        if key in _Copies.paths:
+            _Copies.paths[key] = found = _Copies.paths.pop(key)
+            return found
+        while len(_Copies.paths) >= MOST_COPIES:
+            oldest = next(iter(_Copies.paths))
+            shutil.rmtree(_Copies.paths.pop(oldest).parent, ignore_errors=True)
+        _Copies.count += 1
+        copy = _folder() / str(_Copies.count) / os.path.basename(path)
     copy.parent.mkdir()
     try:
         with system.open(path, "rb") as source, copy.open("wb") as target:
@@ -76,8 +79,8 @@ def local_copy(address: str) -> Path:
     except Exception as error:
         shutil.rmtree(copy.parent, ignore_errors=True)
         raise _unreadable(address, error) from None
-    _Copies.paths[key] = copy
-    return copy
+    with _Copies.lock:
+        return _Copies.paths.setdefault(key, copy)
 
 
 def remote_identity(address: str) -> dict[str, str]:

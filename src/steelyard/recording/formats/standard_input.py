@@ -7,6 +7,7 @@ import sys
 import tempfile
 import weakref
 from pathlib import Path
+from threading import Lock
 
 from steelyard.errors import InputError
 
@@ -32,6 +33,7 @@ class _Spool:
     """The copy of the standard input, which is read many times, in a folder that goes with the process."""
 
     path: Path | None = None
+    lock = Lock()
 
 
 def standard_input() -> Path:
@@ -42,20 +44,25 @@ def standard_input() -> Path:
     InputError
         Where nothing is piped into it.
     """
-    if _Spool.path is None:
-        stream = sys.stdin
-        if stream is None or stream.closed or stream.isatty():
-            raise InputError(
-                "- stands for the standard input, and nothing is piped into it; give the path of a log, or pipe one, "
-                "as in `ssh robot cat run.csv | steelyard identify robot.toml - -o result`."
-            )
-        folder = Path(tempfile.mkdtemp(prefix="steelyard-"))
-        weakref.finalize(_Spool, shutil.rmtree, folder, ignore_errors=True)
-        copy = folder / "copy"
-        with copy.open("wb") as file:
-            shutil.copyfileobj(stream.buffer, file)
-        with copy.open("rb") as file:
-            begin = file.read(16)
-        suffix = next((suffix for bytes_, suffix in _BEGINNINGS.items() if begin.startswith(bytes_)), ".csv")
-        _Spool.path = copy.rename(folder / f"standard-input{suffix}")
-    return _Spool.path
+    with _Spool.lock:
+        if _Spool.path is None:
+            _Spool.path = _spooled()
+        return _Spool.path
+
+
+def _spooled() -> Path:
+    stream = sys.stdin
+    if stream is None or stream.closed or stream.isatty():
+        raise InputError(
+            "- stands for the standard input, and nothing is piped into it; give the path of a log, or pipe one, "
+            "as in `ssh robot cat run.csv | steelyard identify robot.toml - -o result`."
+        )
+    folder = Path(tempfile.mkdtemp(prefix="steelyard-"))
+    weakref.finalize(_Spool, shutil.rmtree, folder, ignore_errors=True)
+    copy = folder / "copy"
+    with copy.open("wb") as file:
+        shutil.copyfileobj(stream.buffer, file)
+    with copy.open("rb") as file:
+        begin = file.read(16)
+    suffix = next((suffix for bytes_, suffix in _BEGINNINGS.items() if begin.startswith(bytes_)), ".csv")
+    return copy.rename(folder / f"standard-input{suffix}")
