@@ -65,3 +65,19 @@ def test_workers_finish_their_work() -> None:
     )
     assert done.stdout.splitlines()[-1] == "done"
     assert done.stderr == ""
+
+
+def test_workers_are_warned_as_the_program_is() -> None:
+    """They are forked while the program mutes its warnings of forks."""
+    program = """
+import warnings
+from steelyard.excitation.workers import pool_of
+
+def filters():
+    return [str(one) for one in warnings.filters]
+
+with pool_of(filters, 2) as pool:
+    print(pool.submit().result() == filters())
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
+    assert done.stdout == "True\n", done.stderr

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -35,12 +36,21 @@ class Meanwhile:
     changed
     so many need it: 2
     as before
+
+    A process that is forked meanwhile has none of the threads, and begins as before.
     """
 
     def __init__(self, change: Callable[[], AbstractContextManager[object]]) -> None:
         self._change = change
         self._lock = Lock()
         self._count = 0
+        if hasattr(os, "register_at_fork"):
+            os.register_at_fork(after_in_child=self._forked)
+
+    def _forked(self) -> None:
+        count, self._count, self._lock = self._count, 0, Lock()
+        if count:
+            self._made.__exit__(None, None, None)
 
     def __enter__(self) -> None:
         with self._lock:
@@ -51,9 +61,10 @@ class Meanwhile:
 
     def __exit__(self, *error: object) -> None:
         with self._lock:
-            self._count -= 1
-            if not self._count:
-                self._made.__exit__(None, None, None)
+            if self._count:  # none in a forked process that leaves what its parent entered
+                self._count -= 1
+                if not self._count:
+                    self._made.__exit__(None, None, None)
 
 
 @contextmanager
