@@ -119,9 +119,11 @@ def test_other_solvers_agree_without_a_bound(real_wam, require_solver, solver, c
     if solver == "scs" and consistency == "inertia":
         pytest.skip("a first-order method takes a minute for each of these; it is tried with full consistency")
     model, reduced = real_wam
-    found = fit_reduced(reduced, FeasibleSet(model, consistency, terms=terms), None, solver=solver)
+    feasible = FeasibleSet(model, consistency, terms=terms)
+    found = fit_reduced(reduced, feasible, None, solver=solver)
     assert found.squared_residual == pytest.approx(squared, rel=1e-3)
     assert not found.attained
+    assert feasible.contains(found.parameters)
 
 
 def test_masses_at_the_shoulder_may_grow(real_wam):
