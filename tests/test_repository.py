@@ -138,13 +138,13 @@ def test_links_in_the_documentation_lead_somewhere() -> None:
 def test_documented_options_are_those_of_the_command_line() -> None:
     import typer.main
 
-    from steelyard.cli.main import OWN, app
+    from steelyard.cli.main import COMMANDS, app
 
     text = (ROOT / "docs" / "reference" / "command-line.md").read_text(encoding="utf-8")
     sections = dict(re.findall(r"^## steelyard (\w+)\n(.*?)(?=^## |\Z)", text, re.MULTILINE | re.DOTALL))
     group = typer.main.get_command(app)
-    assert sorted(sections) == sorted(OWN)
-    for name in OWN:
+    assert sorted(sections) == sorted(COMMANDS.own)
+    for name in COMMANDS.own:
         options = {o for p in group.get_command(None, name).params for o in p.opts if o.startswith("--")}
         assert set(re.findall(r"^\| `(--[\w-]+)", sections[name], re.MULTILINE)) == options - {"--help"}, name
 
@@ -192,10 +192,10 @@ def test_every_benchmark_is_described_with_its_command() -> None:
 
 
 def test_the_changelog_names_every_command() -> None:
-    from steelyard.cli.main import OWN
+    from steelyard.cli.main import COMMANDS
 
     text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
-    assert [name for name in OWN if f"`{name}`" not in text and f"steelyard {name}" not in text] == []
+    assert [name for name in COMMANDS.own if f"`{name}`" not in text and f"steelyard {name}" not in text] == []
 
 
 def test_examples_say_where_their_data_is_to_be_had() -> None:

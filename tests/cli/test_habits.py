@@ -13,7 +13,7 @@ import pytest
 import typer
 
 import steelyard as sy
-from steelyard.cli.main import OWN, app
+from steelyard.cli.main import COMMANDS, app
 from steelyard.cli.terminal import _Guarded, how_far, progress
 from steelyard.files import tell
 
@@ -120,7 +120,7 @@ def test_quiet_commands_say_the_answer_alone(run, identified):
         assert len(out.splitlines()) == 1
 
 
-@pytest.mark.parametrize("name", OWN)
+@pytest.mark.parametrize("name", COMMANDS.own)
 def test_every_help_page_has_examples_that_are_understood(name, run):
     short, long = run(name, "-h"), run(name, "--help")
     assert short == long
@@ -134,7 +134,7 @@ def test_every_help_page_has_examples_that_are_understood(name, run):
         GROUP.get_command(None, name).make_context(name, words, parent=None, resilient_parsing=False)
 
 
-@pytest.mark.parametrize("name", OWN)
+@pytest.mark.parametrize("name", COMMANDS.own)
 def test_the_page_of_the_command_line_shows_the_examples(name, run):
     shown = {line.removeprefix("$ ") for line in PAGE.read_text(encoding="utf-8").splitlines() if line.startswith("$ ")}
     text = run(name, "-h")[1].partition("Examples:")[2]

@@ -7,7 +7,6 @@ import sys
 import tempfile
 import traceback
 from difflib import get_close_matches
-from importlib import import_module
 from typing import Any, NoReturn
 
 import typer
@@ -20,29 +19,7 @@ from steelyard.extensions import Extensions
 from .robot_argument import lines_told
 from .terminal import echo, guarded, print_json, sentence
 
-__all__ = ["COMMANDS", "OWN", "SETTINGS", "Commands", "app", "author", "main"]
-
-OWN = (
-    "demo",
-    "init",
-    "doctor",
-    "inspect",
-    "generate",
-    "excite",
-    "identify",
-    "payload",
-    "validate",
-    "deflections",
-    "compare",
-    "fleet",
-    "check",
-    "correct",
-    "explain",
-    "simulate",
-    "view",
-    "example",
-)
-"""The commands of this package, in the order of the help; each is the function of its name in the file of its name."""
+__all__ = ["COMMANDS", "SETTINGS", "Commands", "app", "author", "main"]
 
 # Settings of every command of this program: an error is one sentence, and help is plain text.
 SETTINGS: dict[str, Any] = {
@@ -66,10 +43,12 @@ class Commands(typer.core.TyperGroup):
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Name the commands; those of other packages that cannot be loaded are reported on standard error."""
-        found = [*OWN]
+        found, installed = [*COMMANDS.own], COMMANDS.installed()
         for name in COMMANDS.names():
+            if name in COMMANDS.own and name not in installed:
+                continue
             try:
-                if name in OWN:
+                if name in COMMANDS.own:
                     whose = COMMANDS.packages(name)
                     raise InputError(f"The command `{name}` of {whose} is left out: steelyard has one of that name.")
                 COMMANDS.get(name)
@@ -87,9 +66,8 @@ class Commands(typer.core.TyperGroup):
         InputError
             If it is that of a package that cannot be imported, or that is known and not installed.
         """
-        if cmd_name in OWN and cmd_name not in self.commands:
-            module = import_module(f".{cmd_name}", __package__)
-            self.commands[cmd_name] = _command(cmd_name, getattr(module, cmd_name))
+        if cmd_name in COMMANDS.own and cmd_name not in self.commands:
+            self.commands[cmd_name] = _command(cmd_name, COMMANDS.get(cmd_name))
         found = super().get_command(ctx, cmd_name) or COMMANDS.get(cmd_name)
         if found is None and cmd_name in _ELSEWHERE:
             raise InputError(_ELSEWHERE[cmd_name])
@@ -99,14 +77,14 @@ class Commands(typer.core.TyperGroup):
         """Find the command that a line begins with; one of a similar name, also of another package, is suggested."""
         name = args[0]
         if not name.startswith("-") and self.get_command(ctx, name) is None:
-            near = [repr(one) for one in get_close_matches(name, [*OWN, *COMMANDS.names()])]
+            near = [repr(one) for one in get_close_matches(name, COMMANDS.names())]
             ctx.fail(f"No such command {name!r}." + (f" Did you mean {', '.join(near)}?" if near else ""))
         return super().resolve_command(ctx, args)
 
 
 def author(command: str) -> str:
     """Return the package of a command: steelyard, or the packages that offer it."""
-    return "steelyard itself" if command in OWN else COMMANDS.packages(command) or "steelyard itself"
+    return "steelyard itself" if command in COMMANDS.own else COMMANDS.packages(command) or "steelyard itself"
 
 
 def _command(name: str, offered: Any) -> Any:
@@ -119,7 +97,35 @@ def _command(name: str, offered: Any) -> Any:
     return typer.main.get_command(app)
 
 
-COMMANDS: Extensions[Any] = Extensions("commands", "command", {}, _command)
+COMMANDS: Extensions[Any] = Extensions(
+    "commands",
+    "command",
+    {
+        name: f"{__package__}.{name}:{name}"
+        for name in (
+            "demo",
+            "init",
+            "doctor",
+            "inspect",
+            "generate",
+            "excite",
+            "identify",
+            "payload",
+            "validate",
+            "deflections",
+            "compare",
+            "fleet",
+            "check",
+            "correct",
+            "explain",
+            "simulate",
+            "view",
+            "example",
+        )
+    },
+    _command,
+)
+"""In the order of the help; a file is imported when its command is called."""
 
 
 app = typer.Typer(
