@@ -73,6 +73,8 @@ _SECTIONS_TOGETHER = 2
 _FITTED_ROWS = 1000
 """Rows to which the preliminary model of what is drawn is fitted. Joints of arms have up to 60 columns; 4000 rows took
 two fifths of the time of all that is drawn of a section."""
+_LONGER = 4
+"""The preliminary model is fitted anew whenever a log is so many times as long as it was before."""
 _MOST_WAITING = 8  # tables of extremes
 
 _READING_LINES = 20  # lines of progress while logs are read
@@ -388,10 +390,11 @@ class LogReader:
         """
         opened, task = log.opened, log.task
         opened.use_model(model)
-        seen, thinned = chunks.SeenRows(), ThinnedSamples(task.points, opened.count(), opened.count(section))
+        before, behind = opened.count(section), opened.count(section + 1)
+        seen, thinned = chunks.SeenRows(), ThinnedSamples(task.points, opened.count(), before)
         exact = None if section == 0 else FEWEST_EXACT
         stream = _until(stop, opened.samples(section, seen, lead))
-        kept = _kept_of(stream, task, model, thinned, opened.sections, exact, lead)
+        kept = _kept_of(stream, task, model, thinned, opened.sections, behind - before, exact, lead)
         if opened.sections > 1:
             from steelyard.graph.large_arrays import return_free_memory  # only long logs need it
 
@@ -565,12 +568,13 @@ def _kept_of(
     model: Model,
     thinned: ThinnedSamples,
     sections: int = 1,
+    total: int = 0,
     exact: int | None = None,
     lead: int = chunks.LEAD,
 ) -> _Kept:
-    """Reduce the samples of one of so many sections of a log, and thin them on the way."""
+    """Reduce the `total` samples, or more, of one of so many sections of a log, and thin them on the way."""
     empty = empty_factors(model)
-    drawn = DrawnRows(model, max(task.rows // sections, 1))
+    drawn = DrawnRows(model, max(task.rows // sections, 1), total)
     sums = BatchSums(empty)
     blocks = TimeBlocks(empty, -(-MOST // (task.logs * sections))) if task.fitted else None
     information = _information_of(stream, model, [drawn, thinned], sums, blocks, exact, lead)
@@ -716,14 +720,16 @@ class DrawnRows:
 
     A short log keeps all its rows. A long one is cut into pieces of equal length, of each of which those rows remain at
     which the torque of some joint, or what a preliminary model leaves of it, is least or greatest: no peak is lost,
-    which every k-th row would lose. The model is fitted by least squares to rows of the whole log so far, whenever the
-    pieces become longer.
+    which every k-th row would lose. The model is fitted by least squares to rows of the whole log so far, whenever this
+    has become four times as long.
 
     Parameters
     ----------
     model : Model
     rows : int
         About so many remain.
+    total : int
+        How many samples the whole stream will have at least: pieces as long as they will be need not be merged.
 
     Examples
     --------
@@ -740,9 +746,9 @@ class DrawnRows:
 
     WINDOWS, WINDOW_ROWS = 8, 4096
 
-    def __init__(self, model: Model, rows: int) -> None:
-        self.model, self.limit = model, rows
-        self.piece, self.seen = 1, 0  # rows of a piece, and of the stream
+    def __init__(self, model: Model, rows: int, total: int = 0) -> None:
+        self.model, self.limit, self._total = model, rows, total
+        self.piece, self.seen, self._fitted = 1, 0, 0  # rows of a piece, of the stream, and of it at the last fit
         self._set_pieces()
         self._made_for: tuple[Model | None, Bristles | None] = None, None
         self._waiting: list[Array] = []
@@ -772,12 +778,15 @@ class DrawnRows:
                 self._waiting.append(_table_of(samples, first))
                 return
             waiting = np.concatenate([*self._waiting, _table_of(samples, first, slice(0, 0))])
-            spread = np.unique(np.linspace(0, samples.count - 1, _FITTED_ROWS).astype(int))
-            self._refit(np.concatenate([waiting, _table_of(samples, first, spread)]))
+            self._fit(waiting, samples, first)
             self._pieces = np.empty((0, 4 * self.model.dof, waiting.shape[1]))
             self._waiting = []
+            while self._total // self.piece > self._most:
+                self.piece *= 2
             if len(waiting):
                 self._cut(self._samples(waiting), 0)
+        elif self.seen >= _LONGER * self._fitted:
+            self._fit(self._pieces.reshape(-1, self._pieces.shape[2]), samples, first)
         self._cut(samples, first)
 
     def _keep_windows(self, samples: Samples) -> None:
@@ -835,7 +844,6 @@ class DrawnRows:
         even = len(pieces) // 2 * 2
         if not even:
             return pieces
-        self._refit(pieces.reshape(-1, pieces.shape[2]))
         return np.concatenate([self._extremes(pieces[:even].reshape(even // 2, -1, pieces.shape[2])), pieces[even:]])
 
     def _extremes(self, groups: Array) -> Array:
@@ -857,10 +865,17 @@ class DrawnRows:
         parameters = self.model.base_parameters().Pb @ self._base
         return np.asarray(self.model.inverse_dynamics(samples.q, samples.dq, samples.ddq, parameters))
 
-    def _refit(self, table: Array) -> None:
-        samples = self._samples(table[np.unique(np.linspace(0, len(table) - 1, _FITTED_ROWS).astype(int))])
-        factors = reduce_by_joint(self.model, replace(samples, mask=None))
+    def _fit(self, earlier: Array, samples: Samples, first: int) -> None:
+        """Fit the preliminary model to rows that were seen before, a table, and to some of the samples that follow."""
+
+        def spread(count: int) -> NDArray[np.intp]:
+            return np.unique(np.linspace(0, count - 1, _FITTED_ROWS).astype(np.intp))
+
+        table = np.concatenate([earlier, _table_of(samples, first, spread(samples.count))])
+        chosen = self._samples(table[spread(len(table))])
+        factors = reduce_by_joint(self.model, replace(chosen, mask=None))
         self._base = solve(replace(Information.empty(self.model), factors=factors).reduced(None))
+        self._fitted = self.seen
 
     def _samples(self, table: Array) -> Samples:
         return _samples_of(table, self.model.dof, *self._made_for)

@@ -218,10 +218,8 @@ def steady_clock(count: int, period: float) -> ClockStatistics:
 def clock_of(blocks: Iterable[Array]) -> ClockStatistics:
     """Measure the clock of a log whose stamps come in blocks of `CLOCK_ROWS`, the last one shorter."""
     count = 0
-    rows: list[NDArray[np.int64]] = []
-    skips: list[NDArray[np.int64]] = []
-    gaps: list[Array] = []
-    doubtful: list[NDArray[np.int64]] = []
+    none = np.empty(0, np.int64)
+    rows, skips, gaps, doubtful = [none], [none], [np.empty((0, 2))], [none]
     ticks: list[Array] = []
     periods: list[float] = []
     number, origin, guess = 0, 0.0, float("nan")
@@ -235,24 +233,26 @@ def clock_of(blocks: Iterable[Array]) -> ClockStatistics:
         periods.append(period)
         if not count:
             origin, guess = float(t[0]), period
-        steps, spans = np.diff(t), np.diff(numbers)
-        own = slice(start, stop)  # intervals that this window decides
-        wide = np.flatnonzero(spans[own] > 1.0) + start
-        rows.append(wide + first)
-        skips.append(np.asarray(spans[wide] - 1.0, dtype=np.int64))
-        gaps.append(np.column_stack([t[wide], t[wide + 1]]))
-        found = _doubtful(t, numbers, period) + first
-        doubtful.append(found[(found > first + start) & (found <= first + stop)])
-        off = steps[own] - guess if not wide.size else steps[own] - guess * spans[own]
+        steps = np.diff(t[start : stop + 1])  # the intervals that this window decides
+        off = regular = steps - guess
+        if numbers[-1] - numbers[0] >= len(t):  # rows are missing somewhere
+            spans = np.diff(numbers)[start:stop]
+            wide = np.flatnonzero(spans > 1.0) + start
+            rows.append(wide + first)
+            skips.append(np.asarray(spans[wide - start] - 1.0, dtype=np.int64))
+            gaps.append(np.column_stack([t[wide], t[wide + 1]]))
+            found = _doubtful(t, numbers, period) + first
+            doubtful.append(found[(found > first + start) & (found <= first + stop)])
+            off = steps - guess * spans
+            regular = off[spans == 1.0]
         low, high = min(low, off.min(initial=np.inf)), max(high, off.max(initial=-np.inf))
-        shortest, longest = min(shortest, steps[own].min(initial=np.inf)), max(longest, steps[own].max(initial=0.0))
-        regular = off if not wide.size else off[spans[own] == 1.0]
-        intervals += [regular.size, regular.sum(), (regular**2).sum()]
+        shortest, longest = min(shortest, steps.min(initial=np.inf)), max(longest, steps.max(initial=0.0))
+        intervals += [regular.size, regular.sum(), _product(regular, regular)]
         # Rows behind the intervals, and the very first one.
         begin = start + 1 if count else 0
         n = number + numbers[begin : stop + 1] - numbers[start]
         r = (t[begin : stop + 1] - origin) - guess * n
-        sums += [n.size, n.sum(), (n**2).sum(), r.sum(), (n * r).sum(), (r**2).sum()]
+        sums += [n.size, n.sum(), _product(n, n), r.sum(), _product(n, r), _product(r, r)]
         ticks.append(t[begin + (-first - begin) % TICK : stop + 1 : TICK].copy())
         number, count, last = int(n[-1]), first + stop + 1, float(t[stop])
     size, sum_n, sum_nn, sum_r, sum_nr, sum_rr = sums
@@ -274,7 +274,7 @@ def clock_of(blocks: Iterable[Array]) -> ClockStatistics:
         shortest=float(shortest),
         longest=float(longest),
         largest=max(float(max(high, -low)) - rounding, 0.0) / period,
-        gap_rows=np.concatenate(rows).astype(np.int64),
+        gap_rows=np.concatenate(rows),
         skipped=np.concatenate(skips),
         gaps=np.concatenate(gaps),
         doubtful=np.concatenate(doubtful),
@@ -443,8 +443,12 @@ def _most_regular(t: NDArray[np.float64], typical: float, width: float = COARSE)
 
 def _slope(t: NDArray[np.float64], numbers: NDArray[np.float64]) -> float:
     centred = numbers - numbers.mean()
-    # A product of two vectors would be shared among threads that wait for each other: on a busy machine for 50 ms.
-    return float(np.sum(centred * (t - t.mean())) / np.sum(centred * centred))
+    return _product(centred, t - t.mean()) / _product(centred, centred)
+
+
+def _product(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
+    # BLAS would share it among threads that wait for each other: on a busy machine for 50 ms.
+    return float(np.einsum("i,i->", one, other))
 
 
 def _counted(t: NDArray[np.float64], period: float) -> NDArray[np.float64] | None:
