@@ -173,6 +173,18 @@ def test_the_sources_are_those_of_pinocchio(identification: Identification) -> N
     np.testing.assert_allclose(sizes["gravity"], np.sqrt(np.mean(found["gravity"] ** 2, axis=0)))
 
 
+@pytest.mark.parametrize(("rows", "compared"), [(4000, 15), (1024, 15), (51, 24), (50, 24)])
+def test_the_spectrum_is_that_of_scipy(rows: int, compared: int) -> None:
+    """Up to so many frequencies, each of which has a band of its own."""
+    from scipy.signal import welch
+
+    window = np.random.default_rng(4).standard_normal((rows, 2)) + np.arange(rows)[:, None] / rows
+    frequency, density = spectrum([window], 0.01)
+    expected = welch(window, 100.0, nperseg=min(rows, 1024), axis=0, detrend=False)
+    np.testing.assert_allclose(frequency[:compared], expected[0][1:-1][:compared], rtol=1e-12)
+    np.testing.assert_allclose(density[:compared] ** 2, expected[1][1:-1][:compared], rtol=1e-9)
+
+
 def test_a_line_stands_at_its_frequency_and_a_memory_in_its_lags() -> None:
     """A sine of 12.5 Hz in noise; and x_k = 0.8 x_{k-1} + noise, whose autocorrelation is 0.8^k."""
     random = np.random.default_rng(3)

@@ -36,24 +36,24 @@ def spectrum(windows: Sequence[Array], interval: float) -> tuple[Array, Array]:
     >>> bool(np.allclose(density[-20:], 0.5 / np.sqrt(50), rtol=0.2)), float(frequency[-1]) < 50.0
     (True, True)
     """
-    from scipy.signal import welch
-
     rows = min(_SEGMENT, max(len(window) for window in windows))
+    # Six lines in the place of scipy.signal.welch, with which all of scipy.stats comes: a twelfth of the processor time
+    # that `steelyard identify` takes for a short log.
+    hann = np.hanning(rows + 1)[:-1, None]
     total: Array | float = 0.0
     used: Array | float = 0.0
-    count = 0
     for window in windows:
         if len(window) < rows:
             continue
         known = np.isfinite(window)
-        frequency, density = welch(
-            np.where(known, window, 0.0), 1.0 / interval, nperseg=rows, axis=0, detrend=False, scaling="density"
-        )
-        total, used, count = total + density * len(window), used + known.sum(axis=0), count + len(window)
+        segments = np.lib.stride_tricks.sliding_window_view(np.where(known, window, 0.0), rows, axis=0)
+        waves = np.fft.rfft(hann * segments[:: rows - rows // 2].swapaxes(1, 2), axis=1)
+        density = 2.0 * interval * np.mean(np.abs(waves) ** 2, axis=0) / np.sum(hann**2)
+        total, used = total + density * len(window), used + known.sum(axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
         density = np.asarray(total) / used
     # Neither zero nor the highest frequency, of which a real signal has half.
-    frequency, density = frequency[1:-1], density[1:-1]
+    frequency, density = np.fft.rfftfreq(rows, interval)[1:-1], density[1:-1]
     edges = np.geomspace(frequency[0], frequency[-1] * (1 + 1e-9), _BANDS + 1)
     band = np.clip(np.searchsorted(edges, frequency, side="right") - 1, 0, _BANDS - 1)
     first = np.unique(band, return_index=True)[1]
