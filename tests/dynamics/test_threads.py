@@ -1,5 +1,9 @@
 """Work that is shared among threads."""
 
+import json
+import os
+import subprocess
+import sys
 import threading
 import time
 
@@ -123,6 +127,64 @@ def test_the_last_of_several_threads_lifts_the_limit_of_linear_algebra() -> None
         set_limits(before)
     assert allowed == [2] * 6
     assert meanwhile == [[1] * len(libraries)] * 3
+
+
+FORKED = """
+import json, os, sys, threading, warnings
+import numpy
+from threadpoolctl import ThreadpoolController
+from steelyard.dynamics.threads import one_thread
+
+libraries = [one for one in ThreadpoolController().lib_controllers if one.user_api == "blas"]
+for one in libraries:
+    one.set_num_threads(2)
+    getattr(one, "clear_controlling_thread", list)()
+
+def limit():
+    return max(one.num_threads for one in libraries)
+
+def forked():
+    reader, writer = os.pipe()
+    if not os.fork():
+        first = limit()
+        with one_thread() as allowed:
+            os.write(writer, json.dumps([first, allowed, limit()]).encode())
+        sys.stdout.flush()
+        if inside:
+            within.__exit__(None, None, None)
+        os.write(writer, json.dumps([limit()]).encode())
+        os._exit(0)
+    os.wait()
+    return os.read(reader, 1000).decode()
+
+inside = sys.argv[1] == "inside"
+warnings.simplefilter("ignore")  # of the threads, which a forked process lacks
+if inside:
+    within = one_thread()
+    within.__enter__()
+    print(forked())
+else:
+    entered, left = threading.Event(), threading.Event()
+    def other():
+        with one_thread():
+            entered.set()
+            left.wait(10.0)
+    thread = threading.Thread(target=other)
+    thread.start()
+    entered.wait(10.0)
+    print(forked())
+    left.set()
+    thread.join()
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork")
+@pytest.mark.parametrize(("place", "first"), [("inside", 1), ("beside", 2)])
+def test_a_forked_process_keeps_the_limit_only_where_it_was_forked_within_it(place: str, first: int) -> None:
+    done = subprocess.run([sys.executable, "-c", FORKED, place], capture_output=True, text=True, check=True)
+    found, last = (json.loads(f"[{part}]") for part in done.stdout.strip()[1:-1].split("]["))
+    assert found == [first, 2, 1]
+    assert last == [2]
 
 
 def test_threads_that_share_work_do_not_share_theirs() -> None:

@@ -107,7 +107,10 @@ def in_threads(function: Callable[[Item], Result], items: Sequence[Item]) -> lis
 
 
 class _Limit:
-    """The limit of BLAS, which all threads share: the first one sets it, and the last one lifts it."""
+    """The limit of BLAS, which all threads share: the first one sets it, and the last one lifts it.
+
+    A forked process has none of the other threads: it keeps the limit only where it was forked within it.
+    """
 
     def __init__(self) -> None:
         self._lock = Lock()
@@ -132,14 +135,26 @@ class _Limit:
         with self._lock:
             self._count -= 1
             if not self._count:
-                self._limits.close()
-                _let_go(self._controller)
-                self._controller = None
+                self._lift()
+
+    def _lift(self) -> None:
+        self._limits.close()
+        _let_go(self._controller)
+        self._controller = None
+
+    def forked(self) -> None:
+        """Go on in a forked process."""
+        self._lock = Lock()
+        if _ALLOWED.get() is not None:
+            self._count = 1
+        elif self._count:
+            self._count = 0
+            self._lift()
 
 
 _LIMIT = _Limit()
-if hasattr(os, "register_at_fork"):  # a forked process has none of the other threads
-    os.register_at_fork(after_in_child=_LIMIT.__init__)  # type: ignore[misc]
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_LIMIT.forked)
 
 
 def _let_go(controller: Any) -> None:
