@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 import threading
+import zipfile
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -165,6 +166,23 @@ def test_formats_are_read_in_parts(name: str, write: Callable[[Recording, Path],
         assert {len(block[names[0]]) for block in blocks[:-1]} <= {777}
         for column in names:
             np.testing.assert_array_equal(np.concatenate([block[column] for block in blocks]), whole[column][start:])
+
+
+@pytest.mark.parametrize("by_columns", [False, True])
+def test_no_place_within_an_archive_is_sought(
+    by_columns: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Python 3.12.0 to 3.12.8, 3.13.0 and 3.13.1 then read the bytes of another array, see CPython's issue 127847."""
+
+    def seek(*_: Any) -> int:
+        raise AssertionError("a place within an archive was sought")
+
+    log, path = recording(5000), tmp_path / "log.npz"
+    np.savez(path, t=log.t, q=np.asarray(log.q, order="F" if by_columns else "C"), tau=log.torque)
+    monkeypatch.setattr(zipfile.ZipExtFile, "seek", seek)
+    found = next(LogFiles(path).blocks_from(3000, ["t", "q2", "tau1"], 100))
+    for own, expected in zip(found.values(), (log.t, log.q[:, 1], log.torque[:, 0]), strict=True):
+        np.testing.assert_array_equal(own, expected[3000:3100])
 
 
 TEXTS = {

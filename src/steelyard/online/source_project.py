@@ -193,7 +193,8 @@ class _Tables:
         rows = Rows(sparse.csc_array(np.hstack([blocks.matrix.toarray(), -identity])), blocks.right, *blocks.cones)
         most = Rows(sparse.csc_array(([1.0], ([0], [m])), shape=(1, m + 1)), np.ones(1), Cone("nonnegative", 1))
         scaled = self.N / units[:, None]
-        P = sparse.block_diag([1e-9 * (scaled.T @ scaled), np.zeros((1, 1))], format="csc")
+        P = np.zeros((m + 1, m + 1))
+        P[:m, :m] = 1e-9 * (scaled.T @ scaled)
         q = np.append(1e-9 * scaled.T @ (self.constant / units), -1.0)
         solution = solve(ConicProblem.from_rows(q, [rows, most], sparse.csc_array(P)))
         room = -np.inf

@@ -136,29 +136,32 @@ class NpzFile(LogFile):
         total = self._rows(names)
         with contextlib.ExitStack() as stack:
             archive = stack.enter_context(self._archive())
-            stored = {key: self._stored(archive, self._members[key], stack) for key in keys}
+            stored = {key: self._stored(archive, self._members[key], stack, start) for key in keys}
             for first in range(start, total, rows):
                 count = min(rows, total - first)
                 block = {key: self._take(array, self._members[key], first, count) for key, array in stored.items()}
                 yield {name: self._column(block, name) for name in names}
 
-    def _stored(self, archive: zipfile.ZipFile, member: Member, stack: contextlib.ExitStack) -> ArrayInFile:
-        """Return an array as it stands in the archive.
+    def _stored(self, archive: zipfile.ZipFile, member: Member, stack: contextlib.ExitStack, start: int) -> ArrayInFile:
+        """Return an array as it stands in the archive, of which rows are read from `start` on.
 
         Of a compressed one the rows follow each other. Where they do not, because the columns do (Fortran order), it is
         unpacked into a temporary file.
         """
         entry = archive.getinfo(member.file)
-        if not member.is_spread:
+        is_stored = entry.compress_type == zipfile.ZIP_STORED
+        # Read from the first row on, the archive checks the sum of all bytes. Of what is stored as it is, seeking tells
+        # wrong places up to Python 3.12.8 and 3.13.1 (CPython's issue 127847).
+        if not member.is_spread and not (is_stored and start):
             stream = stack.enter_context(archive.open(entry))
             read_array_header(stream)
             return ArrayInFile(stream, stream.tell(), member.shape, member.kind, by_columns=False)
         with archive.open(entry) as stream:
             read_array_header(stream)
-            if entry.compress_type == zipfile.ZIP_STORED:
+            if is_stored:
                 begin = _begin(self.path, entry) + stream.tell()
                 file = stack.enter_context(self.path.open("rb"))
-                return ArrayInFile(file, begin, member.shape, member.kind, by_columns=True)
+                return ArrayInFile(file, begin, member.shape, member.kind, member.is_spread)
             options = (NpzFile, member.file)
             return decoded_once(self.path, options, lambda: unpacked(stream, member.shape, member.kind, True))
 
