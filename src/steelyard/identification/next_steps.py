@@ -172,13 +172,32 @@ def _doctor_command(identification: Identification, logs: Iterable[str]) -> str:
     return f"steelyard doctor {log} {_robot(identification)}"
 
 
+def _carries(identification: Identification, log: str) -> bool:
+    """Tell whether a payload is among what may be wrong with a log."""
+    return any(one.kind == "payload" for one in identification.mistakes.get(log, ()))
+
+
 def _mistakes(identification: Identification) -> Iterator[NextStep]:
+    everything = (*identification.logs, *identification.validation_logs)
     for log, hypotheses in identification.mistakes.items():
         first, *others = hypotheses
         reason = f"{first.statement}, in {log}: mended, {first.evidence}."
         if others:
             reason += f" The log cannot tell it from: {'; '.join(other.statement for other in others[:MOST_NAMED])}."
-        if first.toml:
+        empty = [one for one in dict.fromkeys(everything) if not _carries(identification, one)]
+        if first.kind == "payload" and empty:
+            # A line of robot.toml counts for every log: it would be false of those without the payload.
+            words = ((empty[0], "UNLOADED"), (log, "LOADED"))
+            unloaded, loaded = ((_paths(identification, [one]) or [word])[0] for one, word in words)
+            more = f" and {len(empty) - MOST_NAMED} more" if len(empty) > MOST_NAMED else ""
+            yield NextStep(
+                "Identify logs with and without the payload apart, and weigh what is carried.",
+                f"{reason} No payload was found in {', '.join(empty[:MOST_NAMED])}{more}: these logs are not those of "
+                "one robot.",
+                f"steelyard payload {_robot(identification)} {unloaded} {loaded}",
+                "console",
+            )
+        elif first.toml:
             yield NextStep("Mend robot.toml, and identify again.", reason, first.toml.strip(), "toml")
         else:
             command = _doctor_command(identification, [log])
