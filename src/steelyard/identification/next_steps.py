@@ -13,6 +13,7 @@ from steelyard.display import few_digits
 from steelyard.dynamics import RotorInertia
 from steelyard.excitation.motion_limits import MotionLimits
 from steelyard.feasibility.constraints import MeasuredMass, TotalMass
+from steelyard.recording.diagnosis import remedy_of
 from steelyard.regression import Information, least_squares
 
 from .parameter_table import parameter_sizes
@@ -141,6 +142,7 @@ def _steps(identification: Identification) -> Iterator[NextStep]:
     other = list(_other_estimator(identification))
     yield from other
     yield from _mistakes(identification)
+    yield from _faulty_rows(identification)
     yield from _events(identification)
     yield from _drifts(identification)
     if identification.prediction.word == "wrong":
@@ -202,6 +204,22 @@ def _mistakes(identification: Identification) -> Iterator[NextStep]:
         else:
             command = _doctor_command(identification, [log])
             yield NextStep("See whether it is so, and identify again.", reason, command, "console")
+
+
+def _faulty_rows(identification: Identification) -> Iterator[NextStep]:
+    """Rows that no model explains, such as those of a clipped torque, and that an option leaves out."""
+    if identification.prediction.word == "good":
+        return
+    said = {remark: option for remark in identification.remarks if (option := remedy_of(remark)) is not None}
+    if said:
+        more = f" The remarks name {len(said) - 1} more." if len(said) > 1 else ""
+        lines = [f"{option} = true" for option in dict.fromkeys(said.values())]
+        yield NextStep(
+            "Leave out the rows that no model explains, and identify again.",
+            f"{next(iter(said))}{more}",
+            "\n".join(["[processing]", *lines]),
+            "toml",
+        )
 
 
 def _events(identification: Identification) -> Iterator[NextStep]:
