@@ -146,6 +146,22 @@ def test_still_joint_is_said() -> None:
     assert table["Fvj1"].basis == "measured"
 
 
+@pytest.mark.parametrize("still", [False, True])
+def test_friction_at_rest_is_no_offset_that_was_measured(still) -> None:
+    """Where the third joint stands still, 0.4 N·m of friction hold a part of its load."""
+    arm = simulated_arm(4, still=(2,) * still)
+    truth = dict(zip(arm.model.parameter_names, arm.truth, strict=True))
+    held = replace(arm.samples, torque=arm.samples.torque - [0.0, 0.0, 0.4 * still])
+    info, feasible_set = sy.Information.from_samples(arm.model, held), FeasibleSet(arm.model)
+    table = parameter_table(info, feasible_set, sy.fit(info, feasible_set), sy.least_squares(info))
+    for joint in (1, 2, 3):
+        row = table[f"Foj{joint}"]
+        assert row.lower <= truth[row.name] <= row.upper
+        assert (row.basis == "assumed" and np.isinf([row.lower, row.upper]).all()) == (still and joint == 3)
+    told = [sentence for sentence in table.sentences if "friction of joints that stand still" in sentence]
+    assert [sentence.split()[0] for sentence in told] == ["Foj3"] * still
+
+
 PAN_TILT = """<robot name="pan_tilt"><link name="base"/>
 <link name="yoke"><inertial><origin xyz="0.01 0.02 -0.01"/><mass value="0.8"/>
   <inertia ixx="2e-3" ixy="1e-4" ixz="-2e-4" iyy="3e-3" iyz="2e-4" izz="2.5e-3"/></inertial></link>

@@ -374,6 +374,7 @@ def parameter_table(
         told = found.lower, found.upper
     scales = _scales(feasible_set, parameters, values, asked, about, term_scales)
     shares, rotor_names = _shares_of_rotors(feasible_set)
+    at_rest = _offsets_at_rest(info, feasible_set) if told is not None else []
     changes: dict[str, list[float]] = {}
     for drift in drifts:
         for name, times in drift.changes.items():
@@ -405,6 +406,8 @@ def parameter_table(
                 if np.any(share):
                     basis = "assumed"
                     of_rotors.append((quantity.name, np.flatnonzero(share)))
+            if quantity.name in at_rest:
+                low, high, basis = -np.inf, np.inf, "assumed"
         rows.append(
             ParameterRow(
                 quantity.name,
@@ -428,6 +431,12 @@ def parameter_table(
         if len(changes) > 1:
             hold = "change in the course of a log; intervals hold them from its begin to its end"
         sentences = (*sentences, f"{_first_of(list(changes))} {hold}.")
+    if at_rest:
+        sentences = (
+            *sentences,
+            f"{_first_of(at_rest)} would hold the friction of joints that stand still in all of these logs, which may "
+            "be any up to that of sliding, either way: motions of these joints tell it from an offset.",
+        )
     if of_rotors:
         sentences = (*sentences, _said_of_rotors(feasible_set, rotor_names, of_rotors))
     if told is not None and feasible_set.parameter_count > MANY_PARAMETERS:
@@ -457,6 +466,28 @@ def _shares_of_rotors(feasible_set: FeasibleSet) -> tuple[Array, list[str]]:
     shares = np.asarray(np.linalg.lstsq(own, rotors, rcond=None)[0])
     told_apart = np.abs(own @ shares - rotors).max(axis=0) > ROUNDING * np.abs(rotors).max(axis=0)
     return (np.where(told_apart, 0.0, shares), list(narrow)) if not told_apart.all() else nothing
+
+
+def _offsets_at_rest(info: Information, feasible_set: FeasibleSet) -> list[str]:
+    """Return the offsets of joints that have Coulomb friction, of which the data show nothing.
+
+    Friction is zero where the model has a velocity of zero; that of a real joint at rest takes up any torque to that of
+    sliding, which is constant as an offset is.
+    """
+    model = feasible_set.model
+    if not isinstance(model, Model):
+        return []
+    hidden, K = info.unidentifiable_mask, np.asarray(model.base_parameters().K, dtype=float)
+    described = {one.symbol: one.described_as for term in model.robot.terms for one in term.parameters}
+    offsets, shown = dict[str, str](), dict[str, bool]()
+    for column, name in enumerate(map(str, model.parameter_names)):
+        symbol = name.rstrip("0123456789")
+        of_joint = name[len(symbol) - 1 :]  # "j3" of a joint, "m3" of a motor
+        if described.get(symbol) == "offset":
+            offsets[of_joint] = name
+        elif described.get(symbol) == "friction":
+            shown[of_joint] = shown.get(of_joint, False) or not K[hidden, column].any()
+    return [name for of_joint, name in offsets.items() if not shown.get(of_joint, True)]
 
 
 def _said_of_rotors(
