@@ -4,6 +4,7 @@ import csv
 import importlib
 import io
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -196,6 +197,13 @@ def test_an_inertia_that_may_hold_a_rotor_is_not_measured(stated, tmp_path) -> N
     assert len(outside) <= 0.05 * len(truth)  # intervals of 95 %
     assert "Lyy2" not in outside
     assert sum(row.basis == "measured" and row.name in truth for row in table) >= 5
+    # Sums that are told as measured are sums of what is there: links of the oracle and the rotors that were added.
+    (sums,) = (one.partition("themselves: ")[2] for one in table.sentences if one.startswith("Of these only the sum"))
+    there = truth | {"Ia1": rotors[0], "Ia2": rotors[1]}
+    told_sums = re.findall(r"([^;(]+) \(([-\de.]+) ± ([-\de.]+)\)", sums)
+    assert any("Ia1" in expression for expression, *_ in told_sums)
+    for expression, value, error in told_sums:  # within three standard errors
+        assert eval(expression.strip(), dict(there)) == pytest.approx(float(value), abs=1.5 * float(error))
     told = [sentence for sentence in table.sentences if "inertia of a rotor at tilt (Ia2)" in sentence]
     width = table["Lyy2"].upper - table["Lyy2"].lower
     if stated:

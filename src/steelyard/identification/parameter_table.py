@@ -420,7 +420,8 @@ def parameter_table(
                 basis,  # type: ignore[arg-type]
             )
         )
-    sentences = _known_together(info, feasible_set, unconstrained, ParameterTable(tuple(rows)))
+    rotors = shares, rotor_names
+    sentences = _known_together(info, feasible_set, unconstrained, ParameterTable(tuple(rows)), rotors)
     if drawn:
         more = f" and {len(drawn) - MOST_SENTENCES} more" if len(drawn) > MOST_SENTENCES else ""
         stand = "stands at an end of its interval" if len(drawn) == 1 else "stand at an end of their intervals"
@@ -652,9 +653,17 @@ MOST_SENTENCES = 3
 
 
 def _known_together(
-    info: Information, feasible_set: FeasibleSet, unconstrained: Estimate, table: ParameterTable
+    info: Information,
+    feasible_set: FeasibleSet,
+    unconstrained: Estimate,
+    table: ParameterTable,
+    rotors: tuple[Array, list[str]],
 ) -> tuple[str, ...]:
-    """Say of which assumed numbers a combination is measured, those with the most of them first."""
+    """Say of which assumed numbers a combination is measured, those with the most of them first.
+
+    Rotors that the model does not have, and whose torques links can make, are a part of these sums.
+    """
+    shares, rotor_names = rotors
     names = [str(name) for name in feasible_set.model.parameter_names]
     assumed = {row.name for row in table.rows if row.basis == "assumed"}
     found = []
@@ -663,13 +672,22 @@ def _known_together(
         error, value = unconstrained.standard_error[base], unconstrained.base[base]
         if len(parts) > 1 and assumed.intersection(parts) and 2.0 * error <= MEASURED * abs(value):
             count = len(assumed.intersection(parts))
-            found.append((count, f"{expression} ({value:.4g} ± {2.0 * error:.2g})"))
+            row = np.asarray(feasible_set.K[base], dtype=float)
+            share, size = row @ shares, np.abs(row) @ np.abs(shares)
+            held = np.flatnonzero(np.abs(share) > ROUNDING * size)
+            sum_of_all = expression + "".join(_summand(share[joint], rotor_names[joint]) for joint in held)
+            found.append((count, f"{sum_of_all} ({value:.4g} ± {2.0 * error:.2g})", held))
     found.sort(key=lambda item: -item[0])
     sentences = []
     if found:
-        shown = "; ".join(text for _, text in found[:MOST_SENTENCES])
+        shown = "; ".join(text for _, text, _ in found[:MOST_SENTENCES])
+        held = np.unique(np.concatenate([joints for *_, joints in found[:MOST_SENTENCES]]))
+        told = ""
+        if len(held):
+            which = "the inertia of a rotor" if len(held) == 1 else "inertias of rotors"
+            told = f", where {', '.join(rotor_names[joint] for joint in held)} would be {which} that the model lacks"
         sentences.append(
-            f"Of these only the sum is measured; no motion of this robot shows the parts by themselves: {shown}."
+            f"Of these only the sum is measured; no motion of this robot shows the parts by themselves: {shown}{told}."
         )
     model = feasible_set.model
     unlogged: dict[str, str] = {}
@@ -688,6 +706,11 @@ def _known_together(
             f"No motion shows {_first_of(list(unlogged))}: the logs have no torque of {joints}, which alone tells them."
         )
     return tuple(sentences)
+
+
+def _summand(factor: float, name: str) -> str:
+    times = "" if abs(abs(factor) - 1.0) < ROUNDING else f"{abs(factor):.4g}*"
+    return f" {'-' if factor < 0.0 else '+'} {times}{name}"
 
 
 def _first_of(names: list[str]) -> str:
