@@ -216,6 +216,31 @@ def test_an_inertia_that_may_hold_a_rotor_is_not_measured(stated, tmp_path) -> N
         assert table["Lyy2"].value == pytest.approx(truth["Lyy2"] + rotors[1], rel=0.01)
 
 
+RAILS = """<robot name="rails"><link name="base"/>
+<link name="bridge"><inertial><mass value="5"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>
+</link><joint name="x" type="prismatic"><parent link="base"/><child link="bridge"/><axis xyz="1 0 0"/>
+<limit lower="-1" upper="1" effort="9" velocity="3"/></joint>
+<link name="carriage"><inertial><mass value="2"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>
+</link><joint name="y" type="prismatic"><parent link="bridge"/><child link="carriage"/><axis xyz="0 1 0"/>
+<limit lower="-1" upper="1" effort="9" velocity="3"/></joint></robot>"""
+
+
+def test_no_link_may_be_heavier_than_all_together(tmp_path) -> None:
+    """Two rails in a plane: 6 kg and 2 kg of them are all that the forces show, be it links or rotors."""
+    (tmp_path / "rails.urdf").write_text(RAILS)
+    model = Model(Robot.from_urdf(tmp_path / "rails.urdf"))
+    random = np.random.default_rng(3)
+    q, dq, ddq = random.uniform(-1.0, 1.0, (3, 400, 2))
+    force = np.array([6.0, 2.0]) * ddq + 1e-3 * random.normal(size=q.shape)
+    info = sy.Information.from_samples(model, Samples(q=q, dq=dq, ddq=ddq, torque=force, t=0.01 * np.arange(400)))
+    feasible_set = FeasibleSet(model)
+    table = parameter_table(info, feasible_set, sy.fit(info, feasible_set), sy.least_squares(info))
+    assert table["total mass"].upper == pytest.approx(6.0, abs=0.01)
+    for name, heaviest in (("m1", 6.0), ("m2", 2.0)):
+        assert table[name].lower == 0.0  # all of it may be a rotor
+        assert heaviest <= table[name].upper <= 6.01
+
+
 def test_friction_that_drifts_has_an_interval_from_begin_to_end() -> None:
     """Coulomb friction falls from 1.3 to 0.7 of its mean, which the rows of the log as a whole tell to a percent."""
     arm = simulated_arm(6, seconds=60.0)

@@ -420,6 +420,11 @@ def parameter_table(
                 basis,  # type: ignore[arg-type]
             )
         )
+    heaviest = next((row.upper for row in rows if row.name == "total mass"), np.inf)
+    rows = [  # no link is heavier than all of them, which rotors that nobody knows make none
+        replace(row, upper=heaviest) if of.kind == "mass" and row.upper > heaviest else row
+        for row, of in zip(rows, about, strict=True)
+    ]
     rotors = shares, rotor_names
     sentences = _known_together(info, feasible_set, unconstrained, ParameterTable(tuple(rows)), rotors)
     if drawn:
