@@ -4,6 +4,7 @@ import csv
 import importlib
 import io
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -146,6 +147,22 @@ def test_still_joint_is_said() -> None:
     assert table["Fvj1"].basis == "measured"
 
 
+@pytest.mark.parametrize("still", [False, True])
+def test_friction_at_rest_is_no_offset_that_was_measured(still) -> None:
+    """Where the third joint stands still, 0.4 N·m of friction hold a part of its load."""
+    arm = simulated_arm(4, still=(2,) * still)
+    truth = dict(zip(arm.model.parameter_names, arm.truth, strict=True))
+    held = replace(arm.samples, torque=arm.samples.torque - [0.0, 0.0, 0.4 * still])
+    info, feasible_set = sy.Information.from_samples(arm.model, held), FeasibleSet(arm.model)
+    table = parameter_table(info, feasible_set, sy.fit(info, feasible_set), sy.least_squares(info))
+    for joint in (1, 2, 3):
+        row = table[f"Foj{joint}"]
+        assert row.lower <= truth[row.name] <= row.upper
+        assert (row.basis == "assumed" and np.isinf([row.lower, row.upper]).all()) == (still and joint == 3)
+    told = [sentence for sentence in table.sentences if "friction of joints that stand still" in sentence]
+    assert [sentence.split()[0] for sentence in told] == ["Foj3"] * still
+
+
 PAN_TILT = """<robot name="pan_tilt"><link name="base"/>
 <link name="yoke"><inertial><origin xyz="0.01 0.02 -0.01"/><mass value="0.8"/>
   <inertia ixx="2e-3" ixy="1e-4" ixz="-2e-4" iyy="3e-3" iyz="2e-4" izz="2.5e-3"/></inertial></link>
@@ -180,6 +197,13 @@ def test_an_inertia_that_may_hold_a_rotor_is_not_measured(stated, tmp_path) -> N
     assert len(outside) <= 0.05 * len(truth)  # intervals of 95 %
     assert "Lyy2" not in outside
     assert sum(row.basis == "measured" and row.name in truth for row in table) >= 5
+    # Sums that are told as measured are sums of what is there: links of the oracle and the rotors that were added.
+    (sums,) = (one.partition("themselves: ")[2] for one in table.sentences if one.startswith("Of these only the sum"))
+    there = truth | {"Ia1": rotors[0], "Ia2": rotors[1]}
+    told_sums = re.findall(r"([^;(]+) \(([-\de.]+) ± ([-\de.]+)\)", sums)
+    assert any("Ia1" in expression for expression, *_ in told_sums)
+    for expression, value, error in told_sums:  # within three standard errors
+        assert eval(expression.strip(), dict(there)) == pytest.approx(float(value), abs=1.5 * float(error))
     told = [sentence for sentence in table.sentences if "inertia of a rotor at tilt (Ia2)" in sentence]
     width = table["Lyy2"].upper - table["Lyy2"].lower
     if stated:
@@ -190,6 +214,31 @@ def test_an_inertia_that_may_hold_a_rotor_is_not_measured(stated, tmp_path) -> N
         assert told[0].startswith("Lyy2 would hold")
         assert table["Lyy2"].basis == "assumed"
         assert table["Lyy2"].value == pytest.approx(truth["Lyy2"] + rotors[1], rel=0.01)
+
+
+RAILS = """<robot name="rails"><link name="base"/>
+<link name="bridge"><inertial><mass value="5"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>
+</link><joint name="x" type="prismatic"><parent link="base"/><child link="bridge"/><axis xyz="1 0 0"/>
+<limit lower="-1" upper="1" effort="9" velocity="3"/></joint>
+<link name="carriage"><inertial><mass value="2"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>
+</link><joint name="y" type="prismatic"><parent link="bridge"/><child link="carriage"/><axis xyz="0 1 0"/>
+<limit lower="-1" upper="1" effort="9" velocity="3"/></joint></robot>"""
+
+
+def test_no_link_may_be_heavier_than_all_together(tmp_path) -> None:
+    """Two rails in a plane: 6 kg and 2 kg of them are all that the forces show, be it links or rotors."""
+    (tmp_path / "rails.urdf").write_text(RAILS)
+    model = Model(Robot.from_urdf(tmp_path / "rails.urdf"))
+    random = np.random.default_rng(3)
+    q, dq, ddq = random.uniform(-1.0, 1.0, (3, 400, 2))
+    force = np.array([6.0, 2.0]) * ddq + 1e-3 * random.normal(size=q.shape)
+    info = sy.Information.from_samples(model, Samples(q=q, dq=dq, ddq=ddq, torque=force, t=0.01 * np.arange(400)))
+    feasible_set = FeasibleSet(model)
+    table = parameter_table(info, feasible_set, sy.fit(info, feasible_set), sy.least_squares(info))
+    assert table["total mass"].upper == pytest.approx(6.0, abs=0.01)
+    for name, heaviest in (("m1", 6.0), ("m2", 2.0)):
+        assert table[name].lower == 0.0  # all of it may be a rotor
+        assert heaviest <= table[name].upper <= 6.01
 
 
 def test_friction_that_drifts_has_an_interval_from_begin_to_end() -> None:

@@ -8,7 +8,7 @@ import pytest
 
 import steelyard as sy
 from steelyard.identification.log_checks import heavy_ends
-from steelyard.identification.next_steps import found
+from steelyard.identification.next_steps import found, next_steps
 
 COUNT, RATE = 6000, 500.0
 
@@ -64,6 +64,25 @@ def test_a_mistake_is_said(arm, tmp_path, mistake, chunk_rows):
     change, words = MISTAKES[mistake]
     found = remarks(arm, tmp_path, change(arm[2]), chunk_rows)
     assert any(all(word in remark for word in words) for remark in found), found
+
+
+def test_clipped_torques_are_to_be_left_out_before_anything_else(arm, simulation, tmp_path):
+    path, model, log = arm
+    most = 0.5 * np.abs(log.torque).max(axis=0)
+    clipped = replace(log, torque=np.clip(log.torque, -most, most)).save(tmp_path / "log.npz")
+    found = sy.identify(path, [clipped])
+    assert found.prediction.word != "good"
+    first = next_steps(found)[0]
+    assert first.code == "[processing]\nsaturation = true"
+    assert "where the torque is clipped" in first.reason
+    # The advice is worth it: of the true torques of another motion hardly anything is left.
+    _, *motion = simulation.trajectory(12).sample(RATE, 1.0)
+    torque = model.inverse_dynamics(*motion, simulation.true_parameters(model))
+    mended = sy.identify(path, [clipped], processing={"saturation": True, "cutoff": 10.0, "trim": 0.5})
+    errors = [model.inverse_dynamics(*motion, one.estimate.parameters) - torque for one in (found, mended)]
+    before, after = (np.linalg.norm(error) / np.linalg.norm(torque) for error in errors)
+    assert after < 0.01 < 0.1 < before
+    assert not any("saturation" in step.code for step in next_steps(mended))
 
 
 @pytest.mark.slow

@@ -10,6 +10,7 @@ from payload_logs import Payload, SimulatedArm
 import steelyard as sy
 from steelyard.errors import InputError
 from steelyard.identification import validate_estimate
+from steelyard.identification.next_steps import next_steps
 from steelyard.recording import Recording
 
 SETTINGS = "[processing]\ncutoff = 5.0\nvelocity_threshold = 0.005\n"
@@ -62,6 +63,21 @@ def test_a_payload_is_what_the_estimate_cannot_predict(logs, run, tmp_path):
     assert "or the robot is no longer the same" in out
     # Of 2 kg, which the search for mistakes finds in this log alone.
     assert "loaded.csv: wrist_3_link looks to carry a payload of some 2 kg" in document["remarks"][-1]
+
+
+@pytest.mark.parametrize("role", ["identification", "validation"])
+def test_a_payload_in_one_of_two_logs_is_weighed_and_not_stated_of_the_robot(logs, run, role):
+    folder, _ = logs
+    robot, empty, loaded = folder / "robot.toml", folder / "one.csv", folder / "loaded.csv"
+    given = {"validate": [loaded]} if role == "validation" else {}
+    result = sy.identify(robot, [empty] if given else [empty, loaded], **given)
+    first = next_steps(result)[0]
+    assert first.code == f"steelyard payload {robot} {empty} {loaded}"
+    assert f"No payload was found in {empty}" in first.reason
+    assert not any("measured_mass" in step.code for step in next_steps(result))
+    code, out, _ = run(*first.code.split()[1:], "--json")
+    assert code == 0
+    assert json.loads(out)["mass"] == pytest.approx(2.0, rel=0.02)
 
 
 def test_a_wrong_prediction_exits_with_3(logs, run, tmp_path):

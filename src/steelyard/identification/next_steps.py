@@ -13,6 +13,7 @@ from steelyard.display import few_digits
 from steelyard.dynamics import RotorInertia
 from steelyard.excitation.motion_limits import MotionLimits
 from steelyard.feasibility.constraints import MeasuredMass, TotalMass
+from steelyard.recording.diagnosis import remedy_of
 from steelyard.regression import Information, least_squares
 
 from .parameter_table import parameter_sizes
@@ -141,6 +142,7 @@ def _steps(identification: Identification) -> Iterator[NextStep]:
     other = list(_other_estimator(identification))
     yield from other
     yield from _mistakes(identification)
+    yield from _faulty_rows(identification)
     yield from _events(identification)
     yield from _drifts(identification)
     if identification.prediction.word == "wrong":
@@ -172,17 +174,52 @@ def _doctor_command(identification: Identification, logs: Iterable[str]) -> str:
     return f"steelyard doctor {log} {_robot(identification)}"
 
 
+def _carries(identification: Identification, log: str) -> bool:
+    """Tell whether a payload is among what may be wrong with a log."""
+    return any(one.kind == "payload" for one in identification.mistakes.get(log, ()))
+
+
 def _mistakes(identification: Identification) -> Iterator[NextStep]:
+    everything = (*identification.logs, *identification.validation_logs)
     for log, hypotheses in identification.mistakes.items():
         first, *others = hypotheses
         reason = f"{first.statement}, in {log}: mended, {first.evidence}."
         if others:
             reason += f" The log cannot tell it from: {'; '.join(other.statement for other in others[:MOST_NAMED])}."
-        if first.toml:
+        empty = [one for one in dict.fromkeys(everything) if not _carries(identification, one)]
+        if first.kind == "payload" and empty:
+            # A line of robot.toml counts for every log: it would be false of those without the payload.
+            words = ((empty[0], "UNLOADED"), (log, "LOADED"))
+            unloaded, loaded = ((_paths(identification, [one]) or [word])[0] for one, word in words)
+            more = f" and {len(empty) - MOST_NAMED} more" if len(empty) > MOST_NAMED else ""
+            yield NextStep(
+                "Identify logs with and without the payload apart, and weigh what is carried.",
+                f"{reason} No payload was found in {', '.join(empty[:MOST_NAMED])}{more}: these logs are not those of "
+                "one robot.",
+                f"steelyard payload {_robot(identification)} {unloaded} {loaded}",
+                "console",
+            )
+        elif first.toml:
             yield NextStep("Mend robot.toml, and identify again.", reason, first.toml.strip(), "toml")
         else:
             command = _doctor_command(identification, [log])
             yield NextStep("See whether it is so, and identify again.", reason, command, "console")
+
+
+def _faulty_rows(identification: Identification) -> Iterator[NextStep]:
+    """Rows that no model explains, such as those of a clipped torque, and that an option leaves out."""
+    if identification.prediction.word == "good":
+        return
+    said = {remark: option for remark in identification.remarks if (option := remedy_of(remark)) is not None}
+    if said:
+        more = f" The remarks name {len(said) - 1} more." if len(said) > 1 else ""
+        lines = [f"{option} = true" for option in dict.fromkeys(said.values())]
+        yield NextStep(
+            "Leave out the rows that no model explains, and identify again.",
+            f"{next(iter(said))}{more}",
+            "\n".join(["[processing]", *lines]),
+            "toml",
+        )
 
 
 def _events(identification: Identification) -> Iterator[NextStep]:

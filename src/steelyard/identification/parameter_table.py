@@ -374,6 +374,7 @@ def parameter_table(
         told = found.lower, found.upper
     scales = _scales(feasible_set, parameters, values, asked, about, term_scales)
     shares, rotor_names = _shares_of_rotors(feasible_set)
+    at_rest = _offsets_at_rest(info, feasible_set) if told is not None else []
     changes: dict[str, list[float]] = {}
     for drift in drifts:
         for name, times in drift.changes.items():
@@ -405,6 +406,8 @@ def parameter_table(
                 if np.any(share):
                     basis = "assumed"
                     of_rotors.append((quantity.name, np.flatnonzero(share)))
+            if quantity.name in at_rest:
+                low, high, basis = -np.inf, np.inf, "assumed"
         rows.append(
             ParameterRow(
                 quantity.name,
@@ -417,7 +420,13 @@ def parameter_table(
                 basis,  # type: ignore[arg-type]
             )
         )
-    sentences = _known_together(info, feasible_set, unconstrained, ParameterTable(tuple(rows)))
+    heaviest = next((row.upper for row in rows if row.name == "total mass"), np.inf)
+    rows = [  # no link is heavier than all of them, which rotors that nobody knows make none
+        replace(row, upper=heaviest) if of.kind == "mass" and row.upper > heaviest else row
+        for row, of in zip(rows, about, strict=True)
+    ]
+    rotors = shares, rotor_names
+    sentences = _known_together(info, feasible_set, unconstrained, ParameterTable(tuple(rows)), rotors)
     if drawn:
         more = f" and {len(drawn) - MOST_SENTENCES} more" if len(drawn) > MOST_SENTENCES else ""
         stand = "stands at an end of its interval" if len(drawn) == 1 else "stand at an end of their intervals"
@@ -428,6 +437,12 @@ def parameter_table(
         if len(changes) > 1:
             hold = "change in the course of a log; intervals hold them from its begin to its end"
         sentences = (*sentences, f"{_first_of(list(changes))} {hold}.")
+    if at_rest:
+        sentences = (
+            *sentences,
+            f"{_first_of(at_rest)} would hold the friction of joints that stand still in all of these logs, which may "
+            "be any up to that of sliding, either way: motions of these joints tell it from an offset.",
+        )
     if of_rotors:
         sentences = (*sentences, _said_of_rotors(feasible_set, rotor_names, of_rotors))
     if told is not None and feasible_set.parameter_count > MANY_PARAMETERS:
@@ -457,6 +472,28 @@ def _shares_of_rotors(feasible_set: FeasibleSet) -> tuple[Array, list[str]]:
     shares = np.asarray(np.linalg.lstsq(own, rotors, rcond=None)[0])
     told_apart = np.abs(own @ shares - rotors).max(axis=0) > ROUNDING * np.abs(rotors).max(axis=0)
     return (np.where(told_apart, 0.0, shares), list(narrow)) if not told_apart.all() else nothing
+
+
+def _offsets_at_rest(info: Information, feasible_set: FeasibleSet) -> list[str]:
+    """Return the offsets of joints that have Coulomb friction, of which the data show nothing.
+
+    Friction is zero where the model has a velocity of zero; that of a real joint at rest takes up any torque to that of
+    sliding, which is constant as an offset is.
+    """
+    model = feasible_set.model
+    if not isinstance(model, Model):
+        return []
+    hidden, K = info.unidentifiable_mask, np.asarray(model.base_parameters().K, dtype=float)
+    described = {one.symbol: one.described_as for term in model.robot.terms for one in term.parameters}
+    offsets, shown = dict[str, str](), dict[str, bool]()
+    for column, name in enumerate(map(str, model.parameter_names)):
+        symbol = name.rstrip("0123456789")
+        of_joint = name[len(symbol) - 1 :]  # "j3" of a joint, "m3" of a motor
+        if described.get(symbol) == "offset":
+            offsets[of_joint] = name
+        elif described.get(symbol) == "friction":
+            shown[of_joint] = shown.get(of_joint, False) or not K[hidden, column].any()
+    return [name for of_joint, name in offsets.items() if not shown.get(of_joint, True)]
 
 
 def _said_of_rotors(
@@ -621,9 +658,17 @@ MOST_SENTENCES = 3
 
 
 def _known_together(
-    info: Information, feasible_set: FeasibleSet, unconstrained: Estimate, table: ParameterTable
+    info: Information,
+    feasible_set: FeasibleSet,
+    unconstrained: Estimate,
+    table: ParameterTable,
+    rotors: tuple[Array, list[str]],
 ) -> tuple[str, ...]:
-    """Say of which assumed numbers a combination is measured, those with the most of them first."""
+    """Say of which assumed numbers a combination is measured, those with the most of them first.
+
+    Rotors that the model does not have, and whose torques links can make, are a part of these sums.
+    """
+    shares, rotor_names = rotors
     names = [str(name) for name in feasible_set.model.parameter_names]
     assumed = {row.name for row in table.rows if row.basis == "assumed"}
     found = []
@@ -632,13 +677,22 @@ def _known_together(
         error, value = unconstrained.standard_error[base], unconstrained.base[base]
         if len(parts) > 1 and assumed.intersection(parts) and 2.0 * error <= MEASURED * abs(value):
             count = len(assumed.intersection(parts))
-            found.append((count, f"{expression} ({value:.4g} ± {2.0 * error:.2g})"))
+            row = np.asarray(feasible_set.K[base], dtype=float)
+            share, size = row @ shares, np.abs(row) @ np.abs(shares)
+            held = np.flatnonzero(np.abs(share) > ROUNDING * size)
+            sum_of_all = expression + "".join(_summand(share[joint], rotor_names[joint]) for joint in held)
+            found.append((count, f"{sum_of_all} ({value:.4g} ± {2.0 * error:.2g})", held))
     found.sort(key=lambda item: -item[0])
     sentences = []
     if found:
-        shown = "; ".join(text for _, text in found[:MOST_SENTENCES])
+        shown = "; ".join(text for _, text, _ in found[:MOST_SENTENCES])
+        held = np.unique(np.concatenate([joints for *_, joints in found[:MOST_SENTENCES]]))
+        told = ""
+        if len(held):
+            which = "the inertia of a rotor" if len(held) == 1 else "inertias of rotors"
+            told = f", where {', '.join(rotor_names[joint] for joint in held)} would be {which} that the model lacks"
         sentences.append(
-            f"Of these only the sum is measured; no motion of this robot shows the parts by themselves: {shown}."
+            f"Of these only the sum is measured; no motion of this robot shows the parts by themselves: {shown}{told}."
         )
     model = feasible_set.model
     unlogged: dict[str, str] = {}
@@ -657,6 +711,11 @@ def _known_together(
             f"No motion shows {_first_of(list(unlogged))}: the logs have no torque of {joints}, which alone tells them."
         )
     return tuple(sentences)
+
+
+def _summand(factor: float, name: str) -> str:
+    times = "" if abs(abs(factor) - 1.0) < ROUNDING else f"{abs(factor):.4g}*"
+    return f" {'-' if factor < 0.0 else '+'} {times}{name}"
 
 
 def _first_of(names: list[str]) -> str:

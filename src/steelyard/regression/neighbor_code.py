@@ -75,6 +75,7 @@ class Word(IntEnum):
     PLACE_Q, PLACE_DQ, PLACE_DDQ = auto(), auto(), auto()
     VALUES, UNEVEN_ROWS, TORQUE_ROWS = auto(), auto(), auto()
     COEFFICIENTS, LEFT, TAIL, OWN_SQUARES = auto(), auto(), auto(), auto()
+    ALLOWED = auto()  # part of `LIMITS` that may be lost beside the noise of a joint
     DENSE_COEFFICIENTS, DENSE_SQUARES = auto(), auto()
     ROWS, WEIGHTS, PROJECTED, ROW_SQUARES, ROW_SUMS, LOST, USAGE, SUM = (auto() for _ in range(8))
 
@@ -102,7 +103,7 @@ class Constant(IntEnum):
     NOISE = 0  # share of the noise that may be lost
     FINEST = auto()  # share of a column that may be lost however little noise there is
     SMALLEST = auto()
-    SHARE = auto()  # from such a share to what is lost of a group, by the limit of a row
+    SHARE = auto()  # from such a share to a part of the limits
     VELOCITY, ACCELERATION = auto(), auto()  # what rounding leaves of a joint at rest
 
 
@@ -286,7 +287,7 @@ class _Combination:
         with code.function("judge", "table", "limits", exported=False, integers="vectors runs") as given:
             table, limits, vectors, runs = given
             stride, projected = table.integer(Word.STRIDE), table.array(Word.PROJECTED)
-            count = self._used(table)[1].number()
+            most = self._used(table)[1].number() * table.array(Word.ALLOWED).shared(0)
             with code.fold([0.0], vectors) as worst:
                 vector = worst.index
                 with code.fold([table.array(Word.ROW_SQUARES)[vector]], runs * ORDERS) as loop:
@@ -294,7 +295,7 @@ class _Combination:
                     loop.next = [loop.values[0] - value * value]
                 lost = loop.values[0]
                 table.array(Word.LOST)[vector] = lost
-                worst.next = [(lost > count * limits[vector]).choose(1.0, worst.values[0])]
+                worst.next = [(lost > most * limits[vector]).choose(1.0, worst.values[0])]
             table.put_integer(Word.DONE, 1)
             with code.when((worst.values[0] > 0.5).any()):
                 table.put_integer(Word.DONE, 0)
@@ -494,16 +495,18 @@ class _Combination:
             simple = whole & ~(worst > float(LENGTH)).any()
             noise, torques, numbers = (table.array(word) for word in (Word.NOISE, Word.TORQUES, Word.NUMBERS))
             with code.when(simple):
-                lacking = joint.block(table, Word.LEFT).shared(torque)
+                lacking = joint.block(table, Word.TAIL).shared(torque)
                 kept = lacking
-                for order in range(ORDERS):
+                for order in range(FINE):
                     value = block.shared(width * order + torque)
                     kept = kept + value * value
                 noise.put(number, noise.shared(number) + lacking)
                 torques.put(number, torques.shared(number) + kept)
             share = noise.shared(number) / torques.shared(number).above(numbers.shared(Constant.SMALLEST))
             share = (share * numbers.shared(Constant.NOISE)).above(numbers.shared(Constant.FINEST))
-            fine = (smooth > share * numbers.shared(Constant.SHARE)).any()
+            allowed = (share * numbers.shared(Constant.SHARE)).below(1.0)
+            table.array(Word.ALLOWED).put(0, allowed)
+            fine = (smooth > allowed * float(LENGTH)).any()
             with code.when(simple & ~fine):
                 code.run("take_whole", table, number, group, ORDERS)
             code.leave_when(simple & ~fine)
@@ -516,7 +519,7 @@ class _Combination:
                 table.array(Word.WEIGHTS).put(k, bits.bits("lshr", k).bits("and", 1).number())
             if even:
                 table.put_integer(Word.DONE, 0)
-                with code.when(count.holds("sgt", FEWEST) & ~(smooth > count.number()).any()):
+                with code.when(count.holds("sgt", FEWEST) & ~(smooth > count.number() * allowed).any()):
                     code.run("fill_dense", table, number, place)
                     code.run("attempt_even", table, number, group)
                 code.leave_when(table.integer(Word.DONE).holds("eq", 1))

@@ -32,7 +32,9 @@ LARGEST_NOISE = 0.02
 """Share of the noise's mean square that what is lost of the torques may have, if they lose what the worst of the
 columns does: standard errors then grow by 1 %. On logs of 3.5 Hz with 0.3 % of noise 3 to 12 % remain, of what all
 polynomials lose; before, it was 14 to 25 %.
-Neighbours that would lose more have as many polynomials as there are `PLACES`, and twice as many rows."""
+Neighbours that would lose more have as many polynomials as there are `PLACES`, and twice as many rows; where a column
+jumps, every row is kept. The noise is what so many polynomials leave of the torques: four leave much of a motion of
+8 Hz, and taken for noise it hid a loss eight times as large as the noise."""
 
 FINEST_SHARE = 1e-12
 """Share of the mean square of a column that may be lost however little noise there is."""
@@ -294,6 +296,7 @@ class _Work:
             Word.LEFT: blocks,
             Word.TAIL: blocks,
             Word.OWN_SQUARES: stride,
+            Word.ALLOWED: 1,
             Word.DENSE_COEFFICIENTS: FINE * int(self.table[Word.DENSE]),
             Word.DENSE_SQUARES: int(self.table[Word.DENSE]),
             Word.ROWS: LENGTH * stride,
@@ -453,6 +456,6 @@ def _constants() -> Array:
         FINEST_SHARE,
         SMALLEST,
     )
-    numbers[Constant.SHARE] = LENGTH / LARGEST_SHARE
+    numbers[Constant.SHARE] = 1.0 / LARGEST_SHARE
     numbers[Constant.VELOCITY], numbers[Constant.ACCELERATION] = RESIDUE_VELOCITY, RESIDUE_ACCELERATION
     return numbers

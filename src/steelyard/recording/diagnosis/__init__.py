@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from .detectors import find_saturation as find_saturation
     from .detectors import find_stiction as find_stiction
     from .detectors import noise_deviation as noise_deviation
+    from .detectors import remedy_of as remedy_of
     from .detectors import resolution as resolution
     from .detectors import saturation_levels as saturation_levels
     from .detectors import stiction_duration as stiction_duration

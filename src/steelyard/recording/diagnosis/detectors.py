@@ -25,6 +25,7 @@ __all__ = [
     "find_saturation",
     "find_stiction",
     "noise_deviation",
+    "remedy_of",
     "resolution",
     "runs",
     "saturation_levels",
@@ -492,4 +493,13 @@ def fault(rows: Intervals, option: str) -> tuple[str, ...]:
 
 def with_remedy(found: Intervals, option: str) -> list[str]:
     """Return the sentences on rows with the option of [processing] that leaves them out."""
-    return [f"{sentence[:-1]} (`{option} = true` leaves them out)." for sentence in found.sentences()]
+    return [f"{sentence[:-1]}{_remedy(option)}" for sentence in found.sentences()]
+
+
+def remedy_of(sentence: str) -> str | None:
+    """Return the option of [processing] that a sentence of `with_remedy` ends with; None of any other sentence."""
+    return next((option for option in DETECTORS if sentence.endswith(_remedy(option))), None)
+
+
+def _remedy(option: str) -> str:
+    return f" (`{option} = true` leaves them out)."
