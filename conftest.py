@@ -40,6 +40,9 @@ from stand_ins import two_links as two_links
 
 SHARED = Path(__file__).resolve().parent.parent / "shared"
 
+# Let the garbage collector look less often than every 700 objects: nearly all that tests make is freed without it.
+gc.set_threshold(50_000, *gc.get_threshold()[1:])
+
 # Property tests try the same examples every time; `--hypothesis-profile=random` looks for new ones.
 settings.register_profile("steelyard", deadline=None, derandomize=True, database=None, max_examples=50)
 # Its parent is named: where Hypothesis sees a build server (CI=true), its own default is the same examples every time.
@@ -59,11 +62,6 @@ def pytest_configure() -> None:
         with contextlib.suppress(ImportError):  # older versions draw from nothing but chance
             providers = importlib.import_module("hypothesis.internal.conjecture.providers")
             providers.is_local_module_file = lambda path: False
-
-
-def pytest_collection_finish() -> None:
-    """Let the garbage collector look through what all modules hold less often than every 700 objects."""
-    gc.set_threshold(50_000, *gc.get_threshold()[1:])
 
 
 # What the examples of a file, of the files of a folder, or of a function import.
@@ -151,6 +149,14 @@ def random():
     import numpy as np
 
     return np.random.default_rng(20141129)
+
+
+@pytest.fixture
+def other_objects_aside() -> Iterator[None]:
+    """Let the garbage collector look at nothing but what the test makes: all that modules hold takes it half a second."""
+    gc.freeze()
+    yield
+    gc.unfreeze()
 
 
 @pytest.fixture

@@ -244,6 +244,7 @@ def test_answers_do_not_depend_on_the_unit_of_mass(two_links, data):
         np.testing.assert_allclose(fit.base / size, usual.base, atol=1e-4)
 
 
+@pytest.mark.usefixtures("other_objects_aside")
 def test_what_is_kept_for_a_set_dies_with_it(two_links, data):
     feasible = FeasibleSet(two_links)
     fit_reduced(data(IMPOSSIBLE), feasible)
