@@ -112,7 +112,7 @@ def test_a_possible_arm_has_the_same_gravity_torques(arm, gross):
 
 
 def test_impossibility_reaches_inertia_and_coriolis_but_not_gravity(arm, gross):
-    few = States.random(arm, 60)
+    few = States.random(arm, 30)
     found, corrected = (reach(arm, base, few) for base in (gross.estimate, gross.corrected))
     assert found["gravity"] < 1e-9
     assert found["inertia"] > 0.05
