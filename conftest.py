@@ -4,10 +4,12 @@ import contextlib
 import csv
 import gc
 import importlib
+import importlib.metadata
 import os
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
+from importlib.metadata import EntryPoints
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -108,6 +110,24 @@ def no_waiting_for_the_disk() -> Iterator[None]:
     """Nothing that tests write has to outlive a power failure, and the disk takes its time."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(os, "fsync", lambda handle: None)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def packages_are_looked_through_once() -> Iterator[None]:
+    """What packages offer is read from hundreds of files, and changes where a test puts a package on the path alone."""
+    from steelyard import extensions
+
+    known: dict[tuple[object, ...], EntryPoints] = {}
+
+    def entry_points(**chosen: str) -> EntryPoints:
+        key = (*sys.path, *chosen.items())
+        if key not in known:
+            known[key] = importlib.metadata.entry_points(**chosen)
+        return known[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(extensions, "entry_points", entry_points)
         yield
 
 
