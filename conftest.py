@@ -82,12 +82,19 @@ NEEDS = {
 SLOW = {"identify_from_positions"}
 """Functions whose examples take more than a few seconds."""
 
-LONGEST = "test_no_picture_is_out_of_date"  # minutes, for which the other processes would wait at the end
+# Minutes each, for which the other processes would wait at the end.
+LONGEST = (
+    "test_no_picture_is_out_of_date",
+    "test_everything_is_reproduced",
+    "test_commands_run[docs/reference/command-line.md]",
+    "test_the_study_says_what_the_page_says",
+    "test_the_table_of_all_methods",
+)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Begin with what takes longest, and mark what is slow and the examples whose extra is missing."""
-    items.sort(key=lambda item: item.name != LONGEST)
+    items.sort(key=lambda item: LONGEST.index(item.name) if item.name in LONGEST else len(LONGEST))
     for item in items:
         if not isinstance(item, pytest.DoctestItem):
             continue
@@ -173,7 +180,7 @@ def random():
 
 @pytest.fixture
 def other_objects_aside() -> Iterator[None]:
-    """Let the garbage collector look at nothing but what the test makes: all that modules hold takes it half a second."""
+    """Let the garbage collector look at what the test makes alone: all that modules hold takes it half a second."""
     gc.freeze()
     yield
     gc.unfreeze()

@@ -69,6 +69,7 @@ def test_energy_is_kept():
         sy.simulate(model, numbers, [0.3, 0.2], [0.0, 0.0], 0.2, method="radau")
 
 
+@pytest.mark.slow
 def test_torque_over_position_draws_a_loop():
     """A force that grows and falls below Coulomb friction moves the joint to and fro, on two branches (hysteresis)."""
     model, _ = pendulum(ByJoint([Dahl(D), Viscous()]))
