@@ -88,7 +88,6 @@ LONGEST = (
     "test_everything_is_reproduced",
     "test_commands_run[docs/reference/command-line.md]",
     "test_the_study_says_what_the_page_says",
-    "test_the_table_of_all_methods",
 )
 
 
