@@ -3,11 +3,15 @@
 import contextlib
 import csv
 import gc
+import hashlib
 import importlib
+import importlib.metadata
 import os
+import shutil
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
+from importlib.metadata import EntryPoints
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -40,6 +44,9 @@ from stand_ins import two_links as two_links
 
 SHARED = Path(__file__).resolve().parent.parent / "shared"
 
+# Let the garbage collector look less often than every 700 objects: nearly all that tests make is freed without it.
+gc.set_threshold(50_000, *gc.get_threshold()[1:])
+
 # Property tests try the same examples every time; `--hypothesis-profile=random` looks for new ones.
 settings.register_profile("steelyard", deadline=None, derandomize=True, database=None, max_examples=50)
 # Its parent is named: where Hypothesis sees a build server (CI=true), its own default is the same examples every time.
@@ -61,11 +68,6 @@ def pytest_configure() -> None:
             providers.is_local_module_file = lambda path: False
 
 
-def pytest_collection_finish() -> None:
-    """Let the garbage collector look through what all modules hold less often than every 700 objects."""
-    gc.set_threshold(50_000, *gc.get_threshold()[1:])
-
-
 # What the examples of a file, of the files of a folder, or of a function import.
 NEEDS = {
     "casadi_function.py": "casadi",
@@ -82,12 +84,18 @@ NEEDS = {
 SLOW = {"identify_from_positions"}
 """Functions whose examples take more than a few seconds."""
 
-LONGEST = "test_no_picture_is_out_of_date"  # minutes, for which the other processes would wait at the end
+# Minutes each, for which the other processes would wait at the end.
+LONGEST = (
+    "test_no_picture_is_out_of_date",
+    "test_everything_is_reproduced",
+    "test_commands_run[docs/reference/command-line.md]",
+    "test_the_study_says_what_the_page_says",
+)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Begin with what takes longest, and mark what is slow and the examples whose extra is missing."""
-    items.sort(key=lambda item: item.name != LONGEST)
+    items.sort(key=lambda item: LONGEST.index(item.name) if item.name in LONGEST else len(LONGEST))
     for item in items:
         if not isinstance(item, pytest.DoctestItem):
             continue
@@ -99,10 +107,34 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(pytest.mark.slow)
 
 
-# Compiled code of the tests stays out of the user's cache. Processes side by side share one, which the first one made.
+def compiled_code(place: Path, kept: int = 3) -> Path:
+    """The folder of machine code that these sources compiled, in this run of the tests and in earlier ones.
+
+    It begins empty where one byte of what compiles has changed; of other sources the latest folders stay.
+    """
+    package = Path(__file__).resolve().parent / "src" / "steelyard"
+    digest = hashlib.sha256()
+    for room in ("graph", "robot", "dynamics"):
+        for path in sorted((package / room).rglob("*.py")):
+            digest.update(f"{path.relative_to(package)} {path.stat().st_size}\n".encode() + path.read_bytes())
+    folder = place / digest.hexdigest()[:16]
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    os.utime(folder)
+    for old in sorted(place.iterdir(), key=lambda one: one.stat().st_mtime, reverse=True)[kept:]:
+        shutil.rmtree(old, ignore_errors=True)
+    return folder
+
+
+# Compiled code of the tests stays out of the user's cache, and is kept with what pytest keeps: compiling takes a
+# twentieth of the time. Processes side by side share it, and a folder that lasts as long as they do.
 if "PYTEST_XDIST_WORKER" not in os.environ:
-    _cache = tempfile.TemporaryDirectory(prefix="steelyard-cache-")
-    os.environ["STEELYARD_CACHE_DIR"] = _cache.name
+    _folder = tempfile.TemporaryDirectory(prefix="steelyard-tests-")
+    os.environ["STEELYARD_TESTS_FOLDER"] = _folder.name
+    os.environ["STEELYARD_CACHE_DIR"] = _folder.name
+    with contextlib.suppress(OSError):  # where nothing may be written beside the tests, nothing is kept
+        os.environ["STEELYARD_CACHE_DIR"] = str(
+            compiled_code(Path(__file__).resolve().parent / ".pytest_cache" / "code")
+        )
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -110,6 +142,24 @@ def no_waiting_for_the_disk() -> Iterator[None]:
     """Nothing that tests write has to outlive a power failure, and the disk takes its time."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(os, "fsync", lambda handle: None)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def packages_are_looked_through_once() -> Iterator[None]:
+    """What packages offer is read from hundreds of files, and changes where a test puts a package on the path alone."""
+    from steelyard import extensions
+
+    known: dict[tuple[object, ...], EntryPoints] = {}
+
+    def entry_points(**chosen: str) -> EntryPoints:
+        key = (*sys.path, *chosen.items())
+        if key not in known:
+            known[key] = importlib.metadata.entry_points(**chosen)
+        return known[key]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(extensions, "entry_points", entry_points)
         yield
 
 
@@ -151,6 +201,14 @@ def random():
     import numpy as np
 
     return np.random.default_rng(20141129)
+
+
+@pytest.fixture
+def other_objects_aside() -> Iterator[None]:
+    """Let the garbage collector look at what the test makes alone: all that modules hold takes it half a second."""
+    gc.freeze()
+    yield
+    gc.unfreeze()
 
 
 @pytest.fixture

@@ -1,5 +1,7 @@
 """Runs the command line in this process, on a small robot and its log."""
 
+import shutil
+
 import numpy as np
 import pytest
 
@@ -36,12 +38,13 @@ cutoff = 10.0
 """
 
 
-@pytest.fixture
-def place(tmp_path):
-    """Return a folder with ``pair.urdf``, ``robot.toml`` and ``log.csv``."""
-    (tmp_path / "pair.urdf").write_text(URDF)
-    (tmp_path / "robot.toml").write_text(ROBOT_FILE)
-    model = sy.Model.load(tmp_path / "robot.toml")
+@pytest.fixture(scope="session")
+def prepared(tmp_path_factory):
+    """Return a folder with ``pair.urdf``, ``robot.toml`` and ``log.csv``, which is copied for each test."""
+    folder = tmp_path_factory.mktemp("pair")
+    (folder / "pair.urdf").write_text(URDF)
+    (folder / "robot.toml").write_text(ROBOT_FILE)
+    model = sy.Model.load(folder / "robot.toml")
     random = np.random.default_rng(3)
     trajectory = sy.excitation.FourierTrajectory(
         a=random.normal(size=(2, 4)) * 0.6, b=random.normal(size=(2, 4)) * 0.6, center=np.zeros(2), frequency=0.2
@@ -49,5 +52,13 @@ def place(tmp_path):
     t, q, dq, ddq = trajectory.sample(200.0, 2.0)
     parameters = np.nan_to_num(np.asarray(model.robot.parameters))
     torque = model.inverse_dynamics(q, dq, ddq, parameters) + random.normal(size=q.shape) * 0.05
-    sy.Recording(t=t, q=q, torque=torque, source="simulation").save(tmp_path / "log.csv")
+    sy.Recording(t=t, q=q, torque=torque, source="simulation").save(folder / "log.csv")
+    return folder
+
+
+@pytest.fixture
+def place(prepared, tmp_path):
+    """Return a folder with ``pair.urdf``, ``robot.toml`` and ``log.csv``."""
+    for file in prepared.iterdir():
+        shutil.copy(file, tmp_path)
     return tmp_path

@@ -124,7 +124,7 @@ def test_jax_functions_of_a_model(lowering: str, model: sy.Model, double_precisi
         compare(function, jax.jit(jax_function(function, lowering=lowering)), few_shapes(function))
 
 
-@pytest.mark.parametrize("generated", [False, True])
+@pytest.mark.parametrize("generated", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_columns_of_casadi_functions(generated: bool, model: sy.Model, project: Project, tmp_path: Path) -> None:
     """CasADi takes a batch as columns beside each other, and single columns beside it count for all of them."""
     casadi = pytest.importorskip("casadi", reason="CasADi is not installed")

@@ -144,10 +144,13 @@ def test_hostile_names_of_robots(language: str, tmp_path: Path) -> None:
         assert all(path.resolve().is_relative_to(folder.resolve()) for path in paths)
 
 
+QUICK = {("c", NAMES[0]), ("c", NAMES[1]), ("cpp", NAMES[0])}
+
+
 @pytest.mark.parametrize(
     ("language", "name"),
     [
-        pytest.param(language, name, marks=() if name in NAMES[:2] and language != "rust" else pytest.mark.slow)
+        pytest.param(language, name, marks=() if (language, name) in QUICK else pytest.mark.slow)
         for language in LANGUAGES
         for name in (NAMES if language == "c" else NAMES[:4])
     ],

@@ -136,7 +136,8 @@ def lagrange(rows: list[tuple[str, Any, Any]], inertias: list[list[Any]], gravit
     return tuple(torques)
 
 
-@pytest.mark.parametrize("count", [2, pytest.param(3, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("count", [2, 3])
 def test_spatial_arm_is_that_of_the_lagrangian(count: int) -> None:
     lengths = [sympy.Rational(1, 4), sympy.Rational(1, 2), sympy.Rational(3, 8)]
     rows = [("-pi/2", 0, lengths[0]), ("0", lengths[1], 0), ("pi/2", lengths[2], sympy.Rational(1, 8))][:count]

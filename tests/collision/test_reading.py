@@ -74,7 +74,7 @@ def test_side_branches_beyond_the_tip_are_left_out(tmp_path):
 
 
 @pytest.mark.parametrize("library", ["coal", "trimesh"])
-def test_meshes_are_scaled_and_read_by_either_library(library, tmp_path, monkeypatch):
+def test_meshes_are_scaled_and_read_by_either_library(library, tmp_path, monkeypatch, meshes_in_this_process):
     pytest.importorskip(library, reason=f"{library} is not installed")
     if library == "trimesh":
         monkeypatch.setattr("steelyard.collision.mesh_files.coal_or_none", lambda: None)

@@ -238,6 +238,7 @@ def test_a_model_whose_method_was_replaced_keeps_what_took_its_place():
         model.gravity = plain
 
 
+@pytest.mark.usefixtures("other_objects_aside")
 @pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, lambda thing: pickle.loads(pickle.dumps(thing))])
 def test_copies_compute_the_same_whatever_was_called_before(copied):
     """Compiled code stays where it was compiled, and a copy is not the model that it was made of."""
@@ -265,6 +266,7 @@ def test_methods_that_are_called_often_can_be_sent_to_another_process():
     assert type(vars(model)["gravity"]) is BuiltinFunctionType
 
 
+@pytest.mark.usefixtures("other_objects_aside")
 def test_a_model_that_nobody_has_is_freed():
     model = small_model()
     q, p = np.zeros(2), np.ones(model.parameter_count)

@@ -92,7 +92,10 @@ def expected(data, K, known, distance, weight):
     x = np.array([*start[0], *start[1], 0.4, 0.3])
     for _ in range(3):
         found = scipy.optimize.minimize(value, x, method="BFGS", options={"gtol": 1e-7, "maxiter": 5000})
+        done = value(x) - found.fun < 1e-9 * abs(found.fun)
         x = found.x
+        if done:
+            break
     bodies, friction = unpack(x)
     return found.fun, np.array([*parameters(bodies[0]), friction[0], *parameters(bodies[1]), friction[1]])
 

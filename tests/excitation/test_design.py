@@ -42,7 +42,7 @@ def plain(arm, arm_limits):
 )
 def test_every_limit_is_kept_between_the_samples_too(arm, arm_limits, arm_parameters, family):
     limits = arm_limits | {"torque": [30.0, 60.0, 14.0], "power": 60.0, "total_power": 70.0}
-    design = designed(arm, limits, family=family, parameters=arm_parameters)
+    design = designed(arm, limits, family=family, parameters=arm_parameters, starts=1)
     q, dq, ddq = motions_of(design, 3700.0)
     assert np.all(q >= arm_limits["lower"])
     assert np.all(q <= arm_limits["upper"])
@@ -89,7 +89,7 @@ def best_of_chance(model, limits):
 
 
 def test_information_of_the_samples_has_the_same_condition_number(arm, arm_limits):
-    design = designed(arm, arm_limits, rate=500.0)
+    design = designed(arm, arm_limits, rate=500.0, starts=1)
     _, q, dq, ddq = design.sample(500.0)
     information = sy.Information.from_samples(arm, sy.Samples(q=q, dq=dq, ddq=ddq, torque=np.ones_like(q)))
     assert information.condition_number == pytest.approx(design.condition_number, rel=1e-9)
@@ -236,7 +236,7 @@ def test_a_constraint_of_ones_own_is_kept(arm, arm_limits, plain):
             return slope, np.zeros_like(q), np.zeros_like(q)
 
     assert (motions_of(plain, 1000.0)[0][:, 1:].sum(axis=1)).max() > -0.4
-    kept = designed(arm, arm_limits, constraints=[Coupled()])
+    kept = designed(arm, arm_limits, constraints=[Coupled()], starts=1)
     assert (motions_of(kept, 1000.0)[0][:, 1:].sum(axis=1)).max() <= -0.5
     assert any(m.name == "cable" for m in kept.margins)
 
@@ -296,7 +296,7 @@ def test_laws_that_the_model_has_count_as_those_that_it_lacks(arm, arm_limits, t
     assert counted <= set(names)
 
 
-def test_what_the_state_of_friction_shows_is_said_not_to_be_judged(arm, arm_limits):
+def test_what_the_state_of_friction_shows_is_said_not_to_be_judged(arm, arm_limits, plain):
     """The numbers are those of `inspect`, and a remark tells why the motion is judged by fewer."""
     model = sy.Model(arm.robot.with_terms(LuGre(displacement=0.01, ratio=0.5, velocity=0.1)))
     design = designed(model, arm_limits, starts=1)
@@ -304,7 +304,7 @@ def test_what_the_state_of_friction_shows_is_said_not_to_be_judged(arm, arm_limi
     assert (design.parameter_count, design.base_count) == (model.parameter_count, count)
     [remark] = [one for one in design.remarks if "judged" in one]
     assert f"by {count - model.dof} of {count} base parameters, without Fbj1, Fbj2, Fbj3:" in remark
-    assert not any("judged" in one for one in designed(arm, arm_limits, starts=1).remarks)
+    assert not any("judged" in one for one in plain.remarks)
 
 
 def test_fast_repetitions_keep_limits_between_the_samples_of_the_first_period():
@@ -347,7 +347,7 @@ def test_limits_that_cannot_be_kept_are_named(arm, arm_limits, arm_parameters):
             return np.zeros_like(q), np.zeros_like(q), np.zeros_like(q)
 
     with pytest.raises(sy.SolverError, match=r"No motion was found .* stillness, a, is passed by 1"):
-        designed(arm, arm_limits, constraints=[Stillness()])
+        designed(arm, arm_limits, constraints=[Stillness()], starts=1)
 
 
 def test_joints_without_limits_of_position(arm):
@@ -399,7 +399,7 @@ def test_a_limits_file_may_hold_a_workspace(arm, tmp_path):
         "lower = -1.5\nupper = 1.5\nvelocity = 2.0\nacceleration = 6.0\n"
         f'[workspace]\nlink = "{arm.robot.link_names[-1]}"\nlower = [-inf, -inf, 0.2]\nupper = [inf, inf, inf]\n'
     )
-    design = designed(arm, path)
+    design = designed(arm, path, starts=1)
     q = motions_of(design, 1000.0)[0]
     assert arm.pose(q, arm.robot.link_names[-1])[:, 2, 3].min() >= 0.2 - 1e-9
     assert any("workspace" in margin.name for margin in design.margins)
@@ -415,7 +415,7 @@ def test_what_a_constraint_has_to_say_is_passed_on(arm, arm_limits):
         def vjp(self, q, dq, ddq, weights):
             return np.zeros_like(q), np.zeros_like(q), np.zeros_like(q)
 
-    design = designed(arm, arm_limits, constraints=[Talkative()], ramp_time=0.0)
+    design = designed(arm, arm_limits, constraints=[Talkative()], ramp_time=0.0, starts=1)
     assert "Something was left out." in design.remarks
     assert any("starts and ends in motion" in remark for remark in design.remarks)
     with pytest.raises(sy.InputError, match="several periods need a ramp-up and a ramp-down"):

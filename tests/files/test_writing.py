@@ -99,7 +99,7 @@ for letter in (b"a", b"b", b"c"):
             write_bytes(letter * size, path)
     children.append(child)
 seen = set()
-for _ in range(500):
+for _ in range(250):
     content = path.read_bytes()
     seen.add(content[:1])
     assert 50_000 <= len(content) <= 150_000 and len(set(content)) == 1, len(content)

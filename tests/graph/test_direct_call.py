@@ -103,6 +103,7 @@ def test_results_to_which_there_are_weak_references_are_never_written_again(kern
         assert all(found.tobytes() == before[turn] for turn, found in memory.items())
 
 
+@pytest.mark.usefixtures("other_objects_aside")
 @pytest.mark.parametrize("several", [False, True])
 @pytest.mark.parametrize("otherwise", [None, lambda *_: None])
 def test_the_code_of_a_kernel_lives_as_long_as_its_function(several, otherwise):
@@ -121,6 +122,7 @@ def test_the_code_of_a_kernel_lives_as_long_as_its_function(several, otherwise):
     assert all(one() is None for one in code)
 
 
+@pytest.mark.usefixtures("other_objects_aside")
 def test_what_two_threads_make_at_the_same_time_lives_as_long_as_its_function(kernel, monkeypatch):
     """Each of them makes a definition and the code of its own, only one of which is then kept by the caches."""
     monkeypatch.setattr(direct_call, "_loaded", direct_call._loaded.__wrapped__)

@@ -41,6 +41,7 @@ def test_threads_compute_the_same(layout, threads, count, monkeypatch):
     np.testing.assert_allclose(alone if layout == "rows" else alone.T, expected(motion), rtol=1e-12, atol=1e-13)
 
 
+@pytest.mark.usefixtures("other_objects_aside")
 def test_what_threads_write_lives_as_long_as_their_work(monkeypatch):
     """Whoever waits for them may be interrupted."""
     monkeypatch.setattr(kernel_module, "_WORTHWHILE", 1.0)
@@ -90,6 +91,7 @@ def test_only_large_batches_are_shared(monkeypatch):
     assert shares == [3]
 
 
+@pytest.mark.usefixtures("other_objects_aside")
 @pytest.mark.parametrize("lanes", [1, batch_lanes()])
 def test_functions_that_a_kernel_imports_live_as_long_as_its_code(lanes, monkeypatch):
     """Two threads at the same time each make a processor and its support, only one of which is kept by the caches."""

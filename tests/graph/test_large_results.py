@@ -55,6 +55,7 @@ def test_large_results_are_written_past_the_cache(threads, monkeypatch):
     assert strides[-1] == 1002
 
 
+@pytest.mark.usefixtures("other_objects_aside")
 @recycles
 def test_memory_is_used_again_when_no_view_of_it_is_left():
     shape = (300, 1001)

@@ -246,8 +246,9 @@ def test_a_robot_unlike_its_description_has_answers_at_all_times(seconds: float,
     torque = torque + 1e-3 * torque.std(axis=0) * np.random.default_rng(0).normal(size=torque.shape)
     estimator = sy.OnlineEstimator(model, forget=2.0)
     answers = []
-    for start in range(0, len(t), 100):
-        estimator.update(t[start : start + 100], q[start : start + 100], torque[start : start + 100])
+    rows = 200 if seconds == np.inf else 100
+    for start in range(0, len(t), rows):
+        estimator.update(t[start : start + rows], q[start : start + rows], torque[start : start + rows])
         answers.append(estimator.estimate(seconds=seconds))
         assert estimator.feasible_set.contains(answers[-1].parameters)
     if seconds == np.inf:

@@ -1,6 +1,7 @@
 """An arm of three joints whose parameters are known, moved at random, with noise that lasts for some samples."""
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from scipy.signal import lfilter
@@ -31,11 +32,16 @@ class SimulatedArm:
         return FeasibleSet(self.model)
 
 
+@cache  # whose kernels and base parameters are computed once
+def _model() -> Model:
+    robot = Robot.from_dh([("-pi/2", 0.0, 0.3, "q"), ("0", 0.4, 0.0, "q"), ("pi/2", 0.3, 0.0, "q")])
+    return Model(robot.with_terms(Viscous(), Coulomb(), Offset()))
+
+
 def simulated_arm(seed: int, seconds: float = 10.0, noise: float = 0.2, size: float = 0.8, still=()) -> SimulatedArm:
     """Boxes of 0.3 m by 0.1 m by 0.1 m along the links, friction, and a motion of five harmonics in every joint."""
     random = np.random.default_rng([seed, 14])
-    robot = Robot.from_dh([("-pi/2", 0.0, 0.3, "q"), ("0", 0.4, 0.0, "q"), ("pi/2", 0.3, 0.0, "q")])
-    model = Model(robot.with_terms(Viscous(), Coulomb(), Offset()))
+    model = _model()
     truth = np.zeros(len(model.parameter_names))
     feasible_set = FeasibleSet(model)
     for columns, mass in zip(feasible_set.link_columns, MASSES, strict=True):

@@ -216,7 +216,7 @@ def test_computed_torque_is_that_of_the_links(case):
 @pytest.mark.parametrize(
     "options",
     [
-        {},
+        pytest.param({}, marks=pytest.mark.slow),
         {"gravity": "argument", "sign": "smooth"},
         pytest.param({"gravity": "argument"}, marks=pytest.mark.slow),
         pytest.param({"sign": "smooth"}, marks=pytest.mark.slow),

@@ -206,7 +206,7 @@ MESHED = """<mujoco><compiler meshdir="meshes"/>
 <body><geom type="mesh" mesh="skin"/></body></worldbody></mujoco>"""
 
 
-def test_meshes_are_read_where_an_inertia_needs_them(tmp_path):
+def test_meshes_are_read_where_an_inertia_needs_them(tmp_path, mujoco_in_this_process):
     (tmp_path / "meshes").mkdir()
     path = written(tmp_path, MESHED)
     with pytest.raises(InputError, match=r'line 2, which an inertia needs: the mesh "meshes/solid\.stl" is not'):

@@ -37,7 +37,7 @@ def test_a_pendulum_moves_as_its_equations_say(ratio):
     term = LuGre(D, RATIO, SPEED) if ratio else Dahl(D)
     model, numbers = pendulum(term)
     drive = lambda t: 4.5 + 8.0 * np.cos(6.0 * t)  # noqa: E731
-    found = sy.simulate(model, numbers, [0.3], [0.0], 2.0, torque=lambda t, q, dq: np.array([drive(t)]), rate=500)
+    found = sy.simulate(model, numbers, [0.3], [0.0], 1.2, torque=lambda t, q, dq: np.array([drive(t)]), rate=500)
     assert found.status.value == "finished"
     damping, viscous = (1.0, 0.7) if ratio else (0.0, 0.0)
     q, dq, _ = exact(found.t, ratio, damping, viscous, drive)
@@ -55,28 +55,29 @@ def test_energy_is_kept():
     model = sy.Model(robot.with_terms(ByJoint([LuGre(D, RATIO, SPEED, joints=[1]), Dahl(0.05, joints=[2]), Viscous()])))
     known = {**NUMBERS, "m1": 2.0, "Lzz2": 0.2, "lx2": 0.1, "m2": 1.0, "Fcj2": 0.5, "Fvj2": 0.1, "Fbj2": 3.0}
     numbers = np.array([known.get(name, 0.0) for name in model.parameter_names])
-    fall = sy.simulate(model, numbers, [0.3, 0.2], [0.0, 0.0], 2.0)
+    fall = sy.simulate(model, numbers, [0.3, 0.2], [0.0, 0.0], 1.0)
     total = fall.energy + fall.dissipated
     assert np.ptp(fall.energy) > 1.0
     assert np.ptp(total) < 2e-4 * np.ptp(fall.energy)
     assert np.all(np.diff(fall.dissipated) > -1e-9)
     base = model.base_parameters()
-    alike = sy.simulate(model, base.K @ numbers, [0.3, 0.2], [0.0, 0.0], 0.2, base=True)
+    alike = sy.simulate(model, base.K @ numbers, [0.3, 0.2], [0.0, 0.0], 0.1, base=True)
     np.testing.assert_allclose(alike.q, fall.q[: len(alike.q)], atol=1e-9)
-    both = sy.simulate(model, np.array([numbers, 1.1 * numbers]), [0.3, 0.2], [0.0, 0.0], 0.2)
+    both = sy.simulate(model, np.array([numbers, 1.1 * numbers]), [0.3, 0.2], [0.0, 0.0], 0.1)
     np.testing.assert_allclose(both.q[0], fall.q[: len(alike.q)], atol=1e-5)
     with pytest.raises(sy.InputError, match="'runge_kutta_4' alone"):
         sy.simulate(model, numbers, [0.3, 0.2], [0.0, 0.0], 0.2, method="radau")
 
 
+@pytest.mark.slow
 def test_torque_over_position_draws_a_loop():
     """A force that grows and falls below Coulomb friction moves the joint to and fro, on two branches (hysteresis)."""
     model, _ = pendulum(ByJoint([Dahl(D), Viscous()]))
     values = {"Fcj1": 2.0, "Fvj1": 2.0, "Lzz1": 0.05}
     numbers = np.array([values.get(name, 0.0) for name in model.parameter_names])
     force = lambda t, q, dq: np.array([1.5 * np.sin(0.5 * np.pi * t)])  # noqa: E731
-    found = sy.simulate(model, numbers, [0.0], [0.0], 12.0, torque=force, rate=50, method="runge_kutta_4", step=0.004)
-    last = found.t >= 8.0
+    found = sy.simulate(model, numbers, [0.0], [0.0], 8.0, torque=force, rate=50, method="runge_kutta_4", step=0.004)
+    last = found.t >= 4.0
     q, torque = found.q[last, 0], found.torque[last, 0]
     loop = np.sum(0.5 * (torque[1:] + torque[:-1]) * np.diff(q))
     viscous = 2.0 * np.sum(found.dq[last, 0] ** 2) * 0.02
@@ -94,7 +95,7 @@ def test_friction_by_a_channel_is_that_at_its_reference(base):
         model = sy.Model(robot.with_terms(*terms))
         numbers = np.array([NUMBERS.get(name, 0.2) for name in model.parameter_names])
         given = model.base_parameters().values(numbers) if base else numbers
-        return sy.simulate(model, given, [0.3], [1.0], 0.5, base=base).q[-1]
+        return sy.simulate(model, given, [0.3], [1.0], 0.2, base=base).q[-1]
 
     plain = end(sy.Coulomb(), Viscous())
     np.testing.assert_allclose(end(ChannelFriction("temperature", range=[15, 60], reference=25)), plain, atol=1e-8)

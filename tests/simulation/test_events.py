@@ -35,7 +35,7 @@ def test_events_that_do_not_end_the_run_are_all_found(pendulum, method):
     sample_time = 4 * ellipk(np.sin(0.5) ** 2) / np.sqrt(9.81)  # let go at 1 rad
     rising = Event(lambda t, q, dq: q[0], "up", direction=1, terminal=False)
     either = Event(lambda t, q, dq: dq[0], "turns", terminal=False)
-    result = simulate(model, delta, [1.0], [0.0], 2.9 * sample_time, method=method, events=(rising, either))
+    result = simulate(model, delta, [1.0], [0.0], 2.9 * sample_time, method=method, events=(rising, either), rate=100)
     assert result.status == "finished"
     up = [e.t for e in result.events if e.name == "up"]
     np.testing.assert_allclose(up, [0.75 * sample_time, 1.75 * sample_time, 2.75 * sample_time], atol=1e-7)

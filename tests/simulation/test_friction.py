@@ -66,7 +66,7 @@ def test_held_below_its_friction_a_joint_creeps_as_the_smooth_sign_says(block):
 def test_rosenbrock_is_of_order_two_through_reversals(block, stick_slip):
     model, delta = block
     errors = []
-    for step in (1e-3, 5e-4, 2.5e-4):
+    for step in (1e-3, 2.5e-4):
         result = simulate(model, delta, [0.0], [0.0], 1.5, belt, method="rosenbrock", step=step)
         errors.append(np.abs(result.q[:, 0] - stick_slip[0][:1501]).max())
     assert np.log2(errors[0] / errors[-1]) / 2 > 1.5, errors

@@ -33,11 +33,11 @@ QUICK = [pytest.param(m, marks=pytest.mark.slow if m in ("dop853", "bdf") else (
 @pytest.mark.parametrize("method", QUICK)
 def test_adaptive_methods_follow_the_pendulum_to_their_tolerance(pendulum, method):
     model, delta = pendulum
-    exact, speed = pendulum_motion(np.arange(3001) / 1000, 2.5)
+    exact, speed = pendulum_motion(np.arange(2001) / 1000, 2.5)
     errors = []
     for tolerance in (1e-6, 1e-9):
         result = simulate(
-            model, delta, [2.5], [0.0], 3.0, method=method, relative_tolerance=tolerance, absolute_tolerance=tolerance
+            model, delta, [2.5], [0.0], 2.0, method=method, relative_tolerance=tolerance, absolute_tolerance=tolerance
         )
         assert result.status == "finished"
         errors.append(max(np.abs(result.q[:, 0] - exact).max(), np.abs(result.dq[:, 0] - speed).max()))
@@ -70,20 +70,20 @@ def test_dormand_prince_is_of_order_five(pendulum):
             delta,
             [2.5],
             [0.0],
-            3.0,
+            1.5,
             method="dormand_prince",
             relative_tolerance=tolerance,
             absolute_tolerance=tolerance,
         )
         steps.append(len(result.pieces))
-        errors.append(abs(result.final_q[0] - pendulum_motion(3.0, 2.5)[0]))
+        errors.append(abs(result.final_q[0] - pendulum_motion(1.5, 2.5)[0]))
     slope = np.polyfit(np.log(steps), np.log(errors), 1)[0]
     assert -5.8 < slope < -4.6
 
 
 def test_rosenbrock_neither_gains_nor_loses_energy(pendulum):
     model, delta = pendulum
-    result = simulate(model, delta, [1.0], [0.0], 40.0, method="rosenbrock", step=5e-3, rate=200.0)
+    result = simulate(model, delta, [1.0], [0.0], 25.0, method="rosenbrock", step=5e-3, rate=200.0)
     early, late = np.ptp(result.energy[:1000]), np.ptp(result.energy[-1000:])
     assert late < 1.1 * early < 0.02
 
@@ -96,7 +96,7 @@ def test_energy_of_a_conservative_robot_stays(two_links, method):
         delta,
         [0.3, -0.4],
         [0.0, 1.0],
-        0.5 if method in ("radau", "bdf") else 2.0,
+        0.25 if method in ("radau", "bdf") else 1.0,
         method=method,
         relative_tolerance=1e-12,
         absolute_tolerance=1e-12,
@@ -138,7 +138,7 @@ def test_torque_functions_act_within_the_steps(oscillator):
             delta,
             [0.0],
             [5.0 * amplitude],
-            1.5,
+            0.6,
             lambda t, q, dq: 4.0 * np.cos(5.0 * t) * np.ones(1),
             method=method,
             rate=100.0,

@@ -172,7 +172,7 @@ def design_excitation(
     >>> import steelyard as sy
     >>> model = sy.Model(sy.Robot.from_dh([(0, 0.5, 0, "q"), (0, 0.4, 0, "q")], gravity=(0, -9.81, 0)))
     >>> limits = {"lower": -1.5, "upper": 1.5, "velocity": 2.0, "acceleration": 6.0}
-    >>> design = design_excitation(model, limits, period=5.0, harmonics=3, search=SearchOptions(starts=2, workers=1))
+    >>> design = design_excitation(model, limits, period=5.0, harmonics=3, search=SearchOptions(starts=1, workers=1))
     >>> design.condition_number < 10, design.margins[0].clearance >= 0
     (True, True)
     """

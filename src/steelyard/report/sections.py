@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Sequence
+from functools import cache
 from importlib import metadata
 from pathlib import Path
 from platform import python_version
@@ -204,8 +205,13 @@ def versions(libraries: Sequence[str] = _LIBRARIES) -> dict[str, str]:
     return {
         "steelyard": __version__,
         "python": python_version(),
-        **{name: metadata.version(name) for name in libraries},
+        **{name: _version(name) for name in libraries},
     }
+
+
+@cache  # read from files, of which a process has imported what they tell
+def _version(library: str) -> str:
+    return metadata.version(library)
 
 
 def hashed_file(path: Path) -> dict[str, str]:

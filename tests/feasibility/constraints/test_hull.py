@@ -138,7 +138,7 @@ def test_fewer_facets_reach_beyond_by_no_more_than_the_tolerance(tolerance):
         assert -reach.fun <= offset + tolerance + 1e-9
 
 
-def test_mesh_file_gives_its_centre_of_mass_inside(two_links, tmp_path):
+def test_mesh_file_gives_its_centre_of_mass_inside(two_links, tmp_path, meshes_in_this_process):
     trimesh = pytest.importorskip("trimesh", reason="trimesh is not installed")
     mesh = trimesh.creation.annulus(r_min=40, r_max=60, height=300)
     mesh.apply_translation([10, 20, 30])

@@ -177,7 +177,7 @@ def test_clock_is_measured(random):
 @pytest.mark.parametrize(
     ("delay", "known"),
     [
-        (0.0037, True),
+        pytest.param(0.0037, True, marks=pytest.mark.slow),
         (-0.0021, True),
         (0.0, True),
         (0.0037, False),

@@ -1,5 +1,7 @@
 """What impossible parameters do: each claim against Pinocchio, NumPy or a possible arm made by hand."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -112,7 +114,7 @@ def test_a_possible_arm_has_the_same_gravity_torques(arm, gross):
 
 
 def test_impossibility_reaches_inertia_and_coriolis_but_not_gravity(arm, gross):
-    few = States.random(arm, 60)
+    few = States.random(arm, 30)
     found, corrected = (reach(arm, base, few) for base in (gross.estimate, gross.corrected))
     assert found["gravity"] < 1e-9
     assert found["inertia"] > 0.05
@@ -164,12 +166,8 @@ def test_carried_by_true_gravity_the_arm_stays(arm):
     np.testing.assert_allclose(guided(arm, [arm.base], q, 1.0).final_q, q, atol=1e-6)
 
 
-@pytest.mark.slow
-def test_the_study_says_what_the_page_says():
-    from steelyard_thesis.reproduction import Context
-    from steelyard_thesis.reproduction.sections.impact import SECTION
-
-    result = SECTION.compute(Context())
+def check_study(result):
+    """What the section must say, however it was computed."""
     reached, impossible, errors, uses, feedback, _ = result.tables
     for row in impossible.rows:
         assert all(str(cell).endswith(("→ 0 %", "→ 0")) for cell in row[5:])
@@ -178,3 +176,15 @@ def test_the_study_says_what_the_page_says():
     assert [row[2] for row in reached.rows] == ["0 %, at most 0 %"] * 2
     assert feedback.rows[0][2:] == ("0 %", "0 %")
     assert sum(int(row[1]) for row in feedback.rows) == 4 * sum(int(row[1]) for row in reached.rows)
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(
+    (Path(__file__).parents[4] / "shared" / "data").is_dir(),
+    reason="test_everything_is_reproduced looks at this section, beside those that need the recordings",
+)
+def test_the_study_says_what_the_page_says():
+    from steelyard_thesis.reproduction import Context
+    from steelyard_thesis.reproduction.sections.impact import SECTION
+
+    check_study(SECTION.compute(Context()))

@@ -11,6 +11,10 @@ import steelyard as sy
 from steelyard.report import Chart, Curve
 from steelyard_thesis.reproduction import Comparison, SectionResult, Table, all_sections, reproduce
 from steelyard_thesis.reproduction.published import column, rows
+from steelyard_thesis.reproduction.sections import impact, real_robots
+
+from .test_impact import check_study
+from .test_real_robots import check_table_of_all_methods
 
 
 def test_values_agree_within_their_printed_precision_only():
@@ -106,3 +110,6 @@ def test_everything_is_reproduced(tmp_path, shared_data):
     assert result.published == 361
     assert result.agreeing >= 335
     assert all(row.agrees or row.why for _, part in result.results for row in part.comparisons)
+    parts = {section.title: part for section, part in result.results}
+    check_study(parts[impact.SECTION.title])
+    check_table_of_all_methods(parts[real_robots.SECTION.title])
