@@ -3,11 +3,9 @@
 import contextlib
 import csv
 import gc
-import hashlib
 import importlib
 import importlib.metadata
 import os
-import shutil
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
@@ -107,34 +105,10 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(pytest.mark.slow)
 
 
-def compiled_code(place: Path, kept: int = 3) -> Path:
-    """The folder of machine code that these sources compiled, in this run of the tests and in earlier ones.
-
-    It begins empty where one byte of what compiles has changed; of other sources the latest folders stay.
-    """
-    package = Path(__file__).resolve().parent / "src" / "steelyard"
-    digest = hashlib.sha256()
-    for room in ("graph", "robot", "dynamics"):
-        for path in sorted((package / room).rglob("*.py")):
-            digest.update(f"{path.relative_to(package)} {path.stat().st_size}\n".encode() + path.read_bytes())
-    folder = place / digest.hexdigest()[:16]
-    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    os.utime(folder)
-    for old in sorted(place.iterdir(), key=lambda one: one.stat().st_mtime, reverse=True)[kept:]:
-        shutil.rmtree(old, ignore_errors=True)
-    return folder
-
-
-# Compiled code of the tests stays out of the user's cache, and is kept with what pytest keeps: compiling takes a
-# twentieth of the time. Processes side by side share it, and a folder that lasts as long as they do.
+# Compiled code of the tests stays out of the user's cache. Processes side by side share one, which the first one made.
 if "PYTEST_XDIST_WORKER" not in os.environ:
-    _folder = tempfile.TemporaryDirectory(prefix="steelyard-tests-")
-    os.environ["STEELYARD_TESTS_FOLDER"] = _folder.name
-    os.environ["STEELYARD_CACHE_DIR"] = _folder.name
-    with contextlib.suppress(OSError):  # where nothing may be written beside the tests, nothing is kept
-        os.environ["STEELYARD_CACHE_DIR"] = str(
-            compiled_code(Path(__file__).resolve().parent / ".pytest_cache" / "code")
-        )
+    _cache = tempfile.TemporaryDirectory(prefix="steelyard-cache-")
+    os.environ["STEELYARD_CACHE_DIR"] = _cache.name
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -84,7 +84,7 @@ def example(tmp_path: Path) -> Callable[[str], Path]:
     """
 
     def written(name: str) -> Path:
-        folder = Path(os.environ["STEELYARD_TESTS_FOLDER"]) / "examples" / name
+        folder = Path(os.environ["STEELYARD_CACHE_DIR"]) / "examples" / name
         if not folder.is_dir():
             folder.parent.mkdir(exist_ok=True)
             try:
