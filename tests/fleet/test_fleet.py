@@ -149,6 +149,31 @@ def test_what_is_wrong_with_one_robot_is_its_row(arms: Arms) -> None:
 
 
 @pytest.mark.slow
+def test_a_joint_that_stands_still_in_most_robots_makes_no_difference(arms: Arms) -> None:
+    for number in range(5):
+        arms.information(number, still=1 if number < 3 else None).save(arms.folder / f"{number}.json")
+    fleet = identify_fleet(arms.manifest([f"R{k},,{k}.json" for k in range(5)]))
+    assert fleet.differing == ()
+    siblings = fleet.groups[0].siblings
+    assert siblings is not None
+    [usual] = [cause.nominal for cause in siblings.causes if cause.name == "Fcj2"]
+    assert usual == pytest.approx(1.5, rel=0.1)  # as those have it whose joint moves
+
+
+@pytest.mark.slow
+def test_a_log_that_is_too_short_for_its_noise_to_be_known_is_not_compared(arms: Arms) -> None:
+    for number in range(5):
+        arms.information(number, duration=20.0 if number else 0.6).save(arms.folder / f"{number}.json")
+    fleet = identify_fleet(arms.manifest([f"R{k},,{k}.json" for k in range(5)]))
+    assert fleet.differing == fleet.drifted == ()
+    assert fleet.groups[0].latest == (1, 2, 3, 4)
+    assert next(remark for remark in fleet.remarks if "too short" in remark).endswith(
+        "no interval holds: R0. They are left out of the comparison of siblings; give longer logs."
+    )
+    assert [row["differs"] for row in fleet.robot_rows()] == [None, False, False, False, False]
+
+
+@pytest.mark.slow
 def test_an_arm_that_met_a_stop_is_not_said_to_predict_as_well_as_its_noise(arms: Arms) -> None:
     random = np.random.default_rng(2)
     t = np.arange(0.0, 20.0, 0.01)

@@ -14,8 +14,9 @@ from steelyard.display import text_table
 from steelyard.dynamics import Model
 from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import SteelyardError
+from steelyard.files.arguments import listed
 from steelyard.identification.log_reader import Progress
-from steelyard.regression.parameter_covariance import NORMAL
+from steelyard.regression.parameter_covariance import FEWEST_DEGREES, NORMAL
 
 from .causes import Cause, possible_causes, variations
 from .checkpoints import Checkpoints, checkpoint_key
@@ -24,7 +25,15 @@ from .log_reduction import first_of, run_in_order
 from .manifest import FleetEntry, FleetManifest
 from .packed import unpacked
 from .robot_estimate import inputs_of, model_of, robot_estimate, task_of
-from .siblings import FEWEST, Deviation, SiblingComparison, compare_siblings, unexplained
+from .siblings import (
+    FEWEST,
+    Deviation,
+    SiblingComparison,
+    compare_siblings,
+    median_of_shown,
+    shown_parameters,
+    unexplained,
+)
 
 __all__ = ["Finding", "Fleet", "RobotGroup", "RobotRow", "identify_fleet"]
 
@@ -406,6 +415,12 @@ def identify_fleet(
             f"The torques of {filtered} entries were filtered and their regressor was not, so that no interval holds: "
             "they are left out of the comparison of siblings."
         )
+    short = [row.entry.label for row in rows if not row.reason and _is_short(row)]
+    if short:
+        remarks.append(
+            "The logs are too short to tell how large the noise of each joint is, so that no interval holds: "
+            f"{listed(short)}. They are left out of the comparison of siblings; give longer logs."
+        )
     blind = sum(not row.reason and row.entry.gives_informations for row in rows)
     if blind:
         remarks.append(
@@ -446,11 +461,16 @@ def _grouped(rows: Sequence[RobotRow]) -> dict[tuple[str, tuple[str, ...]], list
     found: dict[tuple[str, tuple[str, ...]], list[int]] = {}
     for number, row in enumerate(rows):
         model = _model_of(row)
-        if model is None or row.values["filtered"]:
+        if model is None or row.values["filtered"] or _is_short(row):
             continue
         names = (*map(str, model.parameter_names), *model.base_parameters().names)
         found.setdefault((row.entry.group, names), []).append(number)
     return found
+
+
+def _is_short(row: RobotRow) -> bool:
+    """Whether the data has so few rows of some joint that nothing tells how large its noise is."""
+    return bool(row.values["freedom"] <= FEWEST_DEGREES)
 
 
 def _compared(
@@ -466,7 +486,10 @@ def _compared(
     model = _model_of(rows[numbers[0]])
     assert model is not None
     parameters = np.median([rows[k].values["parameters"] for k in latest], axis=0)
-    base = np.median([rows[k].values["base"] for k in latest], axis=0)
+    bases, covariances, freedoms = _arrays(rows, latest)
+    shown = shown_parameters(bases, covariances)
+    known = model.base_parameters().K @ parameters
+    base = np.where(shown.any(axis=0), median_of_shown(bases, shown), known)
     causes = possible_causes(model, parameters, base)
     directions = variations(model, causes)
     findings: list[Finding] = []
@@ -474,8 +497,7 @@ def _compared(
     called = f"the group {name}" if name else "the fleet"
     siblings = drift = None
     if len(latest) >= FEWEST:
-        bases, covariances = _arrays(rows, latest)
-        siblings = compare_siblings(bases, covariances, causes, directions, rate=rate)
+        siblings = compare_siblings(bases, covariances, causes, directions, rate=rate, freedoms=freedoms)
         for one in siblings.deviations:
             row = rows[latest[one.robot]]
             findings.append(Finding("siblings", row.entry.id, name, row.entry.date, "", one, sentence(one, "siblings")))
@@ -490,9 +512,16 @@ def _compared(
             f"came, and siblings are compared where there are {FEWEST} or more."
         )
     if len(several) >= FEWEST:
-        before, before_errors = _arrays(rows, firsts)
-        after, after_errors = _arrays(rows, lasts)
-        drift = compare_siblings(after - before, after_errors + before_errors, causes, directions, rate=rate)
+        before, before_errors, before_freedoms = _arrays(rows, firsts)
+        after, after_errors, after_freedoms = _arrays(rows, lasts)
+        drift = compare_siblings(
+            after - before,
+            after_errors + before_errors,
+            causes,
+            directions,
+            rate=rate,
+            freedoms=np.minimum(before_freedoms, after_freedoms),
+        )
         for one in drift.deviations:
             own = several[one.robot]
             history = _history(rows, own, one, drift.mean)
@@ -515,9 +544,11 @@ def _compared(
     return group, findings, remarks
 
 
-def _arrays(rows: Sequence[RobotRow], numbers: Iterable[int]) -> tuple[Array, Array]:
+def _arrays(rows: Sequence[RobotRow], numbers: Iterable[int]) -> tuple[Array, Array, Array]:
+    """Base parameters, their covariances, and the degrees of freedom of these, robot by robot."""
     chosen = [rows[k].values for k in numbers]
-    return np.array([v["base"] for v in chosen]), np.array([v["covariance"] for v in chosen])
+    base, covariance, freedom = (np.array([v[key] for v in chosen]) for key in ("base", "covariance", "freedom"))
+    return base, covariance, freedom
 
 
 def _history(

@@ -189,6 +189,7 @@ def _estimate(task: dict[str, Any]) -> dict[str, Any]:
         "rows": information.count,
         "base": unconstrained.base,
         "covariance": covariance.matrix,
+        "freedom": covariance.degrees_of_freedom,
         "parameters": estimate.parameters,
         "possible": bool(feasible_set.contains(estimate.parameters)),
         "feasible": verdict.status,
