@@ -25,11 +25,15 @@ FRICTION = ((1.0, 2.0), (0.8, 1.5), (0.5, 1.0))
 
 
 class Arms:
-    """Arms whose links vary by 1 %, friction by 5 %; a fault multiplies friction of a joint, or all of a link."""
+    """Arms whose links vary by 1 %, friction by 5 %; a fault multiplies friction of a joint, or all of a link.
 
-    def __init__(self, folder: Path) -> None:
+    Those of another reach have a second link of another length.
+    """
+
+    def __init__(self, folder: Path, reach: float = 1.0) -> None:
         self.folder = folder
-        (folder / "robot.toml").write_text(ROBOT, encoding="utf-8")
+        text = ROBOT.replace('["pi/2", 0.3, 0.1', f'["pi/2", {0.3 * reach}, 0.1')
+        (folder / "robot.toml").write_text(text, encoding="utf-8")
         self.model = sy.Model.load(folder / "robot.toml")
         self.names = [str(name) for name in self.model.parameter_names]
         values = []

@@ -161,6 +161,28 @@ def test_a_joint_that_stands_still_in_most_robots_makes_no_difference(arms: Arms
 
 
 @pytest.mark.slow
+def test_robots_of_other_lengths_are_no_siblings(arms: Arms) -> None:
+    """Their base parameters have the same names, and are other combinations of those of the links."""
+    for number in range(3):
+        arms.information(number).save(arms.folder / f"{number}.json")
+    rows = [f"R{k},robot.toml,{k}.json" for k in range(3)]
+    (arms.folder / "longer").mkdir()
+    longer = Arms(arms.folder / "longer", reach=1.5)
+    assert longer.model.base_parameters().names == arms.model.base_parameters().names
+    for number in range(2):
+        longer.information(number).save(longer.folder / f"{number}.json")
+        rows.append(f"L{number},longer/robot.toml,longer/{number}.json")
+    manifest = arms.folder / "robots.csv"
+    manifest.write_text("\n".join(["id,robot,informations", *rows]) + "\n", encoding="utf-8")
+    fleet = identify_fleet(manifest)
+    assert [group.latest for group in fleet.groups] == [(0, 1, 2), (3, 4)]
+    assert fleet.differing == ()
+    assert fleet.remarks[0].startswith("With 3 robots like R0 in the fleet, what is usual")
+    assert fleet.remarks[1].startswith("The fleet has 2 robots like L0 of which something came")
+    assert fleet.remarks[2].startswith("The fleet has robots of 2 models")
+
+
+@pytest.mark.slow
 def test_a_log_that_is_too_short_for_its_noise_to_be_known_is_not_compared(arms: Arms) -> None:
     for number in range(5):
         arms.information(number, duration=20.0 if number else 0.6).save(arms.folder / f"{number}.json")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -402,13 +403,21 @@ def identify_fleet(
     say(f"{given.name}: {len(given.entries)} entries")
     rows = _estimated(given, Here() if executor is None else executor, checkpoints, say)
     groups, findings, remarks = [], [], []
-    for (name, _), numbers in _grouped(rows).items():
+    grouped = _grouped(rows)
+    models = Counter(name for name, _ in grouped)
+    for (name, _), numbers in grouped.items():
         say(f"siblings{f' of {name}' if name else ''}: {len({rows[k].entry.id for k in numbers})} robots")
-        group, found, told = _compared(name, rows, numbers, given.false_discovery_rate)
+        alike = f" like {rows[numbers[0]].entry.id}" if models[name] > 1 else ""
+        group, found, told = _compared(name, alike, rows, numbers, given.false_discovery_rate)
         groups.append(group)
         findings += found
         remarks += told
     findings.sort(key=lambda one: (one.kind == "drift", one.deviation.probability, one.robot, one.deviation.cause.name))
+    for name in (name for name, count in models.items() if count > 1):
+        remarks.append(
+            f"{_called(name, capital=True)} has robots of {models[name]} models, with other lengths or other terms: "
+            "each is compared with those of its own model alone."
+        )
     filtered = sum(bool(row.values.get("filtered")) for row in rows)
     if filtered:
         remarks.append(
@@ -457,13 +466,16 @@ def _estimated(
 
 
 def _grouped(rows: Sequence[RobotRow]) -> dict[tuple[str, tuple[str, ...]], list[int]]:
-    """Numbers of the rows of each group; robots whose base parameters are others are no siblings."""
+    """Numbers of the rows of each group; robots whose base parameters are others are no siblings.
+
+    Not only their names: arms of other lengths have base parameters of the same names, which are other combinations.
+    """
     found: dict[tuple[str, tuple[str, ...]], list[int]] = {}
     for number, row in enumerate(rows):
         model = _model_of(row)
         if model is None or row.values["filtered"] or _is_short(row):
             continue
-        names = (*map(str, model.parameter_names), *model.base_parameters().names)
+        names = (*map(str, model.parameter_names), *model.base_parameters().expressions)
         found.setdefault((row.entry.group, names), []).append(number)
     return found
 
@@ -473,8 +485,13 @@ def _is_short(row: RobotRow) -> bool:
     return bool(row.values["freedom"] <= FEWEST_DEGREES)
 
 
+def _called(name: str, *, capital: bool = False) -> str:
+    called = f"the group {name}" if name else "the fleet"
+    return f"{called[0].upper()}{called[1:]}" if capital else called
+
+
 def _compared(
-    name: str, rows: Sequence[RobotRow], numbers: Sequence[int], rate: float
+    name: str, alike: str, rows: Sequence[RobotRow], numbers: Sequence[int], rate: float
 ) -> tuple[RobotGroup, list[Finding], list[str]]:
     by_robot: dict[str, list[int]] = {}
     for number in numbers:
@@ -494,7 +511,7 @@ def _compared(
     directions = variations(model, causes)
     findings: list[Finding] = []
     remarks: list[str] = []
-    called = f"the group {name}" if name else "the fleet"
+    called = _called(name)
     siblings = drift = None
     if len(latest) >= FEWEST:
         siblings = compare_siblings(bases, covariances, causes, directions, rate=rate, freedoms=freedoms)
@@ -503,12 +520,12 @@ def _compared(
             findings.append(Finding("siblings", row.entry.id, name, row.entry.date, "", one, sentence(one, "siblings")))
         if len(latest) < 10:
             remarks.append(
-                f"With {len(latest)} robots in {called}, what is usual among siblings is hardly known: only large "
-                "differences are told."
+                f"With {len(latest)} robots{alike} in {called}, what is usual among siblings is hardly known: only "
+                "large differences are told."
             )
     else:
         remarks.append(
-            f"{called[0].upper()}{called[1:]} has {len(latest)} robot{'s' * (len(latest) > 1)} of which something "
+            f"{_called(name, capital=True)} has {len(latest)} robot{'s' * (len(latest) > 1)}{alike} of which something "
             f"came, and siblings are compared where there are {FEWEST} or more."
         )
     if len(several) >= FEWEST:
@@ -532,13 +549,15 @@ def _compared(
             findings.append(Finding("drift", row.entry.id, name, row.entry.date, since, one, told, history))
         for cause, value, lower, upper in _common(drift):
             remarks.append(
-                f"In {called}, {_what(cause)} changed on average by {_amount(cause, value)} "
+                f"In {called}, {_what(cause)}{' of robots' * bool(alike)}{alike} changed on average by "
+                f"{_amount(cause, value)} "
                 f"({_amount(cause, lower)} to {_amount(cause, upper)}) from the first date to the latest."
             )
     elif several:
         remarks.append(
-            f"{len(several)} robot{'s' * (len(several) > 1)} of {called} have several dates, and drift is told from "
-            f"what changes in siblings where there are {FEWEST} or more; compare single ones with steelyard compare."
+            f"{len(several)} robot{'s' * (len(several) > 1)}{alike} of {called} have several dates, and drift is told "
+            f"from what changes in siblings where there are {FEWEST} or more; compare single ones with steelyard "
+            "compare."
         )
     group = RobotGroup(name, model, tuple(latest), tuple(lasts), siblings, drift)
     return group, findings, remarks
