@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import subprocess
@@ -193,6 +194,48 @@ def test_a_log_that_is_too_short_for_its_noise_to_be_known_is_not_compared(arms:
         "no interval holds: R0. They are left out of the comparison of siblings; give longer logs."
     )
     assert [row["differs"] for row in fleet.robot_rows()] == [None, False, False, False, False]
+
+
+@pytest.mark.slow
+def test_what_failed_is_tried_again(arms: Arms, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A disk that was full in the run that was killed may have room in the next one."""
+    for number in range(3):
+        arms.information(number).save(arms.folder / f"{number}.json")
+    manifest = arms.manifest([f"R{k},,{k}.json" for k in range(3)])
+    load = sy.Information.load
+
+    def refused(path: str) -> sy.Information:
+        if path.endswith("1.json"):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return load(path)
+
+    with Checkpoints(arms.folder / "out") as kept:
+        monkeypatch.setattr(sy.Information, "load", refused)
+        assert [row.entry.id for row in identify_fleet(manifest, checkpoints=kept).failed] == ["R1"]
+        monkeypatch.undo()
+        assert len(kept.names) == 2
+        assert identify_fleet(manifest, checkpoints=kept).failed == ()
+
+
+@pytest.mark.slow
+def test_remarks_are_those_of_the_robots_own_log(arms: Arms) -> None:
+    """Also where its content is that of another robot, whose estimate is there already."""
+    t = np.arange(0.0, 12.0, 0.01)
+    w = 2 * np.pi * np.array([0.2, 0.31, 0.43])
+    q = np.sin(w * t[:, None])
+    torque = arms.model.inverse_dynamics(q, w * np.cos(w * t[:, None]), -(w**2) * q, arms.usual)
+    torque += 0.002 * torque.std(axis=0) * np.random.default_rng(1).normal(size=torque.shape)
+    torque[500:504, 1] += np.ptp(torque[:, 1])  # an impact, which a remark names
+    for name in ("one", "two"):
+        sy.Recording(t=t, q=q, torque=torque, source="log").save(arms.folder / f"{name}.csv")
+    manifest = arms.folder / "fleet.toml"
+    text = "".join(f'[[robots]]\nid = "{name}"\nlogs = ["{name}.csv"]\n' for name in ("one", "two"))
+    manifest.write_text('robot = "robot.toml"\n' + text, encoding="utf-8")
+    with Checkpoints(arms.folder / "out") as kept:
+        for _ in range(2):
+            for row in identify_fleet(manifest, checkpoints=kept).rows:
+                [told] = [remark for remark in row.values["remarks"] if "at t = 5.0" in remark]
+                assert f"{row.entry.id}.csv" in told
 
 
 @pytest.mark.slow

@@ -25,7 +25,7 @@ from .executors import Executor, Here
 from .log_reduction import first_of, run_in_order
 from .manifest import FleetEntry, FleetManifest
 from .packed import unpacked
-from .robot_estimate import inputs_of, model_of, robot_estimate, task_of
+from .robot_estimate import inputs_of, model_of, robot_estimate, something_came, task_of
 from .siblings import (
     FEWEST,
     Deviation,
@@ -455,7 +455,7 @@ def _estimated(
             numbers.append(number)
             tasks.append([task])
     every = max(len(tasks) // LINES, 1)
-    contents = run_in_order(robot_estimate, first_of, None, tasks, executor, keys, checkpoints)
+    contents = run_in_order(robot_estimate, first_of, None, tasks, executor, keys, checkpoints, keep=something_came)
     for done, (number, content) in enumerate(zip(numbers, contents, strict=True), start=1):
         found[number] = unpacked(content)
         if done % every == 0 or done == len(tasks):
