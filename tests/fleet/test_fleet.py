@@ -197,6 +197,21 @@ def test_a_log_that_is_too_short_for_its_noise_to_be_known_is_not_compared(arms:
 
 
 @pytest.mark.slow
+def test_one_log_that_is_given_for_several_robots_is_compared_once(arms: Arms) -> None:
+    """Six robots with one log among them would not vary, and a sound one would differ from them."""
+    for number in range(4):
+        arms.information(number).save(arms.folder / f"{number}.json")
+    names = [0, 0, 0, 0, 0, 0, 1, 2, 3]
+    fleet = identify_fleet(arms.manifest([f"R{k},,{name}.json" for k, name in enumerate(names)]))
+    assert fleet.differing == ()
+    assert fleet.groups[0].latest == (0, 6, 7, 8)
+    [told] = [remark for remark in fleet.remarks if "same data" in remark]
+    assert told.startswith("The same data was given for R0 and R1, R0 and R2, R0 and R3, R0 and R4, R0 and R5:")
+    sound = identify_fleet(arms.manifest([f"R{k},,{k}.json" for k in range(4)]))
+    assert not any("same data" in remark for remark in sound.remarks)
+
+
+@pytest.mark.slow
 def test_what_failed_is_tried_again(arms: Arms, monkeypatch: pytest.MonkeyPatch) -> None:
     """A disk that was full in the run that was killed may have room in the next one."""
     for number in range(3):

@@ -430,6 +430,12 @@ def identify_fleet(
             "The logs are too short to tell how large the noise of each joint is, so that no interval holds: "
             f"{listed(short)}. They are left out of the comparison of siblings; give longer logs."
         )
+    copies = [f"{rows[first].entry.label} and {rows[k].entry.label}" for k, first in _copies(rows).items()]
+    if copies:
+        remarks.append(
+            f"The same data was given for {listed(copies)}: of each two, only the first is compared with siblings; "
+            "correct the paths in the manifest."
+        )
     blind = sum(not row.reason and row.entry.gives_informations for row in rows)
     if blind:
         remarks.append(
@@ -471,12 +477,30 @@ def _grouped(rows: Sequence[RobotRow]) -> dict[tuple[str, tuple[str, ...]], list
     Not only their names: arms of other lengths have base parameters of the same names, which are other combinations.
     """
     found: dict[tuple[str, tuple[str, ...]], list[int]] = {}
+    copies = _copies(rows)
     for number, row in enumerate(rows):
         model = _model_of(row)
-        if model is None or row.values["filtered"] or _is_short(row):
+        if model is None or row.values["filtered"] or _is_short(row) or number in copies:
             continue
         names = (*map(str, model.parameter_names), *model.base_parameters().expressions)
         found.setdefault((row.entry.group, names), []).append(number)
+    return found
+
+
+def _copies(rows: Sequence[RobotRow]) -> dict[int, int]:
+    """Return the numbers of rows whose data is that of a row before, with the number of that one.
+
+    Noise makes no two logs give the same numbers to the last bit. Counted as siblings, copies would not vary, and any
+    other robot would differ from them.
+    """
+    first: dict[bytes, int] = {}
+    found: dict[int, int] = {}
+    for number, row in enumerate(rows):
+        if not row.reason:
+            told = np.asarray(row.values["base"]).tobytes() + np.asarray(row.values["covariance"]).tobytes()
+            before = first.setdefault(told, number)
+            if before != number:
+                found[number] = before
     return found
 
 
