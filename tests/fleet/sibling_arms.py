@@ -25,11 +25,15 @@ FRICTION = ((1.0, 2.0), (0.8, 1.5), (0.5, 1.0))
 
 
 class Arms:
-    """Arms whose links vary by 1 %, friction by 5 %; a fault multiplies friction of a joint, or all of a link."""
+    """Arms whose links vary by 1 %, friction by 5 %; a fault multiplies friction of a joint, or all of a link.
 
-    def __init__(self, folder: Path) -> None:
+    Those of another reach have a second link of another length.
+    """
+
+    def __init__(self, folder: Path, reach: float = 1.0) -> None:
         self.folder = folder
-        (folder / "robot.toml").write_text(ROBOT, encoding="utf-8")
+        text = ROBOT.replace('["pi/2", 0.3, 0.1', f'["pi/2", {0.3 * reach}, 0.1')
+        (folder / "robot.toml").write_text(text, encoding="utf-8")
         self.model = sy.Model.load(folder / "robot.toml")
         self.names = [str(name) for name in self.model.parameter_names]
         values = []
@@ -38,7 +42,16 @@ class Arms:
             values += [*inertia.parameters, *friction]
         self.usual = np.array(values)
 
-    def information(self, number: int, fault: str = "", factor: float = 1.0, epoch: int = 0) -> sy.Information:
+    def information(
+        self,
+        number: int,
+        fault: str = "",
+        factor: float = 1.0,
+        epoch: int = 0,
+        duration: float = 20.0,
+        still: int | None = None,
+    ) -> sy.Information:
+        """Of an arm, of which one joint may stand still, where only the noise of its encoder moves it."""
         random = np.random.default_rng([number, 1])
         values = self.usual.copy()
         for columns in self.model.link_columns:
@@ -50,11 +63,15 @@ class Arms:
                 values[index] *= factor
         if fault.startswith("link"):
             values[self.model.link_columns[int(fault[4:]) - 1]] *= factor
-        t = np.arange(0.0, 20.0, 0.01)[:, None]
+        t = np.arange(0.0, duration, 0.01)[:, None]
         w, phase = 2 * np.pi * np.array([0.2, 0.31, 0.43]), random.uniform(0.0, 6.0, 3)
         q = np.sin(w * t + phase) + 0.3 * np.sin(2.3 * w * t)
         dq = w * np.cos(w * t + phase) + 0.69 * w * np.cos(2.3 * w * t)
         ddq = -(w**2) * np.sin(w * t + phase) - 0.3 * (2.3 * w) ** 2 * np.sin(2.3 * w * t)
+        if still is not None:
+            trembling = 1e-6 * np.random.default_rng([number, 3]).normal(size=(3, len(t)))
+            for one, own in zip((q, dq, ddq), trembling, strict=True):
+                one[:, still] = own
         torque = self.model.inverse_dynamics(q, dq, ddq, values)
         noise = np.random.default_rng([number, 2, epoch])
         lasting = lfilter([np.sqrt(1 - 0.9**2)], [1.0, -0.9], noise.normal(size=torque.shape), axis=0)

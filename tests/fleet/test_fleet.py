@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import subprocess
@@ -146,6 +147,110 @@ def test_what_is_wrong_with_one_robot_is_its_row(arms: Arms) -> None:
     assert "damaged.json" in reasons["Y"]
     assert "0 rows do not suffice" in reasons["Z"]
     assert fleet.groups[0].siblings is not None
+
+
+@pytest.mark.slow
+def test_a_joint_that_stands_still_in_most_robots_makes_no_difference(arms: Arms) -> None:
+    for number in range(5):
+        arms.information(number, still=1 if number < 3 else None).save(arms.folder / f"{number}.json")
+    fleet = identify_fleet(arms.manifest([f"R{k},,{k}.json" for k in range(5)]))
+    assert fleet.differing == ()
+    siblings = fleet.groups[0].siblings
+    assert siblings is not None
+    [usual] = [cause.nominal for cause in siblings.causes if cause.name == "Fcj2"]
+    assert usual == pytest.approx(1.5, rel=0.1)  # as those have it whose joint moves
+
+
+@pytest.mark.slow
+def test_robots_of_other_lengths_are_no_siblings(arms: Arms) -> None:
+    """Their base parameters have the same names, and are other combinations of those of the links."""
+    for number in range(3):
+        arms.information(number).save(arms.folder / f"{number}.json")
+    rows = [f"R{k},robot.toml,{k}.json" for k in range(3)]
+    (arms.folder / "longer").mkdir()
+    longer = Arms(arms.folder / "longer", reach=1.5)
+    assert longer.model.base_parameters().names == arms.model.base_parameters().names
+    for number in range(2):
+        longer.information(number).save(longer.folder / f"{number}.json")
+        rows.append(f"L{number},longer/robot.toml,longer/{number}.json")
+    manifest = arms.folder / "robots.csv"
+    manifest.write_text("\n".join(["id,robot,informations", *rows]) + "\n", encoding="utf-8")
+    fleet = identify_fleet(manifest)
+    assert [group.latest for group in fleet.groups] == [(0, 1, 2), (3, 4)]
+    assert fleet.differing == ()
+    assert fleet.remarks[0].startswith("With 3 robots like R0 in the fleet, what is usual")
+    assert fleet.remarks[1].startswith("The fleet has 2 robots like L0 of which something came")
+    assert fleet.remarks[2].startswith("The fleet has robots of 2 models")
+
+
+@pytest.mark.slow
+def test_a_log_that_is_too_short_for_its_noise_to_be_known_is_not_compared(arms: Arms) -> None:
+    for number in range(5):
+        arms.information(number, duration=20.0 if number else 0.6).save(arms.folder / f"{number}.json")
+    fleet = identify_fleet(arms.manifest([f"R{k},,{k}.json" for k in range(5)]))
+    assert fleet.differing == fleet.drifted == ()
+    assert fleet.groups[0].latest == (1, 2, 3, 4)
+    assert next(remark for remark in fleet.remarks if "too short" in remark).endswith(
+        "no interval holds: R0. They are left out of the comparison of siblings; give longer logs."
+    )
+    assert [row["differs"] for row in fleet.robot_rows()] == [None, False, False, False, False]
+
+
+@pytest.mark.slow
+def test_one_log_that_is_given_for_several_robots_is_compared_once(arms: Arms) -> None:
+    """Six robots with one log among them would not vary, and a sound one would differ from them."""
+    for number in range(4):
+        arms.information(number).save(arms.folder / f"{number}.json")
+    names = [0, 0, 0, 0, 0, 0, 1, 2, 3]
+    fleet = identify_fleet(arms.manifest([f"R{k},,{name}.json" for k, name in enumerate(names)]))
+    assert fleet.differing == ()
+    assert fleet.groups[0].latest == (0, 6, 7, 8)
+    [told] = [remark for remark in fleet.remarks if "same data" in remark]
+    assert told.startswith("The same data was given for R0 and R1, R0 and R2, R0 and R3, R0 and R4, R0 and R5:")
+    sound = identify_fleet(arms.manifest([f"R{k},,{k}.json" for k in range(4)]))
+    assert not any("same data" in remark for remark in sound.remarks)
+
+
+@pytest.mark.slow
+def test_what_failed_is_tried_again(arms: Arms, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A disk that was full in the run that was killed may have room in the next one."""
+    for number in range(3):
+        arms.information(number).save(arms.folder / f"{number}.json")
+    manifest = arms.manifest([f"R{k},,{k}.json" for k in range(3)])
+    load = sy.Information.load
+
+    def refused(path: str) -> sy.Information:
+        if path.endswith("1.json"):
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return load(path)
+
+    with Checkpoints(arms.folder / "out") as kept:
+        monkeypatch.setattr(sy.Information, "load", refused)
+        assert [row.entry.id for row in identify_fleet(manifest, checkpoints=kept).failed] == ["R1"]
+        monkeypatch.undo()
+        assert len(kept.names) == 2
+        assert identify_fleet(manifest, checkpoints=kept).failed == ()
+
+
+@pytest.mark.slow
+def test_remarks_are_those_of_the_robots_own_log(arms: Arms) -> None:
+    """Also where its content is that of another robot, whose estimate is there already."""
+    t = np.arange(0.0, 12.0, 0.01)
+    w = 2 * np.pi * np.array([0.2, 0.31, 0.43])
+    q = np.sin(w * t[:, None])
+    torque = arms.model.inverse_dynamics(q, w * np.cos(w * t[:, None]), -(w**2) * q, arms.usual)
+    torque += 0.002 * torque.std(axis=0) * np.random.default_rng(1).normal(size=torque.shape)
+    torque[500:504, 1] += np.ptp(torque[:, 1])  # an impact, which a remark names
+    for name in ("one", "two"):
+        sy.Recording(t=t, q=q, torque=torque, source="log").save(arms.folder / f"{name}.csv")
+    manifest = arms.folder / "fleet.toml"
+    text = "".join(f'[[robots]]\nid = "{name}"\nlogs = ["{name}.csv"]\n' for name in ("one", "two"))
+    manifest.write_text('robot = "robot.toml"\n' + text, encoding="utf-8")
+    with Checkpoints(arms.folder / "out") as kept:
+        for _ in range(2):
+            for row in identify_fleet(manifest, checkpoints=kept).rows:
+                [told] = [remark for remark in row.values["remarks"] if "at t = 5.0" in remark]
+                assert f"{row.entry.id}.csv" in told
 
 
 @pytest.mark.slow

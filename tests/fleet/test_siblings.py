@@ -102,6 +102,52 @@ def test_what_data_does_not_show_is_not_compared() -> None:
     assert 3 not in found.differs
 
 
+@pytest.mark.parametrize("error", [np.inf, 1e14])
+def test_what_most_siblings_do_not_show_is_compared_among_those_that_do(error: float) -> None:
+    """The joint of seven of twelve robots stands still: no number of theirs counts, however far off or alike it is."""
+    random = np.random.default_rng(7)
+    spread, noise = 0.1, 0.05
+    bases = np.array([2.0, 5.0]) + random.normal(size=(12, 2)) * np.hypot(spread, noise)
+    covariances = np.tile(noise**2 * np.eye(2), (12, 1, 1))
+    bases[5:, 0], covariances[5:, 0, 0] = np.where(np.isinf(error), 0.0, 1e13 * random.normal(size=7)), error**2
+    assert compare_siblings(bases, covariances, (ONE, OTHER), np.eye(2)).differs == ()
+    bases[0, 0] += 5.0
+    found = compare_siblings(bases, covariances, (ONE, OTHER), np.eye(2))
+    assert [(one.robot, one.cause.name) for one in found.deviations] == [(0, "Fc1")]
+    assert found.deviations[0].amplitude == pytest.approx(bases[0, 0] - bases[1:5, 0].mean(), rel=0.01)
+    assert found.mean[0] == pytest.approx(2.0, abs=4.0 * np.hypot(spread, noise) / np.sqrt(4))
+
+
+def test_how_much_siblings_vary_is_told_by_those_that_show_it() -> None:
+    """Of two robots that show a part, with each its own value, none differs by more than the two vary."""
+    random = np.random.default_rng(9)
+    named = 0
+    for _ in range(40):
+        bases = random.normal(size=(12, 2))
+        covariances = np.tile(1e-4 * np.eye(2), (12, 1, 1))
+        covariances[2:, 0, 0] = np.inf
+        named += bool(compare_siblings(bases, covariances, (ONE, OTHER), np.eye(2)).deviations)
+    assert named <= 6  # as 0.05 of 40 come to more than 6 with a probability of 0.3 %
+
+
+def test_noise_that_few_rows_tell_is_not_taken_for_known() -> None:
+    """One log of twelve is short: its covariance has six degrees of freedom, and may be too small."""
+    random = np.random.default_rng(10)
+    named = {True: 0, False: 0}
+    for _ in range(150):
+        truth, told = np.full(12, 0.1**2), np.full(12, 0.1**2)
+        truth[0] = 1.0
+        told[0] = random.chisquare(6) / 6
+        bases = random.normal(size=(12, 2)) * np.sqrt(truth)[:, None]
+        covariances = told[:, None, None] * np.eye(2)
+        for known in named:
+            freedoms = np.where(np.arange(12) == 0, 6.0, 1000.0) if known else None
+            found = compare_siblings(bases, covariances, (ONE, OTHER), 1e-3 * np.eye(2), freedoms=freedoms)
+            named[known] += 0 in found.differs
+    assert named[True] <= 6  # of 150, one in 60 at the level of one of twelve robots, two causes and twenty
+    assert named[False] > named[True]
+
+
 def test_causes_are_columns_of_the_base_parameters() -> None:
     robot = sy.Robot.from_dh([(0, 0.4, 0, "q"), (0, 0.3, 0, "q")], gravity=(0, -9.81, 0))
     model = sy.Model(robot.with_terms(sy.Viscous(), sy.Coulomb(), sy.Offset(), sy.RotorInertia()))

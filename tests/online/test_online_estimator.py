@@ -327,6 +327,54 @@ def parts(rows: int, sizes: tuple[int, ...]) -> Iterator[slice]:
         start, k = start + size, k + 1
 
 
+def test_after_a_restart_nothing_of_the_samples_before_counts(model: sy.Model, motion: tuple[Array, ...]) -> None:
+    """Not even what the filter held back of them, nor what was said of them."""
+    t, q, _, _, torque = motion
+    again, new = sy.OnlineEstimator(model), sy.OnlineEstimator(model)
+    again.update(t[:2000], q[:2000], 3.0 * torque[:2000])
+    again.update(t[1000:2000], q[1000:2000], torque[1000:2000])
+    again.estimate()
+    again.restart()
+    assert again.remarks == ()
+    for estimator in (again, new):
+        estimator.update(t[2000:], q[2000:], torque[2000:])
+    assert same(again.information, new.information)
+    assert np.allclose(again.intervals(), new.intervals(), rtol=1e-9)
+
+
+@pytest.mark.parametrize("jump", [-1e9, -100.0, 100.0])
+def test_a_change_is_noticed_whatever_the_clock_does(model: sy.Model, jump: float) -> None:
+    """The clock of a robot jumps while it is learned, as where it is set only then: the change comes 9 s later."""
+    t, pace = np.arange(15000) / 1000, np.array([3.0, 4.0])
+    phase = pace * t[:, None]
+    q, dq, ddq = np.sin(phase), pace * np.cos(phase), -(pace**2) * np.sin(phase)
+    heavier = TRUE.copy()
+    heavier[12:22] += sy.Inertia.from_com(1.5, [0.0, 0.0, 0.0], 0.01 * np.eye(3)).parameters
+    torque = model.inverse_dynamics(q, dq, ddq, TRUE)
+    torque[13000:] = model.inverse_dynamics(q[13000:], dq[13000:], ddq[13000:], heavier)
+    torque += 0.1 * np.random.default_rng(1).normal(size=q.shape)
+    told = np.where(t < 4.0, t, t + jump)
+    estimator = sy.OnlineEstimator(model, detect_changes=True)
+    estimator.update(told, q, torque)
+    assert [change.t - jump for change in estimator.changes] == [pytest.approx(13.0, abs=0.3)]
+
+
+def test_a_gap_teaches_nothing_of_a_robot_that_is_learned_anew(model: sy.Model) -> None:
+    """A second after a change nothing comes for ten seconds: the estimate of one second is not taken for one of six."""
+    t, pace = np.arange(30000) / 1000, np.array([1.1, 0.7])
+    phase = pace * t[:, None]
+    q, dq, ddq = np.sin(phase), pace * np.cos(phase), -(pace**2) * np.sin(phase)
+    heavier = TRUE.copy()
+    heavier[12:22] += sy.Inertia.from_com(3.0, [0.1, 0.2, 0.0], 0.01 * np.eye(3)).parameters
+    torque = model.inverse_dynamics(q, dq, ddq, TRUE)
+    torque[13000:] = model.inverse_dynamics(q[13000:], dq[13000:], ddq[13000:], heavier)
+    torque += 0.1 * np.random.default_rng(1).normal(size=q.shape)
+    kept = (t < 14.0) | (t >= 24.0)
+    estimator = sy.OnlineEstimator(model, detect_changes=True)
+    estimator.update(t[kept], q[kept], torque[kept])
+    assert [round(change.t) for change in estimator.changes] == [13]
+
+
 def test_merged_parts_are_the_whole(model: sy.Model, motion: tuple[Array, ...]) -> None:
     _, q, dq, ddq, torque = motion
     columns = model.base_columns

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,8 +15,9 @@ from steelyard.display import text_table
 from steelyard.dynamics import Model
 from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import SteelyardError
+from steelyard.files.arguments import listed
 from steelyard.identification.log_reader import Progress
-from steelyard.regression.parameter_covariance import NORMAL
+from steelyard.regression.parameter_covariance import FEWEST_DEGREES, NORMAL
 
 from .causes import Cause, possible_causes, variations
 from .checkpoints import Checkpoints, checkpoint_key
@@ -23,8 +25,16 @@ from .executors import Executor, Here
 from .log_reduction import first_of, run_in_order
 from .manifest import FleetEntry, FleetManifest
 from .packed import unpacked
-from .robot_estimate import inputs_of, model_of, robot_estimate, task_of
-from .siblings import FEWEST, Deviation, SiblingComparison, compare_siblings, unexplained
+from .robot_estimate import inputs_of, model_of, robot_estimate, something_came, task_of
+from .siblings import (
+    FEWEST,
+    Deviation,
+    SiblingComparison,
+    compare_siblings,
+    median_of_shown,
+    shown_parameters,
+    unexplained,
+)
 
 __all__ = ["Finding", "Fleet", "RobotGroup", "RobotRow", "identify_fleet"]
 
@@ -393,18 +403,38 @@ def identify_fleet(
     say(f"{given.name}: {len(given.entries)} entries")
     rows = _estimated(given, Here() if executor is None else executor, checkpoints, say)
     groups, findings, remarks = [], [], []
-    for (name, _), numbers in _grouped(rows).items():
+    grouped = _grouped(rows)
+    models = Counter(name for name, _ in grouped)
+    for (name, _), numbers in grouped.items():
         say(f"siblings{f' of {name}' if name else ''}: {len({rows[k].entry.id for k in numbers})} robots")
-        group, found, told = _compared(name, rows, numbers, given.false_discovery_rate)
+        alike = f" like {rows[numbers[0]].entry.id}" if models[name] > 1 else ""
+        group, found, told = _compared(name, alike, rows, numbers, given.false_discovery_rate)
         groups.append(group)
         findings += found
         remarks += told
     findings.sort(key=lambda one: (one.kind == "drift", one.deviation.probability, one.robot, one.deviation.cause.name))
+    for name in (name for name, count in models.items() if count > 1):
+        remarks.append(
+            f"{_called(name, capital=True)} has robots of {models[name]} models, with other lengths or other terms: "
+            "each is compared with those of its own model alone."
+        )
     filtered = sum(bool(row.values.get("filtered")) for row in rows)
     if filtered:
         remarks.append(
             f"The torques of {filtered} entries were filtered and their regressor was not, so that no interval holds: "
             "they are left out of the comparison of siblings."
+        )
+    short = [row.entry.label for row in rows if not row.reason and _is_short(row)]
+    if short:
+        remarks.append(
+            "The logs are too short to tell how large the noise of each joint is, so that no interval holds: "
+            f"{listed(short)}. They are left out of the comparison of siblings; give longer logs."
+        )
+    copies = [f"{rows[first].entry.label} and {rows[k].entry.label}" for k, first in _copies(rows).items()]
+    if copies:
+        remarks.append(
+            f"The same data was given for {listed(copies)}: of each two, only the first is compared with siblings; "
+            "correct the paths in the manifest."
         )
     blind = sum(not row.reason and row.entry.gives_informations for row in rows)
     if blind:
@@ -431,7 +461,7 @@ def _estimated(
             numbers.append(number)
             tasks.append([task])
     every = max(len(tasks) // LINES, 1)
-    contents = run_in_order(robot_estimate, first_of, None, tasks, executor, keys, checkpoints)
+    contents = run_in_order(robot_estimate, first_of, None, tasks, executor, keys, checkpoints, keep=something_came)
     for done, (number, content) in enumerate(zip(numbers, contents, strict=True), start=1):
         found[number] = unpacked(content)
         if done % every == 0 or done == len(tasks):
@@ -442,19 +472,50 @@ def _estimated(
 
 
 def _grouped(rows: Sequence[RobotRow]) -> dict[tuple[str, tuple[str, ...]], list[int]]:
-    """Numbers of the rows of each group; robots whose base parameters are others are no siblings."""
+    """Numbers of the rows of each group; robots whose base parameters are others are no siblings.
+
+    Not only their names: arms of other lengths have base parameters of the same names, which are other combinations.
+    """
     found: dict[tuple[str, tuple[str, ...]], list[int]] = {}
+    copies = _copies(rows)
     for number, row in enumerate(rows):
         model = _model_of(row)
-        if model is None or row.values["filtered"]:
+        if model is None or row.values["filtered"] or _is_short(row) or number in copies:
             continue
-        names = (*map(str, model.parameter_names), *model.base_parameters().names)
+        names = (*map(str, model.parameter_names), *model.base_parameters().expressions)
         found.setdefault((row.entry.group, names), []).append(number)
     return found
 
 
+def _copies(rows: Sequence[RobotRow]) -> dict[int, int]:
+    """Return the numbers of rows whose data is that of a row before, with the number of that one.
+
+    Noise makes no two logs give the same numbers to the last bit. Counted as siblings, copies would not vary, and any
+    other robot would differ from them.
+    """
+    first: dict[bytes, int] = {}
+    found: dict[int, int] = {}
+    for number, row in enumerate(rows):
+        if not row.reason:
+            told = np.asarray(row.values["base"]).tobytes() + np.asarray(row.values["covariance"]).tobytes()
+            before = first.setdefault(told, number)
+            if before != number:
+                found[number] = before
+    return found
+
+
+def _is_short(row: RobotRow) -> bool:
+    """Whether the data has so few rows of some joint that nothing tells how large its noise is."""
+    return bool(row.values["freedom"] <= FEWEST_DEGREES)
+
+
+def _called(name: str, *, capital: bool = False) -> str:
+    called = f"the group {name}" if name else "the fleet"
+    return f"{called[0].upper()}{called[1:]}" if capital else called
+
+
 def _compared(
-    name: str, rows: Sequence[RobotRow], numbers: Sequence[int], rate: float
+    name: str, alike: str, rows: Sequence[RobotRow], numbers: Sequence[int], rate: float
 ) -> tuple[RobotGroup, list[Finding], list[str]]:
     by_robot: dict[str, list[int]] = {}
     for number in numbers:
@@ -466,33 +527,42 @@ def _compared(
     model = _model_of(rows[numbers[0]])
     assert model is not None
     parameters = np.median([rows[k].values["parameters"] for k in latest], axis=0)
-    base = np.median([rows[k].values["base"] for k in latest], axis=0)
+    bases, covariances, freedoms = _arrays(rows, latest)
+    shown = shown_parameters(bases, covariances)
+    known = model.base_parameters().K @ parameters
+    base = np.where(shown.any(axis=0), median_of_shown(bases, shown), known)
     causes = possible_causes(model, parameters, base)
     directions = variations(model, causes)
     findings: list[Finding] = []
     remarks: list[str] = []
-    called = f"the group {name}" if name else "the fleet"
+    called = _called(name)
     siblings = drift = None
     if len(latest) >= FEWEST:
-        bases, covariances = _arrays(rows, latest)
-        siblings = compare_siblings(bases, covariances, causes, directions, rate=rate)
+        siblings = compare_siblings(bases, covariances, causes, directions, rate=rate, freedoms=freedoms)
         for one in siblings.deviations:
             row = rows[latest[one.robot]]
             findings.append(Finding("siblings", row.entry.id, name, row.entry.date, "", one, sentence(one, "siblings")))
         if len(latest) < 10:
             remarks.append(
-                f"With {len(latest)} robots in {called}, what is usual among siblings is hardly known: only large "
-                "differences are told."
+                f"With {len(latest)} robots{alike} in {called}, what is usual among siblings is hardly known: only "
+                "large differences are told."
             )
     else:
         remarks.append(
-            f"{called[0].upper()}{called[1:]} has {len(latest)} robot{'s' * (len(latest) > 1)} of which something "
+            f"{_called(name, capital=True)} has {len(latest)} robot{'s' * (len(latest) > 1)}{alike} of which something "
             f"came, and siblings are compared where there are {FEWEST} or more."
         )
     if len(several) >= FEWEST:
-        before, before_errors = _arrays(rows, firsts)
-        after, after_errors = _arrays(rows, lasts)
-        drift = compare_siblings(after - before, after_errors + before_errors, causes, directions, rate=rate)
+        before, before_errors, before_freedoms = _arrays(rows, firsts)
+        after, after_errors, after_freedoms = _arrays(rows, lasts)
+        drift = compare_siblings(
+            after - before,
+            after_errors + before_errors,
+            causes,
+            directions,
+            rate=rate,
+            freedoms=np.minimum(before_freedoms, after_freedoms),
+        )
         for one in drift.deviations:
             own = several[one.robot]
             history = _history(rows, own, one, drift.mean)
@@ -503,21 +573,25 @@ def _compared(
             findings.append(Finding("drift", row.entry.id, name, row.entry.date, since, one, told, history))
         for cause, value, lower, upper in _common(drift):
             remarks.append(
-                f"In {called}, {_what(cause)} changed on average by {_amount(cause, value)} "
+                f"In {called}, {_what(cause)}{' of robots' * bool(alike)}{alike} changed on average by "
+                f"{_amount(cause, value)} "
                 f"({_amount(cause, lower)} to {_amount(cause, upper)}) from the first date to the latest."
             )
     elif several:
         remarks.append(
-            f"{len(several)} robot{'s' * (len(several) > 1)} of {called} have several dates, and drift is told from "
-            f"what changes in siblings where there are {FEWEST} or more; compare single ones with steelyard compare."
+            f"{len(several)} robot{'s' * (len(several) > 1)}{alike} of {called} have several dates, and drift is told "
+            f"from what changes in siblings where there are {FEWEST} or more; compare single ones with steelyard "
+            "compare."
         )
     group = RobotGroup(name, model, tuple(latest), tuple(lasts), siblings, drift)
     return group, findings, remarks
 
 
-def _arrays(rows: Sequence[RobotRow], numbers: Iterable[int]) -> tuple[Array, Array]:
+def _arrays(rows: Sequence[RobotRow], numbers: Iterable[int]) -> tuple[Array, Array, Array]:
+    """Base parameters, their covariances, and the degrees of freedom of these, robot by robot."""
     chosen = [rows[k].values for k in numbers]
-    return np.array([v["base"] for v in chosen]), np.array([v["covariance"] for v in chosen])
+    base, covariance, freedom = (np.array([v[key] for v in chosen]) for key in ("base", "covariance", "freedom"))
+    return base, covariance, freedom
 
 
 def _history(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -274,6 +274,7 @@ def run_in_order(
     keys: Sequence[str | None] | None = None,
     checkpoints: Checkpoints | None = None,
     local: Sequence[bool] | None = None,
+    keep: Callable[[bytes], bool] = lambda _: True,
 ) -> Iterator[bytes]:
     """Yield what groups of tasks come to, in their order; take what checkpoints have, and give them what is done.
 
@@ -287,6 +288,8 @@ def run_in_order(
     checkpoints : Checkpoints, optional
     local : sequence of bool, optional
         Which groups are to run in this process.
+    keep : callable, optional
+        Whether a result is given to the checkpoints; all are by default.
     """
     if keys is None or checkpoints is None:
         keys = [None] * len(groups)
@@ -304,9 +307,11 @@ def run_in_order(
                 found = elsewhere[place]
                 done.add(found)
                 key = keys[found]
-                if key is not None and checkpoints is not None:
-                    checkpoints.put(key, content)
-                if key is None or found == number:
+                if key is None or checkpoints is None or not keep(content):
+                    held[found] = content
+                    continue
+                checkpoints.put(key, content)
+                if found == number:
                     held[found] = content  # others are read again when their turn comes: memory stays bounded
             key = keys[number]
             yield held.pop(number) if number in held or key is None else _kept(checkpoints, key)

@@ -35,9 +35,9 @@ from steelyard.robot import RobotFile
 from .checkpoints import robot_content
 from .data_sets import reduced_logs
 from .manifest import FleetEntry, is_information
-from .packed import packed
+from .packed import packed, unpacked
 
-__all__ = ["Known", "inputs_of", "known_of", "model_of", "robot_estimate", "task_of"]
+__all__ = ["Known", "inputs_of", "known_of", "model_of", "robot_estimate", "something_came", "task_of"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,6 +120,14 @@ def robot_estimate(common: Any, task: dict[str, Any]) -> bytes:
         return packed({"reason": f"a fault of steelyard, {type(error).__name__} ({told}); identify it by itself."})
 
 
+def something_came(content: bytes) -> bool:
+    """Tell whether what `robot_estimate` returned is an estimate; only these are kept.
+
+    Not each reason follows from the data alone: a disk that was full, or memory that did not suffice, may do so later.
+    """
+    return not unpacked(content)["reason"]
+
+
 def _estimate(task: dict[str, Any]) -> dict[str, Any]:
     robot = task["robot"]
     if task["informations"]:
@@ -189,6 +197,7 @@ def _estimate(task: dict[str, Any]) -> dict[str, Any]:
         "rows": information.count,
         "base": unconstrained.base,
         "covariance": covariance.matrix,
+        "freedom": covariance.degrees_of_freedom,
         "parameters": estimate.parameters,
         "possible": bool(feasible_set.contains(estimate.parameters)),
         "feasible": verdict.status,
@@ -259,8 +268,9 @@ def inputs_of(task: dict[str, Any]) -> list[Any]:
     described = [file_hash(path) for path in (file.path, file.robot.source) if path is not None and path.is_file()]
     logs = [str(log) for log in given_logs(task["logs"], None)[0]] if task["logs"] else []
     files = [*logs, *task["informations"], *task["validate"]]
-    hashes = [one for path in files for one in _content(path)]
-    return [task["intervals"], sections, described, robot_content(file.robot), hashes]
+    # Remarks name the files, and a log is read by its suffix: one with the same content is another one.
+    contents = [[path, *_content(path)] for path in files]
+    return [task["label"], task["intervals"], sections, described, robot_content(file.robot), contents]
 
 
 def _content(log: str) -> tuple[str, ...]:

@@ -39,7 +39,9 @@ FEWEST = 3
 """Siblings, without which nothing can be said: of two that differ, nobody knows which is unusual."""
 
 NOISE_FREEDOM = 30.0
-"""Degrees of freedom of the covariance of one estimate, as where two results are compared: tens of batches."""
+"""Degrees of freedom that the covariance of one estimate has at most, as where two results are compared: tens of
+batches. Short logs have fewer: with 30 for all, one robot whose log had 140 rows was named in two of six sound fleets
+of ten."""
 
 BOUND = 1.5
 """Standardised deviations beyond which a robot no longer widens what counts as usual. So up to E[min(z², BOUND²)] over
@@ -228,6 +230,7 @@ def compare_siblings(
     *,
     rate: float = 0.05,
     confidence: float = 0.95,
+    freedoms: ArrayLike | None = None,
 ) -> SiblingComparison:
     """Tell which robots differ from their siblings, in which part, and by how much.
 
@@ -245,6 +248,8 @@ def compare_siblings(
         causes of one robot by Bonferroni).
     confidence : float
         Of intervals.
+    freedoms : (R,), optional
+        Degrees of freedom of each covariance: how much data its size was estimated from. 30 by default, and at most.
 
     Returns
     -------
@@ -279,8 +284,15 @@ def compare_siblings(
         raise InputError(
             f"Robots are compared with {FEWEST} siblings or more, got {len(given)}; add robots to the group."
         )
-    scale = _scale(given, errors)
-    problem = _Problem(given / scale, _scaled(errors, scale), np.asarray(directions) / scale[:, None])
+    shown = shown_parameters(given, errors)
+    # What a robot's data does not show has any value there, which must not count, however many robots have the same.
+    given = np.where(shown, given, median_of_shown(given, shown))
+    errors = np.where(shown[:, :, None] & shown[:, None, :], errors, np.where(np.eye(given.shape[1]), np.inf, 0.0))
+    scale = _scale(given, errors, shown)
+    degrees = np.full(len(given), NOISE_FREEDOM)
+    if freedoms is not None:
+        degrees = np.minimum(degrees, np.asarray(freedoms, dtype=float))
+    problem = _Problem(given / scale, _scaled(errors, scale), shown, degrees, np.asarray(directions) / scale[:, None])
     scaled = [cause.directions / scale[:, None] for cause in causes]
     tests = _Tests(problem, scaled, scale, rate)
     moved = problem.bases
@@ -313,12 +325,41 @@ def compare_siblings(
     )
 
 
-def _scale(bases: Array, errors: Array) -> Array:
+def shown_parameters(bases: Array, errors: Array) -> NDArray[np.bool_]:
+    """Tell which base parameters the data of each robot shows, (R, n_b).
+
+    The noise of a joint that stands still moves it a little, so that the data tells some number, by 10⁵ times as
+    uncertain as that of siblings whose joint moves, and of any size.
+    """
+    deviations = np.sqrt(np.diagonal(errors, axis1=1, axis2=2))
+    # The robot that shows a parameter best tells its size, also where the others, and their median, show nothing.
+    size = np.min(np.hypot(bases, deviations), axis=0)
+    shown = np.isfinite(deviations) & (deviations <= UNKNOWN * size)
+    return np.asarray(shown & (deviations <= UNKNOWN * _scale(bases, errors, shown)))
+
+
+def median_of_shown(values: ArrayLike, shown: NDArray[np.bool_]) -> Array:
+    """Return the medians of columns over the rows that are shown; zero where none is.
+
+    Examples
+    --------
+    >>> median_of_shown([[1.0, 5.0], [2.0, 0.0], [9.0, 0.0]], np.array([[True, False], [True, False], [False, False]]))
+    array([1.5, 0. ])
+    """
+    some = shown.any(axis=0)
+    kept = np.where(shown | ~some, values, np.nan)
+    return np.where(some, np.nanmedian(kept, axis=0), 0.0)
+
+
+def _deviation_of_shown(bases: Array, shown: NDArray[np.bool_]) -> Array:
+    """How far base parameters are from their median as a rule, (n_b,): the standard deviation of normal ones."""
+    return 1.4826 * median_of_shown(np.abs(bases - median_of_shown(bases, shown)), shown)
+
+
+def _scale(bases: Array, errors: Array, shown: NDArray[np.bool_]) -> Array:
     """Return how far base parameters are from each other as a rule, (n_b,), so that matrices are well conditioned."""
-    middle = np.median(bases, axis=0)
-    away = 1.4826 * np.median(np.abs(bases - middle), axis=0)
-    variances = np.diagonal(errors, axis1=1, axis2=2)
-    own = np.sqrt(np.median(np.where(np.isfinite(variances), variances, 0.0), axis=0))
+    middle, away = median_of_shown(bases, shown), _deviation_of_shown(bases, shown)
+    own = np.sqrt(median_of_shown(np.diagonal(errors, axis1=1, axis2=2), shown))
     size = np.hypot(away, own)
     return np.asarray(np.maximum(size, 1e-9 * np.maximum(np.abs(middle), np.abs(middle).max(initial=1.0))))
 
@@ -331,18 +372,20 @@ def _scaled(errors: Array, scale: Array) -> Array:
 class _Problem:
     """Base parameters of siblings, their errors, and how siblings vary; all in units of `_scale`."""
 
-    def __init__(self, bases: Array, errors: Array, directions: Array) -> None:
-        self.bases, self.errors = bases, errors
+    def __init__(
+        self, bases: Array, errors: Array, shown: NDArray[np.bool_], freedoms: Array, directions: Array
+    ) -> None:
+        self.bases, self.errors, self.shown, self.freedoms = bases, errors, shown, freedoms
         lengths = np.linalg.norm(directions, axis=0)
         self.directions = directions / np.where(lengths > 0.0, lengths, 1.0)
         self.count, self.width = bases.shape
-        noise = np.median(np.diagonal(errors, axis1=1, axis2=2), axis=0)
-        away = (1.4826 * np.median(np.abs(bases - np.median(bases, axis=0)), axis=0)) ** 2
+        noise = median_of_shown(np.diagonal(errors, axis1=1, axis2=2), shown)
+        away = _deviation_of_shown(bases, shown) ** 2
         usual = np.maximum(away - noise, 0.05 * away + 1e-6)
         self.variances = (self.directions**2).T @ usual / max(1, self.directions.shape[1] // self.width)
         self.spread_matrix = (self.directions * self.variances) @ self.directions.T  # T, (n_b, n_b)
         self.weights = np.ones(self.count)
-        self.mean = np.median(bases, axis=0)
+        self.mean = median_of_shown(bases, shown)
         self.mean_covariance = np.eye(self.width)
         self.inverses = np.zeros_like(errors)
         self.precision = np.eye(self.width)
@@ -502,8 +545,10 @@ class _Tests:
         problem = self.problem
         noise = np.maximum(np.einsum("ik,ik->k", weights, problem.errors[robot] @ weights), 0.0)
         among = np.maximum(np.einsum("ik,ik->k", weights, problem.spread_matrix @ weights), 0.0)
-        siblings = max(float(problem.weights.sum()) - 1.0, 1.0)
-        spread = noise**2 / NOISE_FREEDOM + among**2 / siblings
+        # A sibling whose data does not show the combination tells nothing of how much siblings vary in it.
+        unseen = UNKNOWN**2 * (weights.T**2 @ ~problem.shown.T)
+        siblings = np.maximum((unseen <= (noise + among)[:, None]) @ problem.weights - 1.0, 1.0)
+        spread = noise**2 / problem.freedoms[robot] + among**2 / siblings
         return np.asarray((noise + among) ** 2 / np.maximum(spread, 1e-300))
 
     def parts_of(self, robot: int) -> list[_Found]:

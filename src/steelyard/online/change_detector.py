@@ -74,7 +74,7 @@ class ChangeDetector:
     Residuals are averaged over stretches of `length` samples. Their squares over their usual mean square, averaged over
     the joints, less 3 and at most 20, are added up, and the sum never falls below zero: where it passes 30, the robot
     has changed, and it did so when the sum last left zero. What is usual is the average over the last 200 stretches
-    that spoke for no change, so that errors that the model always makes raise no alarm.
+    before that, so that errors that the model always makes raise no alarm.
 
     Parameters
     ----------
@@ -108,6 +108,9 @@ class ChangeDetector:
         self._filled, self.excess, self.began = 0, 0.0, float("nan")
         self.shares = np.zeros(len(self._usual))
         self._began_filling = float("nan")
+        # Since the sum left zero. Were they left out where the sum comes back, what is usual would be the average of
+        # the small ones alone: with one joint it shrinks until noise is a change.
+        self._waiting: list[tuple[Array, NDArray[np.bool_]]] = []
 
     def add(self, t: Array, residuals: Array, used: NDArray[np.bool_]) -> bool:
         """Add residuals (S, N) at times (S,); return whether they are those of a robot that has changed."""
@@ -132,8 +135,17 @@ class ChangeDetector:
                 self.shares = self.shares + shares
             if self.excess > ALARM:
                 return True
+        self._waiting.append((means, shown))
         if self.excess == 0.0:
-            self._seen[shown] = np.minimum(self._seen[shown] + 1, MEMORY)
-            share = 1.0 / np.maximum(self._seen, 1)
-            self._usual = np.where(shown, self._usual + share * (means - self._usual), self._usual)
+            for one in self._waiting:
+                self._average(*one)
+            self._waiting = []
         return False
+
+    def _average(self, means: Array, shown: NDArray[np.bool_]) -> None:
+        """Let the squares of a stretch count in what is usual, by no more than they may speak for a change."""
+        known = (self._seen >= FEWEST) & (self._usual > 0.0)
+        bounded = np.where(known, np.minimum(means, (USUAL + MOST) * self._usual), means)
+        self._seen[shown] = np.minimum(self._seen[shown] + 1, MEMORY)
+        share = 1.0 / np.maximum(self._seen, 1)
+        self._usual = np.where(shown, self._usual + share * (bounded - self._usual), self._usual)

@@ -251,7 +251,7 @@ class OnlineEstimator:
         self._least_speed = read_number(least_speed, "least_speed", "a speed, at least 0", least=0)
         self._jumps = _jumping_rows(model)
         self._options = (rate, cutoff, order)
-        self._stream = EvenStream(self.rate, model.dof, longest_gap)
+        self._longest_gap = longest_gap
         self._filter: CausalMotionFilter | None = None
         self._measured: int | None = None
         self._rows = np.zeros((BATCH, 0))
@@ -265,8 +265,6 @@ class OnlineEstimator:
         self._possible: Array | None = None
         self._stuck = False
         self._scale_known(None)
-        self._answer: OnlineEstimate | None = None
-        self._detector = ChangeDetector(model.dof, max(1, round(DETECTION * rate)))
         self.restart()
 
     def __repr__(self) -> str:
@@ -346,6 +344,10 @@ class OnlineEstimator:
     def restart(self) -> None:
         """Forget all samples, and what was noticed; keep what is known of the robot."""
         self._waiting = 0
+        # With a new stream the filter begins anew, too, which holds samples back that would count with those to come.
+        self._stream = EvenStream(self.rate, self.model.dof, self._longest_gap)
+        self._detector = ChangeDetector(self.model.dof, max(1, round(DETECTION * self.rate)))
+        self._answer: OnlineEstimate | None = None
         self._begin()
         self.changes = []
 
@@ -368,7 +370,8 @@ class OnlineEstimator:
         self._doubtful: list[tuple[int, list[Array], NDArray[np.bool_]]] = []
         self._slow: _Slow | None = None
         self._t = float("nan")
-        self._began = float("nan")
+        # What has passed is counted in samples: clocks jump, and a gap teaches nothing.
+        self._taken, self._answered = 0, 0
         self._at_rest = 0
 
     def _take(self, rows: Array) -> None:
@@ -406,9 +409,8 @@ class OnlineEstimator:
                 self._at_rest += int(np.sum(resting & used))
                 used = used & ~resting
         rows = rows_of_entries(self.model, self.model.base_columns.entries(q, dq, ddq), torque)
-        if np.isnan(self._began):
-            self._began = float(t[0])
         self._t = float(t[-1])
+        self._taken += len(t)
         if self._certain is not None and self._has_changed(t, rows, used):
             return
         self._counted.add(rows, used)
@@ -417,9 +419,9 @@ class OnlineEstimator:
 
     def _has_changed(self, t: Array, rows: list[Array], used: NDArray[np.bool_]) -> bool:
         assert self._certain is not None
-        if t[-1] - self._began > RELEARNING:
+        if self._taken > RELEARNING * self.rate:
             answer = self._answer
-            if answer is None or not self._t - DETECTION <= answer.t:
+            if answer is None or self._taken - self._answered > DETECTION * self.rate:
                 answer = self.estimate()
             if self._detector.add(t, residuals_of_rows(self.model, rows, answer.base), used):
                 self._begin_after(float(t[-1]))
@@ -442,7 +444,7 @@ class OnlineEstimator:
         if self._answer is not None:
             self._reference = np.where(self._of_links, self._answer.parameters, np.nan)
         self._begin()
-        self._t = self._began = t
+        self._t = t
 
     # Answers
 
@@ -535,7 +537,7 @@ class OnlineEstimator:
             assert self._possible is not None
             parameters, converged = self._possible, False
             remark = "The search left the feasible set; these are the parameters before it."
-        self._possible = parameters
+        self._possible, self._answered = parameters, self._taken
         self._answer = OnlineEstimate(
             self._t,
             self._set.K @ parameters,

@@ -156,6 +156,11 @@ class ParameterCovariance:
         return np.where(self.unknown, np.inf, column_lengths(self.root.T))
 
     @property
+    def degrees_of_freedom(self) -> float:
+        """Those of the joint whose noise is known least; infinite where the correlation of residuals is not known."""
+        return np.inf if self.correlation is None else float(np.min(self.correlation.degrees_of_freedom))
+
+    @property
     def error_correlation(self) -> Array:
         """(n_b (n_b - 1) / 2,) of the errors with one another, the lower triangle row by row; zero where unknown."""
         sizes = self.standard_error
