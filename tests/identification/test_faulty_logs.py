@@ -8,7 +8,7 @@ import pytest
 import steelyard as sy
 from steelyard.errors import InputError
 from steelyard.recording import Recording, chunks
-from steelyard.recording.diagnosis import faulty_rows, find_stiction
+from steelyard.recording.diagnosis import faulty_rows, find_stiction, remedy_of
 
 ROBOT = """
 terms = []
@@ -61,6 +61,7 @@ def test_identify_remarks_on_them(tmp_path, first_rows, monkeypatch):
     for option in ("saturation", "repeated"):
         (one,) = [remark for remark in remarks if f"`{option} = true`" in remark]
         assert ("Seen in the first 3000 rows" in one) == (first_rows == 3000)
+        assert remedy_of(one) == option
     assert not any("`stiction" in remark for remark in remarks)
 
 

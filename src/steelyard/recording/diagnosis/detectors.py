@@ -497,8 +497,8 @@ def with_remedy(found: Intervals, option: str) -> list[str]:
 
 
 def remedy_of(sentence: str) -> str | None:
-    """Return the option of [processing] that a sentence of `with_remedy` ends with; None of any other sentence."""
-    return next((option for option in DETECTORS if sentence.endswith(_remedy(option))), None)
+    """Return the option of [processing] that a sentence of `with_remedy` names, wherever it is quoted; else None."""
+    return next((option for option in DETECTORS if _remedy(option) in sentence), None)
 
 
 def _remedy(option: str) -> str:
