@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -403,7 +403,8 @@ def identify_fleet(
     say(f"{given.name}: {len(given.entries)} entries")
     rows = _estimated(given, Here() if executor is None else executor, checkpoints, say)
     groups, findings, remarks = [], [], []
-    grouped = _grouped(rows)
+    copies = _copies(rows)
+    grouped = _grouped(rows, copies)
     models = Counter(name for name, _ in grouped)
     for (name, _), numbers in grouped.items():
         say(f"siblings{f' of {name}' if name else ''}: {len({rows[k].entry.id for k in numbers})} robots")
@@ -430,10 +431,10 @@ def identify_fleet(
             "The logs are too short to tell how large the noise of each joint is, so that no interval holds: "
             f"{listed(short)}. They are left out of the comparison of siblings; give longer logs."
         )
-    copies = [f"{rows[first].entry.label} and {rows[k].entry.label}" for k, first in _copies(rows).items()]
     if copies:
+        pairs = [f"{rows[first].entry.label} and {rows[k].entry.label}" for k, first in copies.items()]
         remarks.append(
-            f"The same data was given for {listed(copies)}: of each two, only the first is compared with siblings; "
+            f"The same data was given for {listed(pairs)}: of each two, only the first is compared with siblings; "
             "correct the paths in the manifest."
         )
     blind = sum(not row.reason and row.entry.gives_informations for row in rows)
@@ -471,13 +472,12 @@ def _estimated(
     ]
 
 
-def _grouped(rows: Sequence[RobotRow]) -> dict[tuple[str, tuple[str, ...]], list[int]]:
-    """Numbers of the rows of each group; robots whose base parameters are others are no siblings.
+def _grouped(rows: Sequence[RobotRow], copies: Container[int]) -> dict[tuple[str, tuple[str, ...]], list[int]]:
+    """Numbers of the rows of each group but for copies; robots whose base parameters are others are no siblings.
 
     Not only their names: arms of other lengths have base parameters of the same names, which are other combinations.
     """
     found: dict[tuple[str, tuple[str, ...]], list[int]] = {}
-    copies = _copies(rows)
     for number, row in enumerate(rows):
         model = _model_of(row)
         if model is None or row.values["filtered"] or _is_short(row) or number in copies:
