@@ -1,15 +1,12 @@
 """Writing projects: what is refused, what is left alone, and that the same gives the same."""
 
-import contextlib
-import io
 import os
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from child_programs import printed_twice
 
 from steelyard.codegen import Constant, Project, files, generate, languages
 from steelyard.errors import InputError
@@ -41,15 +38,9 @@ def small(name: str = "pendulum", factor: float = 1.0, **values: object) -> Proj
 
 
 def test_same_bytes_in_another_process() -> None:
-    here = io.StringIO()
-    with contextlib.redirect_stdout(here):
-        exec(SCRIPT, {})
-    environment = {**os.environ, "PYTHONHASHSEED": "2" if os.environ.get("PYTHONHASHSEED") == "1" else "1"}
-    there = subprocess.run(
-        [sys.executable, "-c", SCRIPT], capture_output=True, text=True, timeout=120, check=True, env=environment
-    )
-    assert there.stdout.count("\n") == 5 + 5 + 5
-    assert there.stdout == here.getvalue()
+    here, there = printed_twice(SCRIPT)
+    assert there.count("\n") == 5 + 5 + 5
+    assert there == here
 
 
 @pytest.mark.parametrize("language", ["c", "cpp", "rust"])

@@ -1,14 +1,10 @@
 """Whatever the names and descriptions of a robot say, the generated scripts do the same, in the same bytes."""
 
 import ast
-import contextlib
-import io
-import os
 import re
-import subprocess
-import sys
 
 import pytest
+from child_programs import printed_twice
 
 from steelyard.codegen import files
 
@@ -73,12 +69,6 @@ def test_the_same_bytes_in_another_process() -> None:
         "    texts = files(project, language)\n"
         "    print(language, hashlib.sha256(repr(sorted(texts.items())).encode()).hexdigest())"
     )
-    here = io.StringIO()
-    with contextlib.redirect_stdout(here):
-        exec(code, {})
-    seed = "2" if os.environ.get("PYTHONHASHSEED") == "1" else "1"
-    environment = {"PYTHONHASHSEED": seed, "STEELYARD_CACHE": "off"}
-    command = [sys.executable, "-c", code]
-    there = subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
-    assert there == here.getvalue()
+    here, there = printed_twice(code)
+    assert there == here
     assert len(there.splitlines()) == len(SCRIPTS)

@@ -342,17 +342,24 @@ def test_after_a_restart_nothing_of_the_samples_before_counts(model: sy.Model, m
     assert np.allclose(again.intervals(), new.intervals(), rtol=1e-9)
 
 
+def heavier_from_13_s(
+    model: sy.Model, seconds: int, pace: tuple[float, float], mass: float, place: tuple[float, float, float]
+) -> tuple[Array, Array, Array]:
+    """Times, positions and noisy torques of a robot whose second link carries a mass after 13 s."""
+    t, speeds = np.arange(1000 * seconds) / 1000, np.array(pace)
+    phase = speeds * t[:, None]
+    q, dq, ddq = np.sin(phase), speeds * np.cos(phase), -(speeds**2) * np.sin(phase)
+    heavier = TRUE.copy()
+    heavier[12:22] += sy.Inertia.from_com(mass, place, 0.01 * np.eye(3)).parameters
+    torque = model.inverse_dynamics(q, dq, ddq, TRUE)
+    torque[13000:] = model.inverse_dynamics(q[13000:], dq[13000:], ddq[13000:], heavier)
+    return t, q, torque + 0.1 * np.random.default_rng(1).normal(size=q.shape)
+
+
 @pytest.mark.parametrize("jump", [-1e9, -100.0, 100.0])
 def test_a_change_is_noticed_whatever_the_clock_does(model: sy.Model, jump: float) -> None:
     """The clock of a robot jumps while it is learned, as where it is set only then: the change comes 9 s later."""
-    t, pace = np.arange(15000) / 1000, np.array([3.0, 4.0])
-    phase = pace * t[:, None]
-    q, dq, ddq = np.sin(phase), pace * np.cos(phase), -(pace**2) * np.sin(phase)
-    heavier = TRUE.copy()
-    heavier[12:22] += sy.Inertia.from_com(1.5, [0.0, 0.0, 0.0], 0.01 * np.eye(3)).parameters
-    torque = model.inverse_dynamics(q, dq, ddq, TRUE)
-    torque[13000:] = model.inverse_dynamics(q[13000:], dq[13000:], ddq[13000:], heavier)
-    torque += 0.1 * np.random.default_rng(1).normal(size=q.shape)
+    t, q, torque = heavier_from_13_s(model, 15, (3.0, 4.0), 1.5, (0.0, 0.0, 0.0))
     told = np.where(t < 4.0, t, t + jump)
     estimator = sy.OnlineEstimator(model, detect_changes=True)
     estimator.update(told, q, torque)
@@ -361,14 +368,7 @@ def test_a_change_is_noticed_whatever_the_clock_does(model: sy.Model, jump: floa
 
 def test_a_gap_teaches_nothing_of_a_robot_that_is_learned_anew(model: sy.Model) -> None:
     """A second after a change nothing comes for ten seconds: the estimate of one second is not taken for one of six."""
-    t, pace = np.arange(30000) / 1000, np.array([1.1, 0.7])
-    phase = pace * t[:, None]
-    q, dq, ddq = np.sin(phase), pace * np.cos(phase), -(pace**2) * np.sin(phase)
-    heavier = TRUE.copy()
-    heavier[12:22] += sy.Inertia.from_com(3.0, [0.1, 0.2, 0.0], 0.01 * np.eye(3)).parameters
-    torque = model.inverse_dynamics(q, dq, ddq, TRUE)
-    torque[13000:] = model.inverse_dynamics(q[13000:], dq[13000:], ddq[13000:], heavier)
-    torque += 0.1 * np.random.default_rng(1).normal(size=q.shape)
+    t, q, torque = heavier_from_13_s(model, 30, (1.1, 0.7), 3.0, (0.1, 0.2, 0.0))
     kept = (t < 14.0) | (t >= 24.0)
     estimator = sy.OnlineEstimator(model, detect_changes=True)
     estimator.update(t[kept], q[kept], torque[kept])

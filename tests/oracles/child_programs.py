@@ -1,7 +1,10 @@
 """Programs that are run by another process, called in this one: most of the time of a small file is their start."""
 
+import contextlib
 import io
+import os
 import runpy
+import subprocess
 import sys
 import warnings
 from collections.abc import Sequence
@@ -29,3 +32,20 @@ def run_here(
         patch.setattr(sys, "stdin", io.StringIO(request.decode()))
         runpy.run_path(str(program))["main"](answers)
     return answers.getvalue(), 0
+
+
+def printed_twice(program: str) -> tuple[str, str]:
+    """Return what a program prints in this process, and in one that compiles anew and orders sets otherwise."""
+    here = io.StringIO()
+    with contextlib.redirect_stdout(here):
+        exec(program, {})
+    seed = "2" if os.environ.get("PYTHONHASHSEED") == "1" else "1"
+    there = subprocess.run(
+        [sys.executable, "-c", program],
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=True,
+        env={**os.environ, "PYTHONHASHSEED": seed, "STEELYARD_CACHE": "off"},
+    )
+    return here.getvalue(), there.stdout
