@@ -216,3 +216,15 @@ def test_times_in_two_columns_are_stated_as_such(tmp_path):
     log = written(tmp_path / "log.csv", heads, [seconds, np.round(1e9 * (T - seconds)), motion()[0], torques(urdf)])
     _, content = loaded(first_robot_file(urdf, log, folder=tmp_path), tmp_path)
     assert content["log"]["time"] == ["sec", "nanosec"]
+
+
+def test_joints_that_are_coupled_stand_as_matrices(tmp_path):
+    """Encoders on the motors of a parallelogram: the second one turns against the first, and so do the torques."""
+    path = description(tmp_path)
+    (q, *_), torque = motion(), torques(path)
+    columns = T, q[:, 0], q[:, 1] - q[:, 0], torque[:, 0] + torque[:, 1], torque[:, 1]
+    log = written(tmp_path / "log.csv", ["t", "q1", "q2", "tau1", "tau2"], columns)
+    _, content = loaded(first_robot_file(path, log, folder=tmp_path), tmp_path)
+    section = content["log"]
+    assert section["position_matrix"] == [[1, 0], [1, 1]]
+    assert section["torque_matrix"] == [[1, -1], [0, 1]]

@@ -379,9 +379,10 @@ class _Draft:
             found = self.layout.settings()
             table = {**found, **{key: value for key, value in table.items() if key not in found}}
         meanings = {} if self.layout is None else {one.column: one for one in self.layout.table}
+        columns = list(meanings)  # of which rows of a matrix, as of coupled joints, are none
         for key, value in table.items():
             reason = self.reasons.get(("log", key), _REASONS.get(key, ""))
-            if isinstance(value, list) and value and all(one in meanings for one in value) and key != "time":
+            if isinstance(value, list) and value and all(one in columns for one in value) and key != "time":
                 comments = [f"{meanings[one].joint}, {meanings[one].unit}: by {meanings[one].by}" for one in value]
                 sheet.listed("log", key, value, comments, reason)
                 continue
