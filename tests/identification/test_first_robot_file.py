@@ -228,3 +228,16 @@ def test_joints_that_are_coupled_stand_as_matrices(tmp_path):
     section = content["log"]
     assert section["position_matrix"] == [[1, 0], [1, 1]]
     assert section["torque_matrix"] == [[1, -1], [0, 1]]
+
+
+def test_a_motor_that_turns_with_two_joints_is_a_term(tmp_path):
+    """The elbow is driven from the base through a belt, which drags on both joints; rotors stand in that term."""
+    path = description(tmp_path, gears=True)
+    _, dq, ddq = motion()
+    drag = 2.5 * np.sign(dq.sum(axis=1)) + 1.5 * dq.sum(axis=1) + 0.2 * ddq.sum(axis=1)
+    log = log_of(tmp_path, torques(path) + drag[:, None])
+    file, content = loaded(first_robot_file(path, log, folder=tmp_path), tmp_path)
+    assert kinds(content) == ["viscous", "coulomb", "offset", "motor_side"]
+    assert content["terms"][3]["coupling"] == [[1, 1], [0, 1]]
+    fitted = sy.identify(file.path, log).estimate.relative_error
+    assert fitted < 0.05

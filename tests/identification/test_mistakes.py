@@ -113,6 +113,7 @@ MISTAKES = [
     "missing friction",
     "payload",
     "tilted base",
+    "coupled motors",
 ]
 
 
@@ -129,8 +130,8 @@ def case(planted, arms, mistake, seed=3):
     return SimpleNamespace(arm=arm, log=log, robot=robot, model=sy.Model(robot.with_terms(*log.terms)))
 
 
-# A sign, an order, and what is missing or carried; the others take a second each.
-QUICK = ("sign of a torque", "two joints swapped", "missing rotors", "payload")
+# A sign, an order, what is missing or carried, and drives; the others take a second each.
+QUICK = ("sign of a torque", "two joints swapped", "missing rotors", "payload", "coupled motors")
 
 
 def slow_but(quick, mistakes=MISTAKES):
@@ -288,6 +289,9 @@ def test_other_lines_of_robot_toml(tmp_path):
         "offset",
         "rotor_inertia",
     ]
+    path.write_text(f'{path.read_text()}[[terms]]\nkind = "rotor_inertia"\n')
+    file = RobotFile.load(path)
+    assert lines(coupling=np.eye(1))["terms"] == [{"kind": "motor_side", "coupling": [[1]]}]  # which has the rotors
     assert toml_inline(lines(payload=("link1", 2.5, 0.25))) == (
         '`links = ["link1"]; value = 2.5; standard_deviation = 0.25` in [[constraints.measured_mass]]'
     )

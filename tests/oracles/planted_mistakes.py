@@ -106,7 +106,7 @@ def motion(arm, random, kind):
     return np.arange(0.0, DURATION, 1.0 / RATE), at
 
 
-def log(arm, random, kind, *, delay=0.0, offsets=0.05, rotors=False, **physics):
+def log(arm, random, kind, *, delay=0.0, offsets=0.05, rotors=False, motor=None, **physics):
     """Return samples of an arm with friction that the model has in part, with white and with coloured noise.
 
     Also returns (N,) whether bodies make at least half of what changes in the torque of a joint.
@@ -123,6 +123,13 @@ def log(arm, random, kind, *, delay=0.0, offsets=0.05, rotors=False, **physics):
     torque += offsets * random.choice([-1.0, 1.0], n) * random.uniform(0.5, 1.5, n) * size
     if rotors:
         torque += random.uniform(0.5, 2.0, n) * arm.rotors() * ddq_then
+    if motor is not None:  # its velocity in those of the joints: friction and rotor act on the joints likewise
+        outer = int(np.flatnonzero(motor)[-1])
+        dq_motor, ddq_motor = dq_then @ motor, ddq_then @ motor
+        drag = random.uniform(0.2, 0.5) * size[outer] * np.sign(dq_motor)
+        drag += random.uniform(0.2, 0.5) * size[outer] * dq_motor / np.sqrt((dq_motor**2).mean())
+        drag += random.uniform(0.5, 2.0) * arm.rotors()[outer] * ddq_motor
+        torque += drag[:, None] * motor
     coloured = random.normal(size=torque.shape)
     for row in range(1, len(coloured)):
         coloured[row] = 0.9 * coloured[row - 1] + np.sqrt(0.19) * coloured[row]
@@ -159,6 +166,10 @@ class Planted:
         found, wanted = hypothesis.correction, self.correction
         if hypothesis.kind not in self.kind.split(" or "):
             return False
+        if (found.coupling is None) != (wanted.coupling is None):
+            return False
+        if wanted.coupling is not None:
+            return np.array_equal(found.coupling, wanted.coupling)
         if found.terms != wanted.terms or (found.gravity is None) != (wanted.gravity is None):
             return False
         # Two degrees; an axis of the base is told exactly.
@@ -230,6 +241,11 @@ def plant(arm, mistake, seed, kind):
             options["offsets"], wanted, terms = 0.5, Correction(terms=("offset",)), TERMS[:2]
         case "missing friction":
             wanted, terms = Correction(terms=("coulomb",)), (TERMS[0], TERMS[2])
+        case "coupled motors":
+            turned = np.flatnonzero(arm.turning[1:] == arm.turning[:-1])
+            inner, wanted = int(random.choice(turned)), Correction(coupling=np.eye(n))
+            wanted.coupling[inner, inner + 1] = random.choice([-1.0, 1.0])
+            options["motor"] = wanted.coupling[:, inner + 1]
         case "delay":
             options["delay"] = float(random.choice([0.03, 0.05, 0.08, 0.12]))
             wanted = Correction(delay=options["delay"])
@@ -344,6 +360,7 @@ MISTAKES = {
     "missing friction": "missing term",
     "payload": "payload",
     "tilted base": "gravity",
+    "coupled motors": "coupled motors",
 }
 """Names of mistakes, and the kind of hypothesis that finds each."""
 

@@ -182,6 +182,7 @@ class _Draft:
         self.reasons: dict[tuple[str, str], str] = {}
         self.joints = LoggedJoints(tuple(self.robot.joint_names))
         self.terms: dict[str, str] = {term["kind"]: _TERMS[term["kind"]] for term in file.terms}
+        self.coupling: list[list[int]] | None = None
         if "xacro_arguments" in file.description:
             self.state("description", "xacro_arguments", dict(file.description["xacro_arguments"]), "given")
         self.left_out = ""
@@ -248,6 +249,9 @@ class _Draft:
                 if section == "terms":
                     for term in table:
                         self.terms.setdefault(term["kind"], finding.statement)
+                        self.coupling = term.get("coupling", self.coupling)
+                    if "motor_side" in self.terms:  # which holds the inertia of the rotors
+                        self.terms.pop("rotor_inertia", None)
                 elif section == "constraints":
                     continue  # what a payload weighs is for the user to say
                 else:
@@ -262,7 +266,7 @@ class _Draft:
 
     def _judge_rotors(self) -> None:
         """Take rotor inertias in where the log shows them, as `steelyard.identify` does where nobody states terms."""
-        if "rotor_inertia" in self.terms:
+        if self.terms.keys() & {"rotor_inertia", "motor_side"}:
             return
         file = self._loaded()
         model = Model.from_file(file)
@@ -366,6 +370,8 @@ class _Draft:
             sheet.blank()
             sheet.line("[[terms]]")
             sheet.line(f'kind = "{kind}"', reason)
+            if kind == "motor_side":
+                sheet.line(f"coupling = {toml_value(self.coupling)}")
             sheet.guesses.append(Guess("terms", kind, "true", reason))
         if self.left_out:
             sheet.blank()

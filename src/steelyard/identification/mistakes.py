@@ -196,8 +196,8 @@ def find_mistakes(
     """Try what may be wrong with a log, and return what would explain its torques far better.
 
     The hypotheses: signs and order of the columns of positions, of torques and of both; units, gear ratios and torque
-    constants; coupled joints; zeros of the joints; the direction of gravity; delay; terms that are missing; payload.
-    Each is judged by the marginal likelihood of the torques among robots like this one (see
+    constants; coupled joints and motors; zeros of the joints; the direction of gravity; delay; terms that are missing;
+    payload. Each is judged by the marginal likelihood of the torques among robots like this one (see
     `marginal_likelihood`), so that one with more parameters, or one of many, does not win by chance.
 
     Parameters
@@ -329,6 +329,7 @@ class _Search:
         self.model, self.source, self.dense = model, samples, dense
         self.samples = samples = _some(samples)
         self.count = model.dof
+        self.kinds = {law.kind for term in model.robot.terms for law in term.laws}
         self.names = model.robot.joint_names
         joints = [model.robot.joints[i] for i in model.robot.driving_joints]
         self.turning = np.array([joint.rotates for joint in joints])
@@ -456,7 +457,9 @@ class _Search:
     def try_known(self, known: Iterable[Hypothesis]) -> None:
         """Try what was found in another log, where it is a change of the log or of gravity."""
         for one in known:
-            if not one.correction.terms and one.correction.payload is None and not one.correction.delay:
+            correction = one.correction
+            of_model = correction.terms or correction.coupling is not None or correction.payload is not None
+            if not of_model and not correction.delay:
                 self._try(one.kind, one.statement, one.correction, 1.0, anywhere=True)
 
     def explained(self) -> bool:
@@ -468,7 +471,14 @@ class _Search:
         """Try all kinds of mistakes."""
         attempts = [self._whole_scales, self._payloads, self._delays, self._torque_signs, self._torque_orders]
         attempts += [self._torque_scales, self._missing_terms, self._units, self._gravities]
-        attempts += [self._position_signs, self._orders, self._couplings, self._zeros, self._gear_ratios]
+        attempts += [
+            self._position_signs,
+            self._orders,
+            self._couplings,
+            self._coupled_motors,
+            self._zeros,
+            self._gear_ratios,
+        ]
         for attempt in attempts:
             self._once(attempt)
 
@@ -667,13 +677,12 @@ class _Search:
         return float(0.5 * np.log(max(modelled, 1e-12) / max(sums[width + k, width + k], 1e-12)))
 
     def _missing_terms(self) -> None:
-        kinds = {law.kind for term in self.model.robot.terms for law in term.laws}
-        if "motor_side" in kinds:
+        if "motor_side" in self.kinds:
             return
         s, n = self.samples, self.count
         columns = {"rotor_inertia": s.ddq, "offset": np.ones_like(s.q), "viscous": s.dq, "coulomb": np.sign(s.dq)}
         for kind, statement in TERMS.items():
-            if kind in kinds:
+            if kind in self.kinds:
                 continue
             given = moments(self.model, s, extra=columns[kind][:, :, None] * np.eye(n))
             further = np.full(n, kind != "offset")
@@ -767,7 +776,9 @@ class _Search:
                 _least(attempt, angles[k_best] + np.array([-15.0, 0.0, 15.0]), 3)
 
     def _couplings(self) -> None:
-        n = self.count
+        # Most controllers log joints. Where the outer body is round, a motor that turns with both is as likely by the
+        # torques alone, and what many wrists have.
+        n, choices = self.count, 24.0 * self.count
         for j, k in [pair for i in range(n - 1) for pair in ((i, i + 1), (i + 1, i))]:
             for factor in (-1.0, 1.0):
                 matrix = np.eye(n)
@@ -781,12 +792,36 @@ class _Search:
                     "coupled joints",
                     f"{moves}{position}, and torques likewise",
                     Correction(matrix, None, both),
-                    8.0 * n,
+                    choices,
                     given,
                 )
-                self._try("coupled joints", f"{moves}{position}", Correction(matrix), 8.0 * n, given)
+                self._try("coupled joints", f"{moves}{position}", Correction(matrix), choices, given)
                 torque = f"its torque is that of its column {sign} that of {names[1]}"
-                self._try("coupled joints", f"{moves}{torque}", Correction(torques=matrix), 8.0 * n, self.given)
+                self._try("coupled joints", f"{moves}{torque}", Correction(torques=matrix), choices, self.given)
+
+    def _coupled_motors(self) -> None:
+        """A motor that turns when two neighbouring joints move, as in many wrists, so that it drags on both.
+
+        Which of the two joints it drives is not seen; it is usually the outer one.
+        """
+        s, n = self.samples, self.count
+        if {"viscous", "coulomb"} - self.kinds or "motor_side" in self.kinds:
+            return
+        for k in range(n - 1):
+            if self.turning[k] != self.turning[k + 1]:
+                continue
+            for sign in (-1.0, 1.0):
+                coupling = np.eye(n)
+                coupling[k, k + 1] = sign
+                motor = coupling[:, k + 1]
+                dq, ddq = s.dq @ motor, s.ddq @ motor
+                drag = np.stack([dq, np.sign(dq), ddq], axis=1)
+                given = moments(self.model, s, extra=drag[:, None, :] * motor[:, None])
+                how = f"{self.names[k + 1]} {('less', 'plus')[sign > 0]} {self.names[k]}"
+                statement = f"A motor looks to turn with {how}, and its friction and rotor to act on both"
+                further = np.ones(drag.shape[1], bool)
+                correction = Correction(coupling=coupling)
+                self._try("coupled motors", statement, correction, 2.0 * n, given, further=further)
 
     def _gravities(self) -> None:
         own = np.asarray(self.model.robot.gravity, dtype=float)

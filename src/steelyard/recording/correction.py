@@ -46,6 +46,8 @@ class Correction:
         (3,) m/s², in place of the robot's own.
     terms : tuple of str
         Kinds of terms that the model lacks.
+    coupling : ndarray or None
+        (N, N), by which torques of motors become those of joints: friction and rotors are those of the motors.
     payload : (str, float, float) or None
         A link and what it weighs with all that it carries, kg, with the standard deviation.
 
@@ -63,10 +65,11 @@ class Correction:
     delay: float = 0.0
     gravity: Array | None = None
     terms: tuple[str, ...] = ()
+    coupling: Array | None = None
     payload: tuple[str, float, float] | None = None
 
     def apply(self, samples: Samples) -> Samples:
-        """Return the samples as they would be; gravity, terms and payload change the model and not them."""
+        """Return the samples as they would be; gravity, terms, coupling and payload change the model and not them."""
         q, dq, ddq, torque, mask = samples.q, samples.dq, samples.ddq, samples.torque, samples.mask
         if self.delay:
             q, dq, ddq = _earlier(samples, self.delay)
@@ -145,6 +148,11 @@ def correction_settings(
         settings["description"] = {"gravity": _rounded((correction.gravity + 0.0).tolist(), 8)}
     if correction.terms:
         settings["terms"] = [*file.terms, *({"kind": kind} for kind in correction.terms)]
+    if correction.coupling is not None:
+        # The motors' terms hold the inertia of the rotors.
+        others = [term for term in file.terms if term.get("kind") != "rotor_inertia"]
+        motors = {"kind": "motor_side", "coupling": correction.coupling.astype(int).tolist()}
+        settings["terms"] = [*others, motors]
     if correction.payload is not None:
         link, mass, deviation = correction.payload
         weighed = {"links": [link], "value": _rounded(mass, 3), "standard_deviation": _rounded(deviation, 3)}
