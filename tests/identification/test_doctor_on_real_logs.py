@@ -62,7 +62,7 @@ def test_the_coupled_wrist_of_the_tx40_is_found_and_the_line_mends_it(shared_dat
     assert kinds(examine(folder / "joint_500hz.csv")) == []
     found = examine(folder / "joint_500hz.csv", robot)
     (one,) = found.findings
-    assert one.statement.startswith("A motor looks to turn with joint_6 plus joint_5")
+    assert one.statement.startswith("The motor of joint_6 looks to turn with joint_6 plus joint_5")
     # Its last body is nearly round, so that the columns of the wrist might be coupled as well.
     assert "Or: joint_6 looks to be coupled with joint_5" in one.statement
     before = sy.identify(robot, folder / "joint_500hz.csv").estimate.relative_error

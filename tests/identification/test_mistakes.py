@@ -289,9 +289,9 @@ def test_other_lines_of_robot_toml(tmp_path):
         "offset",
         "rotor_inertia",
     ]
-    path.write_text(f'{path.read_text()}[[terms]]\nkind = "rotor_inertia"\n')
-    file = RobotFile.load(path)
-    assert lines(coupling=np.eye(1))["terms"] == [{"kind": "motor_side", "coupling": [[1]]}]  # which has the rotors
+    motors = {"kind": "motor_side", "coupling": [[1]]}
+    assert lines(coupling=np.eye(1))["terms"] == [motors]
+    assert lines(coupling=np.eye(1), terms=("viscous",))["terms"] == [motors, {"kind": "viscous"}]
     assert toml_inline(lines(payload=("link1", 2.5, 0.25))) == (
         '`links = ["link1"]; value = 2.5; standard_deviation = 0.25` in [[constraints.measured_mass]]'
     )

@@ -247,7 +247,15 @@ class Moments:
             yield found
 
 
-def moments(model: Model, samples: Samples, *, gravity: Array | None = None, extra: Array | None = None) -> Moments:
+def moments(
+    model: Model,
+    samples: Samples,
+    *,
+    gravity: Array | None = None,
+    extra: Array | None = None,
+    without: Sequence[int] | NDArray[np.intp] = (),
+    coupling: Array | None = None,
+) -> Moments:
     """Reduce samples.
 
     Parameters
@@ -258,6 +266,11 @@ def moments(model: Model, samples: Samples, *, gravity: Array | None = None, ext
         (3,) m/s², in place of the robot's own.
     extra : ndarray, optional
         (S, N, e) further columns.
+    without : sequence of int
+        Parameters of the model that have no effect.
+    coupling : ndarray, optional
+        (N, N), by which torques of motors become those of joints: errors are then those of the motors, each of which
+        shows at all joints that its motor moves.
     """
     count, joints = samples.q.shape
     if gravity is None:
@@ -266,16 +279,23 @@ def moments(model: Model, samples: Samples, *, gravity: Array | None = None, ext
         kernel = model.kernel("regressor", gravity="argument")
         flat = kernel(samples.q, samples.dq, samples.ddq, np.asarray(gravity, dtype=float))
         regressor = flat.reshape(count, joints, -1)
+    if len(without):
+        regressor = regressor.copy()
+        regressor[:, :, without] = 0.0
     if extra is not None:
         regressor = np.concatenate([regressor, extra], axis=2)
-    width = regressor.shape[2]
+    width, torque, mask = regressor.shape[2], samples.torque, samples.mask
+    if coupling is not None:
+        motors = np.linalg.inv(coupling)
+        regressor, torque = np.einsum("mj,sjc->smc", motors, regressor), torque @ motors.T
+        mask = None if mask is None else ~((~mask) @ (motors.T != 0.0))
     bounds = np.linspace(0, count, BLOCKS + 1).round().astype(np.intp)
-    mask = np.ones((count, joints), dtype=bool) if samples.mask is None else samples.mask
+    mask = np.ones((count, joints), dtype=bool) if mask is None else mask
     counts = np.array([np.count_nonzero(mask[start:stop], axis=0) for start, stop in pairwise(bounds)])
     total, kept = np.zeros((joints, width + joints, width + joints)), []
     for k, used in enumerate(np.any(regressor != 0.0, axis=0)):
         own = np.flatnonzero(used)
-        rows = np.concatenate([regressor[:, k, own], samples.torque], axis=1)
+        rows = np.concatenate([regressor[:, k, own], torque], axis=1)
         if samples.mask is not None:
             rows *= mask[:, k, None]
         places = np.concatenate([own, width + np.arange(joints)])

@@ -250,8 +250,8 @@ class _Draft:
                     for term in table:
                         self.terms.setdefault(term["kind"], finding.statement)
                         self.coupling = term.get("coupling", self.coupling)
-                    if "motor_side" in self.terms:  # which holds the inertia of the rotors
-                        self.terms.pop("rotor_inertia", None)
+                    if self.coupling is not None:  # motors have all terms of joints, but for those that stand here
+                        self.terms = {term["kind"]: self.terms[term["kind"]] for term in table}
                 elif section == "constraints":
                     continue  # what a payload weighs is for the user to say
                 else:

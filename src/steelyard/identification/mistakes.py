@@ -67,6 +67,7 @@ TERMS = {
     "viscous": "The model lacks viscous friction",
     "coulomb": "The model lacks Coulomb friction",
 }
+FRICTION = ("viscous", "coulomb")
 WIDTH = 5
 """Orders of joints from which exchanges are tried once more."""
 DELAYS = (-0.1, -0.05, -0.02, -0.01, 0.005, 0.01, 0.02, 0.035, 0.05, 0.075, 0.1, 0.15, 0.2, 0.3)
@@ -329,7 +330,6 @@ class _Search:
         self.model, self.source, self.dense = model, samples, dense
         self.samples = samples = _some(samples)
         self.count = model.dof
-        self.kinds = {law.kind for term in model.robot.terms for law in term.laws}
         self.names = model.robot.joint_names
         joints = [model.robot.joints[i] for i in model.robot.driving_joints]
         self.turning = np.array([joint.rotates for joint in joints])
@@ -471,14 +471,8 @@ class _Search:
         """Try all kinds of mistakes."""
         attempts = [self._whole_scales, self._payloads, self._delays, self._torque_signs, self._torque_orders]
         attempts += [self._torque_scales, self._missing_terms, self._units, self._gravities]
-        attempts += [
-            self._position_signs,
-            self._orders,
-            self._couplings,
-            self._coupled_motors,
-            self._zeros,
-            self._gear_ratios,
-        ]
+        attempts += [self._position_signs, self._orders, self._couplings, self._coupled_motors]
+        attempts += [self._zeros, self._gear_ratios]
         for attempt in attempts:
             self._once(attempt)
 
@@ -677,12 +671,13 @@ class _Search:
         return float(0.5 * np.log(max(modelled, 1e-12) / max(sums[width + k, width + k], 1e-12)))
 
     def _missing_terms(self) -> None:
-        if "motor_side" in self.kinds:
+        kinds = {law.kind for term in self.model.robot.terms for law in term.laws}
+        if "motor_side" in kinds:
             return
         s, n = self.samples, self.count
         columns = {"rotor_inertia": s.ddq, "offset": np.ones_like(s.q), "viscous": s.dq, "coulomb": np.sign(s.dq)}
         for kind, statement in TERMS.items():
-            if kind in self.kinds:
+            if kind in kinds:
                 continue
             given = moments(self.model, s, extra=columns[kind][:, :, None] * np.eye(n))
             further = np.full(n, kind != "offset")
@@ -776,9 +771,7 @@ class _Search:
                 _least(attempt, angles[k_best] + np.array([-15.0, 0.0, 15.0]), 3)
 
     def _couplings(self) -> None:
-        # Most controllers log joints. Where the outer body is round, a motor that turns with both is as likely by the
-        # torques alone, and what many wrists have.
-        n, choices = self.count, 24.0 * self.count
+        n = self.count
         for j, k in [pair for i in range(n - 1) for pair in ((i, i + 1), (i + 1, i))]:
             for factor in (-1.0, 1.0):
                 matrix = np.eye(n)
@@ -792,36 +785,45 @@ class _Search:
                     "coupled joints",
                     f"{moves}{position}, and torques likewise",
                     Correction(matrix, None, both),
-                    choices,
+                    8.0 * n,
                     given,
                 )
-                self._try("coupled joints", f"{moves}{position}", Correction(matrix), choices, given)
+                self._try("coupled joints", f"{moves}{position}", Correction(matrix), 8.0 * n, given)
                 torque = f"its torque is that of its column {sign} that of {names[1]}"
-                self._try("coupled joints", f"{moves}{torque}", Correction(torques=matrix), choices, self.given)
+                self._try("coupled joints", f"{moves}{torque}", Correction(torques=matrix), 8.0 * n, self.given)
 
     def _coupled_motors(self) -> None:
-        """A motor that turns when two neighbouring joints move, as in many wrists, so that it drags on both.
-
-        Which of the two joints it drives is not seen; it is usually the outer one.
-        """
-        s, n = self.samples, self.count
-        if {"viscous", "coulomb"} - self.kinds or "motor_side" in self.kinds:
+        """A motor that turns when two neighbouring joints move, as in many wrists, so that it drags on both."""
+        s, n, kinds = self.samples, self.count, {term.kind for term in self.model.robot.terms}
+        if not set(FRICTION) <= kinds <= set(TERMS):
             return
-        for k in range(n - 1):
-            if self.turning[k] != self.turning[k + 1]:
+        drags = [
+            k for k, name in enumerate(self.model.parameter_names) if name.rstrip("0123456789") in ("Fvj", "Fcj", "Ia")
+        ]
+        own = np.reshape(drags, (n, -1))  # of each joint
+        for k, other in [pair for i in range(n - 1) for pair in ((i + 1, i), (i, i + 1))]:
+            if self.turning[k] != self.turning[other]:
                 continue
             for sign in (-1.0, 1.0):
                 coupling = np.eye(n)
-                coupling[k, k + 1] = sign
-                motor = coupling[:, k + 1]
+                coupling[other, k] = sign
+                motor = coupling[:, k]
                 dq, ddq = s.dq @ motor, s.ddq @ motor
-                drag = np.stack([dq, np.sign(dq), ddq], axis=1)
-                given = moments(self.model, s, extra=drag[:, None, :] * motor[:, None])
-                how = f"{self.names[k + 1]} {('less', 'plus')[sign > 0]} {self.names[k]}"
-                statement = f"A motor looks to turn with {how}, and its friction and rotor to act on both"
-                further = np.ones(drag.shape[1], bool)
+                extra = np.stack([dq, np.sign(dq), ddq], axis=1)[:, None, :] * motor[:, None]
+                further = np.ones(extra.shape[2], bool)
+                turns = f"turn with {self.names[k]} {('less', 'plus')[sign > 0]} {self.names[other]}"
+                statement = (
+                    f"The motor of {self.names[k]} looks to {turns}, so that its friction and its rotor act on both"
+                )
+                given = moments(self.model, s, extra=extra, without=own[k], coupling=coupling)
                 correction = Correction(coupling=coupling)
-                self._try("coupled motors", statement, correction, 2.0 * n, given, further=further)
+                self._try("coupled motors", statement, correction, 4.0 * n, given, further=further)
+                if k < other:
+                    continue  # where all rub, nothing tells which of them the motor drives; it is mostly the outer one
+                statement = f"A motor looks to {turns}, and its friction and its rotor to act on both beside their own"
+                given = moments(self.model, s, extra=extra, coupling=coupling)
+                correction = replace(correction, terms=FRICTION)
+                self._try("coupled motors", statement, correction, 4.0 * n, given, further=further)
 
     def _gravities(self) -> None:
         own = np.asarray(self.model.robot.gravity, dtype=float)

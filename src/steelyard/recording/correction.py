@@ -47,7 +47,7 @@ class Correction:
     terms : tuple of str
         Kinds of terms that the model lacks.
     coupling : ndarray or None
-        (N, N), by which torques of motors become those of joints: friction and rotors are those of the motors.
+        (N, N), by which torques of motors become those of joints: all terms are then those of the motors, and `terms`.
     payload : (str, float, float) or None
         A link and what it weighs with all that it carries, kg, with the standard deviation.
 
@@ -146,13 +146,12 @@ def correction_settings(
         settings["processing"] = {"delay": _rounded((before + correction.delay).tolist(), 3)}
     if correction.gravity is not None:
         settings["description"] = {"gravity": _rounded((correction.gravity + 0.0).tolist(), 8)}
-    if correction.terms:
-        settings["terms"] = [*file.terms, *({"kind": kind} for kind in correction.terms)]
     if correction.coupling is not None:
-        # The motors' terms hold the inertia of the rotors.
-        others = [term for term in file.terms if term.get("kind") != "rotor_inertia"]
+        # Data do not tell the drag of a motor that turns with one joint from that of the joint.
         motors = {"kind": "motor_side", "coupling": correction.coupling.astype(int).tolist()}
-        settings["terms"] = [*others, motors]
+        settings["terms"] = [motors, *({"kind": kind} for kind in correction.terms)]
+    elif correction.terms:
+        settings["terms"] = [*file.terms, *({"kind": kind} for kind in correction.terms)]
     if correction.payload is not None:
         link, mass, deviation = correction.payload
         weighed = {"links": [link], "value": _rounded(mass, 3), "standard_deviation": _rounded(deviation, 3)}
