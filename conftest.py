@@ -82,18 +82,25 @@ NEEDS = {
 SLOW = {"identify_from_positions"}
 """Functions whose examples take more than a few seconds."""
 
-# Minutes each, for which the other processes would wait at the end.
+# What takes minutes, for which the other processes would wait at the end. Tests that share what takes long stand beside
+# each other, so that one process gets them.
 LONGEST = (
     "test_no_picture_is_out_of_date",
+    "test_what_must_come_out_of_an_example_comes_out",
     "test_everything_is_reproduced",
     "test_commands_run[docs/reference/command-line.md]",
     "test_the_study_says_what_the_page_says",
 )
 
 
+def _place_among_the_longest(item: pytest.Item) -> int:
+    names = (item.name, getattr(item, "originalname", None))
+    return next((place for place, name in enumerate(LONGEST) if name in names), len(LONGEST))
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Begin with what takes longest, and mark what is slow and the examples whose extra is missing."""
-    items.sort(key=lambda item: LONGEST.index(item.name) if item.name in LONGEST else len(LONGEST))
+    items.sort(key=_place_among_the_longest)
     for item in items:
         if not isinstance(item, pytest.DoctestItem):
             continue
@@ -167,6 +174,32 @@ def wam():
     from steelyard.identification.wam import wam_model
 
     return wam_model()
+
+
+@pytest.fixture(scope="session")
+def example(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """Return a function that tells the folder of an example, which the tests of all processes share and none changes.
+
+    Simulating one takes longer than identifying the robot.
+    """
+    from steelyard import InputError
+    from steelyard.identification.examples import write_example
+
+    def written(name: str) -> Path:
+        folder = Path(os.environ["STEELYARD_CACHE_DIR"]) / "examples" / name
+        if not folder.is_dir():
+            folder.parent.mkdir(exist_ok=True)
+            try:
+                made = write_example(name, tmp_path_factory.mktemp(name) / "made")
+            except InputError as error:
+                pytest.skip(str(error))
+            with contextlib.suppress(OSError):  # another process was faster
+                made.rename(folder)
+            if not folder.is_dir():
+                return made
+        return folder
+
+    return written
 
 
 @pytest.fixture

@@ -73,10 +73,15 @@ class Runs:
         self.folder = folder
         self._examples: dict[str, tuple[sy.Identification, sy.Estimate]] = {}
 
+    def written(self, name: str) -> Path:
+        """Return the folder of an example."""
+        place = self.folder / name
+        return place if place.is_dir() else write_example(name, place)
+
     def example(self, name: str) -> tuple[sy.Identification, sy.Estimate]:
-        """Write an example, identify it, and return the result with the truth."""
+        """Identify an example, and return the result with the truth."""
         if name not in self._examples:
-            place = write_example(name, self.folder / name)
+            place = self.written(name)
             found = sy.identify(place / "robot.toml", [place / "train.csv"], validate=[place / "validate.csv"])
             self._examples[name] = found, sy.Estimate.load(place / "truth.json")
         return self._examples[name]
@@ -96,8 +101,7 @@ class Runs:
     @cached_property
     def panda_log(self) -> sy.Recording:
         """The log that the Panda was identified with."""
-        self.example("panda")  # writes it
-        return sy.Recording.read(self.folder / "panda" / "train.csv", joints=7)
+        return sy.Recording.read(self.written("panda") / "train.csv", joints=7)
 
     @cached_property
     def loaded_panda(self) -> tuple[sy.Recording, sy.Recording]:
@@ -923,7 +927,7 @@ def own_term(runs: Runs) -> Drawing:
 def no_inertias(runs: Runs) -> Drawing:
     """Masses found from a description without inertias, and the truth."""
     _, truth = runs.example("panda")
-    place = runs.folder / "panda"
+    place = runs.written("panda")
     bare = runs.folder / "bare"
     bare.mkdir(exist_ok=True)
     urdf = (place / "robot.urdf").read_text(encoding="utf-8")
@@ -996,7 +1000,7 @@ def mujoco_user(runs: Runs) -> Drawing:
     )
     trace = result.predictions[-1].trace
     cad = np.nan_to_num(np.asarray(result.model.robot.parameters))
-    log = sy.Recording.read(runs.folder / "panda" / "validate.csv", joints=7)
+    log = sy.Recording.read(runs.written("panda") / "validate.csv", joints=7)
     samples = log.process(cutoff=10.0)
     described = result.model.inverse_dynamics(samples.q, samples.dq, samples.ddq, cad)
     identified = result.model.inverse_dynamics(samples.q, samples.dq, samples.ddq, result.estimate)

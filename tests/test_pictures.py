@@ -1,13 +1,19 @@
-"""The pictures of the documentation are those that the script makes, and stand where readers look."""
+"""The pictures of the documentation are those that the script makes, and stand where readers look.
+
+Most are drawn from the examples, which are identified here once: what must come out of them is looked at here too.
+"""
 
 import re
-import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 import pytest
 from python_file import module_of_file
+
+from steelyard.identification.examples import EXAMPLES
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS, IMAGES = ROOT / "docs", ROOT / "docs" / "images"
@@ -53,16 +59,31 @@ def test_figures_are_compared_and_not_pixels(script: ModuleType) -> None:
     assert script.figures_of(drawing.svg()) == figures
 
 
-@pytest.mark.slow
-def test_no_picture_is_out_of_date() -> None:
-    from steelyard import InputError
-    from steelyard.identification.examples import EXAMPLES
+@pytest.fixture(scope="module")
+def runs(script: ModuleType, example: Callable[[str], Path], tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """The runs of the pictures, whose examples are those of the other tests."""
+    made = script.Runs(tmp_path_factory.mktemp("runs"))
+    made.written = example
+    return made
 
-    try:
-        EXAMPLES["panda"].robot()
-    except InputError as error:
-        pytest.skip(str(error))
-    done = subprocess.run(
-        [sys.executable, DOCS / "pictures.py", "--check"], capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stdout + done.stderr[-2000:]
+
+@pytest.mark.slow
+def test_no_picture_is_out_of_date(
+    script: ModuleType, runs: Any, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(script, "Runs", lambda folder: runs)
+    assert script.main(["--check"]) == 0, capsys.readouterr().out
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_what_must_come_out_of_an_example_comes_out(runs: Any, name: str) -> None:
+    found, truth = runs.example(name)
+    values = dict(zip(truth.parameter_names, truth.parameters, strict=True))
+    rows = {row.name: row for row in found.parameters}
+    told = [name for name in values if name in rows]
+    inside = [name for name in told if rows[name].lower <= values[name] <= rows[name].upper]
+    assert len(inside) >= 0.9 * len(told)
+    mass = sum(value for name, value in values.items() if name[0] == "m" and name[1:].isdigit())
+    assert rows["total mass"].value == pytest.approx(mass, rel=0.1)
+    assert found.prediction.word == "good"

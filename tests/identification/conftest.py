@@ -1,16 +1,11 @@
 """A small simulated arm with a robot file and logs, whose parameters are known."""
 
-import contextlib
-import os
-from collections.abc import Callable
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import steelyard as sy
-from steelyard.identification.examples import write_example
 
 ROBOT_FILE = """\
 name = "elbow"
@@ -74,27 +69,3 @@ def elbow(tmp_path):
     path = tmp_path / "robot.toml"
     path.write_text(ROBOT_FILE)
     return path, sy.Model.load(path), tmp_path
-
-
-@pytest.fixture
-def example(tmp_path: Path) -> Callable[[str], Path]:
-    """Return a function that tells the folder of an example, which the tests of all processes share and none changes.
-
-    Simulating one takes longer than identifying the robot.
-    """
-
-    def written(name: str) -> Path:
-        folder = Path(os.environ["STEELYARD_CACHE_DIR"]) / "examples" / name
-        if not folder.is_dir():
-            folder.parent.mkdir(exist_ok=True)
-            try:
-                made = write_example(name, tmp_path / "made")
-            except sy.InputError as error:
-                pytest.skip(str(error))
-            with contextlib.suppress(OSError):  # another process was faster
-                made.rename(folder)
-            if not folder.is_dir():
-                return made
-        return folder
-
-    return written
