@@ -51,10 +51,10 @@ import {module} as module
 values = np.load("values.npz")
 arrays = [values[name] for name in {names!r}]
 jacobians = jax.jacfwd(module.{function}, argnums=(0, 1))(*(a[0] for a in arrays))
-backward = jax.jacrev(module.{function}, argnums=(0, 1))(*(a[0] for a in arrays))
+backward = jax.jacrev(module.{function})(*(a[0] for a in arrays))
 mapped = jax.vmap(module.{function})(*arrays)
 broadcast = module.{function}(*arrays)
-np.savez("results.npz", by_q=jacobians[0], by_dq=jacobians[1], back_q=backward[0], mapped=mapped, broadcast=broadcast)
+np.savez("results.npz", by_q=jacobians[0], by_dq=jacobians[1], back_q=backward, mapped=mapped, broadcast=broadcast)
 """
 
 

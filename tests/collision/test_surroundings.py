@@ -189,8 +189,8 @@ def test_an_arm_with_meshes_is_looked_at_by_pinocchio():
     design = sy.design_excitation(
         sy.Model(robot),
         {"velocity": 2.5, "acceleration": 8.0},
-        period=5.0,
-        harmonics=3,
+        period=4.0,
+        harmonics=2,
         search=SearchOptions(starts=1, workers=1),
     )
     assert [sentence[:5] for sentence in design.unchecked] == ["Floor"]

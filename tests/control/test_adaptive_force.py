@@ -184,14 +184,9 @@ def pressed(t):
     return 10.0 + 3.0 * np.sin(np.pi * t)
 
 
-@pytest.mark.parametrize(
-    "sensors",
-    [
-        pytest.param(None, marks=pytest.mark.slow),
-        pytest.param(Sensors(encoder_resolution=2 * np.pi / COUNTS, force_noise=0.03), marks=pytest.mark.slow),
-    ],
-)
-def test_the_stiffness_is_found_across_a_tenfold_change(wam, sensors):
+@pytest.mark.slow
+def test_the_stiffness_is_found_across_a_tenfold_change(wam):
+    sensors = Sensors(encoder_resolution=2 * np.pi / COUNTS, force_noise=0.03)
     estimator = StiffnessEstimator(smallest_displacement=1e-4, smallest_force=1.0)
     watched = Watched(controller_of(wam, true_parameters(), pressed, compensate_drives=True, stiffness=estimator))
     result = simulate(

@@ -33,8 +33,7 @@ def test_solver_is_content(random_arm, family, bounded):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("consistency", ["inertia", "full"])
-@pytest.mark.parametrize("bounded", [False, True])
+@pytest.mark.parametrize(("bounded", "consistency"), [(False, "full"), (True, "inertia")])
 @pytest.mark.parametrize("family", FAMILIES)
 def test_solver_is_content_with_up_to_twenty_links(random_arm, family, bounded, consistency):
     """A plain "Solved" of every problem in at least 9 of 10 fits."""

@@ -173,7 +173,7 @@ def test_a_cluster_with_a_killed_and_a_slow_worker_gives_the_same_bytes(place: P
 @pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="kills and locks of POSIX")
 def test_killed_runs_leave_nothing_and_lose_nothing(place: Path) -> None:
-    """Six kills at random moments; `benchmarks/kills.py` makes a thousand."""
+    """Four kills at random moments; `benchmarks/kills.py` makes a thousand."""
     output = place / "out" / "result"
     command = [sys.executable, "-m", "steelyard", "identify", str(place / "robot.toml"), str(place / "logs"), "-q"]
     command += ["--output", str(output), "--force"]
@@ -188,7 +188,7 @@ def test_killed_runs_leave_nothing_and_lose_nothing(place: Path) -> None:
     expected = contents()
     assert "estimate.json" in expected
     dice = random.Random(5)
-    for _ in range(3):
+    for _ in range(2):
         for one in output.iterdir():
             one.unlink()
         for _ in range(2):

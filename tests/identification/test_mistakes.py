@@ -130,15 +130,16 @@ def case(planted, arms, mistake, seed=3):
     return SimpleNamespace(arm=arm, log=log, robot=robot, model=sy.Model(robot.with_terms(*log.terms)))
 
 
-# A sign, an order, what is missing or carried, and drives; the others take a second each.
+# A sign, an order, what is missing or carried, and drives; the search of `identify` finds the others below.
 QUICK = ("sign of a torque", "two joints swapped", "missing rotors", "payload", "coupled motors")
+NOT_BY_IDENTIFY = ("degrees", "degrees at a joint", "ms")
 
 
 def slow_but(quick, mistakes=MISTAKES):
     return [mistake if mistake in quick else pytest.param(mistake, marks=pytest.mark.slow) for mistake in mistakes]
 
 
-@pytest.mark.parametrize("mistake", slow_but(QUICK))
+@pytest.mark.parametrize("mistake", slow_but(QUICK, (*QUICK, *NOT_BY_IDENTIFY)))
 def test_a_mistake_is_found(planted, arms, mistake):
     given = case(planted, arms, mistake)
     found = find_mistakes(given.model, given.log.samples)
@@ -358,7 +359,9 @@ def test_the_line_that_is_told_mends_the_identification(planted, arms, mistake, 
     told = first.prediction
     assert told.word == "wrong" or max(told.model_error, told.worst_joint_error) <= 0.2
     (found,) = first.mistakes.values()
-    right = next(one for one in found if given.log.is_named_by(one))
+    right = found[0]
+    assert given.log.is_named_by(right), found
+    assert right.gain > 10.0
     assert any(right.statement in remark and toml_inline(right.settings) in remark for remark in first.remarks)
     if mistake == "sign of a torque":
         assert tomllib.loads(right.toml) == {
@@ -451,12 +454,15 @@ def test_factors_of_all_torques_are_found(planted, arms):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("name", "half"), [("ur10_robot", 0), ("panda", 1)])
-def test_mistakes_that_cost_a_fifth_are_wrong(planted, name, half):
-    """All kinds: a mistake that leaves more than 20 % of the torques, of all joints or of one, is told by the word."""
+@pytest.mark.parametrize(("name", "part"), [("ur10_robot", 0), ("panda", 1)])
+def test_mistakes_that_cost_a_fifth_are_wrong(planted, name, part):
+    """A mistake that leaves more than 20 % of the torques, of all joints or of one, is told by the word.
+
+    Every fourth kind on an arm; all kinds are told so of the small arm, where the line that is told mends them.
+    """
     arm, large = planted.Arm.named(name), 0
     for number, mistake in enumerate(mistake for mistake in MISTAKES if mistake != "mm"):
-        if number // 2 % 2 != half:
+        if number // 2 % 4 != part:
             continue
         log = planted.plant(arm, mistake, number, "ordinary")
         robot = planted.described(arm.robot, number) if number % 2 else planted.undescribed(arm.robot)
@@ -465,7 +471,7 @@ def test_mistakes_that_cost_a_fifth_are_wrong(planted, name, half):
         if max(before.model_error, before.worst_joint_error) > 0.2:
             large += 1
             assert after.word == "wrong", (mistake, str(after))
-    assert large >= 12
+    assert large >= 6
 
 
 @pytest.mark.data

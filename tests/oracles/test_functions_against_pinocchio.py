@@ -26,9 +26,7 @@ SLOW = (
     "baxter",
     "tiago_pro",
     "human",
-    "centauro",
     "g1_29dof_with_hand_rev_1_0",
-    "talos_full_v2",
 )
 POINT = np.array([0.1, -0.2, 0.3])
 EXACT = 1e-9

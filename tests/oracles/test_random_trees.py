@@ -48,7 +48,7 @@ def test_random_trees_agree(tmp_path_factory, text, seed):
 
 
 @pytest.mark.slow
-@settings(max_examples=100)
+@settings(max_examples=40)
 @given(trees(), st.integers(0, 1000))
 def test_many_random_trees_agree(tmp_path_factory, text, seed):
     compare(tmp_path_factory, text, seed)

@@ -30,7 +30,7 @@ def played(request, model) -> tuple[float, Recording]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("cutoff", ["auto", 2.2, 4.8, 10.0, 20.0, 50.0])
+@pytest.mark.parametrize("cutoff", ["auto", 2.2, 10.0, 50.0])
 def test_uncertainty_holds_the_truth_at_any_cutoff(played, model, cutoff):
     true, log = played
     found = estimate_delay(log.process(cutoff=cutoff), model)
