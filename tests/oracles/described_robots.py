@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 from described_trees import FORMATS, checked
+from interpreted import interpreted
 
 import steelyard as sy
 from steelyard.robot import Drives, Robot
@@ -128,7 +129,8 @@ def difference_from_mujoco(
     states = random_states(robot)
     if parameters is None:
         parameters = np.nan_to_num(model.robot.parameters)
-    ours = model.inverse_dynamics(*states, parameters)
+    values = dict(zip(("q", "dq", "ddq"), states, strict=True), parameters=parameters)
+    ours = interpreted(model, "inverse_dynamics", **values)
     torques = []
     for q, dq, ddq in zip(*states, strict=True):
         data.qpos[:] = offsets

@@ -7,6 +7,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
+from interpreted import interpreted
 
 import steelyard as sy
 from steelyard.robot import Robot
@@ -42,7 +43,8 @@ def tree_torques(model, robot: Robot, seed: int = 1, ours: sy.Model | None = Non
         v, a = np.zeros((2, model.nv))
         v[speeds], a[speeds] = coupling @ dq, coupling @ ddq
         torques.append(coupling.T @ pinocchio.rnea(model, data, full, v, a)[speeds])
-    found = (ours or sy.Model(robot)).inverse_dynamics(*motions, np.nan_to_num(robot.parameters))
+    values = dict(zip(("q", "dq", "ddq"), motions, strict=True), parameters=np.nan_to_num(robot.parameters))
+    found = interpreted(ours or sy.Model(robot), "inverse_dynamics", **values)
     return np.array(torques), found
 
 

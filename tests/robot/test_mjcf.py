@@ -79,7 +79,7 @@ def test_defaults_and_inertias_are_those_of_mujoco(tmp_path):
 
 @pytest.mark.slow
 @EXACT
-@pytest.mark.parametrize("seed", range(1, 17))
+@pytest.mark.parametrize("seed", range(1, 33))
 def test_random_trees(tmp_path, seed):
     path = random_forest(tmp_path, seed)
     robot = Robot.from_mjcf(path)
