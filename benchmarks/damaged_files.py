@@ -24,32 +24,42 @@ import warnings
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from types import ModuleType
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tests" / "oracles"))
 TIME, MEMORY = 5.0, 2**30  # s and bytes for one file
 ADDRESSES = 4 * 2**30  # the address space of a process, much of which libraries only reserve
+Part = tuple[str, int, int]
+"""A kind, the number of its first file, and the one behind the last."""
 
 
-def work(kind: str, folder: Path, first: int, last: int, seed: int) -> None:
-    """Read damaged files one after the other; print each one's number, and what is wrong with it."""
+def work(place: Path, seed: int, parts: list[Part]) -> None:
+    """Read damaged files one after the other; print each one's kind and number, and what is wrong with it."""
     import resource
 
-    from mutations import MESHES, READERS, damaged
-
-    from steelyard.errors import SteelyardError
+    import mutations  # all readers, before the limits
 
     resource.setrlimit(resource.RLIMIT_AS, (ADDRESSES, ADDRESSES))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    content = (folder / kind).read_bytes()
     warnings.simplefilter("error")
-    together = 8 if kind in MESHES else 1  # one process reads all meshes that are asked for at once
+    for kind, first, last in parts:
+        work_on(mutations, kind, place / kind, first, last, seed)
+    print("# end", flush=True)
+
+
+def work_on(mutations: ModuleType, kind: str, folder: Path, first: int, last: int, seed: int) -> None:
+    """Read damaged files of one kind."""
+    from steelyard.errors import SteelyardError
+
+    content = (folder / kind).read_bytes()
+    together = 8 if kind in mutations.MESHES else 1  # one process reads all meshes that are asked for at once
     for begin in range(first, last, together):
-        print("#", begin, flush=True)
+        print("#", kind, begin, flush=True)
         places = []
         for number in range(begin, min(begin + together, last)):
             places.append(folder / f"damaged{number - begin}-{kind}")
-            places[-1].write_bytes(damaged(content, kind, random.Random(f"{kind} {seed} {number}")))
-        for read in READERS[kind]:
+            places[-1].write_bytes(mutations.damaged(content, kind, random.Random(f"{kind} {seed} {number}")))
+        for read in mutations.READERS[kind]:
             before = spent()
             Path("/proc/self/clear_refs").write_text("5")  # forgets the peak so far
             try:
@@ -70,7 +80,6 @@ def work(kind: str, folder: Path, first: int, last: int, seed: int) -> None:
                 print("!", f"slow: {spent() - before:.1f} s in {read.__name__}", flush=True)
             if (most := peak()) > MEMORY:
                 print("!", f"memory: {most / 2**20:.0f} MiB in {read.__name__}", flush=True)
-    print("# end", flush=True)
 
 
 def leaves(group: BaseExceptionGroup[BaseException]) -> Iterator[BaseException]:
@@ -103,15 +112,22 @@ def used(process: int) -> float:
     return sum(map(int, fields[11:15])) / os.sysconf("SC_CLK_TCK") + sum(used(int(child)) for child in children)
 
 
-def watch(kind: str, folder: Path, count: int, seed: int) -> collections.Counter[str]:
-    """Let processes read damaged files of a kind; return what went wrong, and how often."""
-    found: collections.Counter[str] = collections.Counter()
-    examples: dict[str, int] = {}
-    number = 0
-    while number < count:
-        command = [sys.executable, __file__, "--work", kind, str(folder), str(number), str(count), str(seed)]
+def watch(place: Path, kinds: dict[str, int], seed: int) -> int:
+    """Let processes read so many damaged files of some kinds; tell what went wrong, and return how often."""
+    found: dict[str, collections.Counter[str]] = {kind: collections.Counter() for kind in kinds}
+    examples: dict[tuple[str, str], int] = {}
+    parts = [(kind, 0, count) for kind, count in kinds.items()]
+    kind, number, _ = parts[0]
+
+    def wrong(text: str) -> None:
+        found[kind][text] += 1
+        examples.setdefault((kind, text), number)
+
+    while parts:
+        command = [sys.executable, __file__, "--work", str(place), str(seed)]
+        command += [str(word) for part in parts for word in part]
         with (
-            (folder / "errors").open("w+b") as errors,
+            tempfile.TemporaryFile() as errors,
             subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors, text=True) as process,
         ):
             ended = False
@@ -136,33 +152,36 @@ def watch(kind: str, folder: Path, count: int, seed: int) -> collections.Counter
                 if line.startswith("# end"):
                     ended = True
                 elif mark == "#":
+                    kind, _, text = text.rpartition(" ")
                     number, begun = int(text), used(process.pid)
                 else:
-                    found[text] += 1
-                    examples.setdefault(text, number)
+                    wrong(text)
             process.wait()
             errors.seek(0)
             said = errors.read().decode(errors="replace").strip()
             if said:
-                text = f"on the terminal: {said.splitlines()[0][:150]} … ({len(said.splitlines())} lines)"
-                found[text] += 1
-                examples.setdefault(text, number)
+                wrong(f"on the terminal: {said.splitlines()[0][:150]} … ({len(said.splitlines())} lines)")
         if ended:
             break
-        text = "hangs" if hung else f"ends with {process.returncode}"
-        found[text] += 1
-        examples.setdefault(text, number)
-        number += 1
-    print(f"{kind}: {count} files, {sum(found.values())} faults", flush=True)
-    for text, times in found.most_common():
-        print(f"  {times:5d}  {text}  (number {examples[text]})", flush=True)
-    return found
+        wrong("hangs" if hung else f"ends with {process.returncode}")
+        number += 1  # on with the file behind the one at which it ended
+        names = list(kinds)
+        rest = names[names.index(kind) + (number >= kinds[kind]) :]
+        parts = [(name, number if name == kind else 0, kinds[name]) for name in rest]
+        if parts:
+            kind, number, _ = parts[0]
+    for name, count in kinds.items():
+        print(f"{name}: {count} files, {sum(found[name].values())} faults", flush=True)
+        for text, times in found[name].most_common():
+            print(f"  {times:5d}  {text}  (number {examples[name, text]})", flush=True)
+    return sum(sum(faults.values()) for faults in found.values())
 
 
 def main() -> None:
     if sys.argv[1:2] == ["--work"]:
-        kind, folder, first, last, seed = sys.argv[2:]
-        work(kind, Path(folder), int(first), int(last), int(seed))
+        place, seed, *words = sys.argv[2:]
+        parts = zip(words[::3], map(int, words[1::3]), map(int, words[2::3]), strict=True)
+        work(Path(place), int(seed), list(parts))
         return
     from mutations import READERS, TAKES_LONG, is_readable, write_samples
 
@@ -181,8 +200,9 @@ def main() -> None:
         write_samples(samples := Path(place, "samples"))
         for kind in counts:  # some readers put a second file beside the damaged one
             shutil.copytree(samples, Path(place, kind))
-        found = list(threads.map(lambda kind: watch(kind, Path(place, kind), counts[kind], options.seed), counts))
-    total = sum(sum(faults.values()) for faults in found)
+        # Starting a process takes as long as reading a hundred files, so that some kinds share one.
+        shared = [dict(list(counts.items())[k :: 4 * options.processes]) for k in range(4 * options.processes)]
+        total = sum(threads.map(lambda kinds: watch(Path(place), kinds, options.seed), filter(None, shared)))
     print(f"{sum(counts.values())} files of {len(counts)} kinds in {time.monotonic() - begin:.0f} s")
     print(f"{total} faults")
     sys.exit(total > 0)
