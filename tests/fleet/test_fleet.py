@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import re
 import subprocess
 import sys
 import time
@@ -122,6 +123,22 @@ def test_a_fleet_without_siblings_says_so(arms: Arms) -> None:
     save_fleet(fleet, arms.folder / "result")
     assert pl.read_parquet(arms.folder / "result" / "findings.parquet").height == 0
     assert pl.read_parquet(arms.folder / "result" / "robots.parquet")["differs"].null_count() == 2
+
+
+@pytest.mark.slow
+def test_what_changed_in_all_robots_is_a_part_of_what_was(arms: Arms) -> None:
+    """Half of the friction is gone in each: -50 % of what it was, and not -100 %, as of what is left."""
+    rows = []
+    for number in range(6):
+        for epoch, factor in enumerate((1.0, 0.5)):
+            path = arms.folder / f"worn-{number}-{epoch}.json"
+            arms.information(number, "joint2", factor, epoch).save(path)
+            rows.append(f"R{number},{DATES[epoch]},{path.name}")
+    [told] = [one for one in identify_fleet(arms.manifest(rows)).remarks if "on average" in one]
+    value, lower, upper = map(float, re.findall(r"([+-][0-9.]+) %", told))
+    assert "friction of joint2" in told
+    assert lower <= value <= upper
+    assert value == pytest.approx(-50.0, abs=4.0)
 
 
 @pytest.mark.slow

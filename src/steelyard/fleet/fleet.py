@@ -632,9 +632,14 @@ def _common(drift: SiblingComparison) -> list[tuple[Cause, float, float, float]]
             break
         _, cause, value, error = best
         reach = float(stdtrit(freedom, 0.975)) * error
-        found.append((cause, value, value - reach, value + reach))
+        found.append((cause, *(_of_first(cause, one) for one in (value, value - reach, value + reach))))
         chosen.append(cause.directions[:, 0])
     return found
+
+
+def _of_first(cause: Cause, change: float) -> float:
+    """A change as a part of what was at the first date, where it is told as a ratio; amplitudes are of the latest."""
+    return change / max(1.0 - change, 1e-6) if cause.has_ratio else change
 
 
 def _what(cause: Cause) -> str:
