@@ -142,6 +142,24 @@ def test_what_changed_in_all_robots_is_a_part_of_what_was(arms: Arms) -> None:
 
 
 @pytest.mark.slow
+def test_a_robot_that_was_unusual_is_held_against_what_it_was_itself(arms: Arms) -> None:
+    """Friction that was twice that of the siblings, and is three times theirs, has grown by a half."""
+    rows = []
+    for number in range(8):
+        for epoch in range(2):
+            path = arms.folder / f"own-{number}-{epoch}.json"
+            factor = (2.0, 3.0)[epoch] if number == 5 else 1.0
+            arms.information(number, "joint2", factor, epoch).save(path)
+            rows.append(f"R{number},{DATES[epoch]},{path.name}")
+    fleet = identify_fleet(arms.manifest(rows))
+    found = {(row["kind"], row["robot"]): row for row in reversed(fleet.finding_rows())}
+    assert set(found) == {("siblings", "R5"), ("drift", "R5")}
+    assert found["siblings", "R5"]["ratio"] == pytest.approx(3.0, rel=0.15)  # that of each varies by 5 %
+    assert found["drift", "R5"]["ratio"] == pytest.approx(1.5, abs=0.1)
+    assert " is 1.5" in found["drift", "R5"]["sentence"] or " is 1.4" in found["drift", "R5"]["sentence"]
+
+
+@pytest.mark.slow
 def test_what_is_wrong_with_one_robot_is_its_row(arms: Arms) -> None:
     """Another robot's Information, a damaged file, too few rows, a missing robot: each has its reason, others go on."""
     folder = arms.folder

@@ -129,7 +129,10 @@ def test_logs_in_an_archive_are_found_and_read(tmp_path: Path) -> None:
     pytest.importorskip("fsspec")
     with zipfile.ZipFile(tmp_path / "logs.zip", "w") as archive:
         for number in (2, 10):
-            archive.writestr(f"day/run{number}.csv", "t,q1,tau1\n" + "".join(f"{k / 100},{number + k * k / 100},{k}\n" for k in range(50)))
+            archive.writestr(
+                f"day/run{number}.csv",
+                "t,q1,tau1\n" + "".join(f"{k / 100},{number + k * k / 100},{k}\n" for k in range(50)),
+            )
     logs = logs_in(f"zip://day/*.csv::{tmp_path}/logs.zip")
     assert logs == [f"zip://day/run{number}.csv::{tmp_path}/logs.zip" for number in (2, 10)]
     assert [float(sy.Recording.read(log, joints=1).q[0, 0]) for log in logs] == [2.0, 10.0]
