@@ -30,6 +30,7 @@ def written(folder: Path, text: str) -> Path:
         (f'robot = "x"\n{ENTRY}{ENTRY}', "robot 'A' is there twice without a date, first in "),
         (f'robot = "x"\n{ENTRY}date = 2026-03-01\n{ENTRY}', "has no date here, but has one in"),
         (f'robot = "x"\n{ENTRY}date = "March"\n', "date must be a date such as 2026-03-01"),
+        (f'robot = "x"\n{ENTRY}date = "20260301"\n{ENTRY}date = 2026-03-01\n', "is there twice on 2026-03-01"),
         (f'robot = "x"\n{ENTRY}grup = "a"\n', 'did you mean "group"?'),
         (f'robot = "x"\nfalse_discovery_rate = 5\n{ENTRY}', "a number between 0 and 1"),
         (f'robot = "x"\nintervals = "some"\n{ENTRY}', '"base" or "all"'),

@@ -584,8 +584,9 @@ def _compared(
             )
     elif several:
         remarks.append(
-            f"{len(several)} robot{'s' * (len(several) > 1)}{alike} of {called} have several dates, and drift is told "
-            f"from what changes in siblings where there are {FEWEST} or more; compare single ones with steelyard "
+            f"{len(several)} robot{'s' * (len(several) > 1)}{alike} of {called} "
+            f"{'have' if len(several) > 1 else 'has'} several dates, and drift is told from what changes in siblings "
+            f"where there are {FEWEST} or more; compare single ones with steelyard "
             "compare."
         )
     group = RobotGroup(name, model, tuple(latest), tuple(lasts), siblings, drift)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import datetime
 import glob
 import os
@@ -261,7 +262,7 @@ def _date(table: TomlTable) -> str:
         elif isinstance(value, datetime.date):
             return value.isoformat()
         elif isinstance(value, str):
-            if len(value) == 10:
+            with contextlib.suppress(ValueError):  # also 20260301, which is the same day
                 return datetime.date.fromisoformat(value).isoformat()
             found = datetime.datetime.fromisoformat(value)
         else:
