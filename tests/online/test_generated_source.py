@@ -15,7 +15,7 @@ from steelyard.dynamics import ChannelFriction, Dahl
 from steelyard.errors import InputError
 from steelyard.identification.wam import true_parameters, wam_model
 from steelyard.online import generate_online
-from steelyard.online.source_project import _Structure
+from steelyard.online.source_project import _index_type, _Structure
 
 FLAGS = [*C_FLAGS, "-O2", "-Wstack-usage=8192"]
 STATUS = ("solved", "unchanged", "stopped", "refused")
@@ -265,3 +265,17 @@ def test_unknowns_that_all_belong_together_are_ordered_at_once() -> None:
     assert time.process_time() - begun < 10.0  # comparing all pairs in each step takes 26 s
     assert found.order == list(range(300))
     assert len(found.row) == 300 * 301 // 2
+
+
+@pytest.mark.slow
+def test_tables_of_large_robots_compile_without_a_warning(tmp_path: Path) -> None:
+    """From some 26 joints on, places of a factor exceed 16 bits."""
+    need("gcc")
+    generate_online(arm(), tmp_path)
+    source = tmp_path / "arm_online.c"
+    small, large = (f"typedef {_index_type(greatest)} arm_online_index;" for greatest in (2**16 - 1, 2**16))
+    assert source.read_text().count(small) == 1
+    assert large != small
+    source.write_text(source.read_text().replace(small, large))
+    run(["gcc", *FLAGS, source, "arm_online_test.c", "-o", "large", "-lm"], tmp_path)
+    assert "agree" in run([tmp_path / "large"], tmp_path)
