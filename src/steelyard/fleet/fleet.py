@@ -655,7 +655,8 @@ def _common(drift: SiblingComparison) -> list[tuple[Cause, float, float, float]]
             break
         _, cause, value, error = best
         reach = float(stdtrit(freedom, 0.975)) * error
-        found.append((cause, *(_of_first(cause, one) for one in (value, value - reach, value + reach))))
+        low, high = _of_first(cause, value - reach), _of_first(cause, value + reach)
+        found.append((cause, _of_first(cause, value), low, high))
         chosen.append(cause.directions[:, 0])
     return found
 
