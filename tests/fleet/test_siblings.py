@@ -93,6 +93,27 @@ def test_a_cause_that_explains_less_is_no_alternative() -> None:
     assert own[0].alternatives == ()
 
 
+def test_a_mass_is_not_told_beside_all_of_its_link() -> None:
+    """A link that is another one in more than its mass: beside it, the mass by itself has no number."""
+    mass = Cause("mass of link1", "mass", "link1", "mass", "kg", 2.0, np.array([[1.0], [1.0], [0.0]]))
+    link = Cause("link1", "link", "link1", "mass, centre of mass or inertia", "", np.nan, np.eye(3)[:, :2])
+    friction = Cause("Fc1", "term", "joint1", "Coulomb friction", "N·m", 1.0, np.eye(3)[:, 2:])
+    random = np.random.default_rng(9)
+    bases = random.normal(size=(20, 3)) * 0.01
+    bases[4] += [1.0, 0.8, 0.0]
+    bases[7] += [1.0, 0.8, 0.5]
+    covariances = np.broadcast_to(1e-4 * np.eye(3), (20, 3, 3))
+    found = compare_siblings(bases, covariances, (mass, link, friction), np.eye(3))
+    told = {robot: [one for one in found.deviations if one.robot == robot] for robot in found.differs}
+    assert {robot: sorted(one.cause.name for one in own) for robot, own in told.items()} == {
+        4: ["link1"],
+        7: ["Fc1", "link1"],
+    }
+    [drive] = [one for one in told[7] if one.cause is friction]
+    assert drive.lower < 0.5 < drive.upper
+    assert drive.upper - drive.lower < 0.2
+
+
 def test_what_data_does_not_show_is_not_compared() -> None:
     random = np.random.default_rng(6)
     bases = random.normal(size=(20, 2))
