@@ -13,7 +13,7 @@ from steelyard.dynamics import Model
 from steelyard.errors import InputError
 from steelyard.recording import Samples
 from steelyard.recording.correction import Correction, Settings
-from steelyard.recording.diagnosis.late_torques import LateTorques, is_certain, late_torques
+from steelyard.recording.diagnosis.late_torques import SURE, LateTorques, is_certain, late_torques
 from steelyard.recording.filters.zero_phase import low_pass
 from steelyard.regression import Estimate, Information
 from steelyard.regression.parameter_covariance import NORMAL, inverse_root
@@ -29,12 +29,12 @@ Array = NDArray[np.float64]
 MATTERS = 0.5
 """Half-widths of the interval of a base parameter by which a delay must move it to be told."""
 LOWER = 0.5
-"""Part of the cutoff of the positions at which the motion is filtered once more before a delay is told. A controller
-that answers the noise of the encoders looks like one of -3.8 ms on simulated logs of 1 kHz, and like one that is four
-times as large at half the cutoff, where a delay stays what it is."""
+"""Part of the cutoff of the positions at which the motion is filtered once more before a delay is told: what noise of
+the encoders, and friction that the model lacks, look like depends on the cutoff, and a delay does not."""
 DENSE_ROWS = 20_000
 """Rows that are read again of a long log, of which no stretch is kept that is long enough."""
-ENOUGH_ROWS = 4096
+ENOUGH_ROWS, FEWEST_ROWS = 4096, 100
+"""Rows of stretches together that are enough, and of one that count at all."""
 MOST_LOGS = 4
 """Logs that are looked at, the first of the fit: those of one robot have the same delay mostly."""
 
@@ -134,6 +134,7 @@ def late_log(
     cutoff : float, optional
         Hz, of the filter of the positions, where that is known.
     """
+    stretches = [(samples, errors) for samples, errors in stretches if samples.count >= FEWEST_ROWS]
     predicted = [(samples, samples.torque - errors) for samples, errors in stretches]
     found = late_torques(model, predicted)
     if found is None or not found.told.any():
@@ -152,7 +153,7 @@ def late_log(
         of_others = np.full_like(delays, again.standard_deviation) if whole else again.joint_deviations
         deviations = np.where(delays != 0.0, np.hypot(deviations, others - delays), 0.0)
         # Neither is certain where a joint does not tell.
-        certain = is_certain(delays, deviations) & is_certain(others, of_others)
+        certain = is_certain(delays, deviations) & (np.abs(others) >= SURE * of_others)
         delays, deviations = np.where(certain, delays, 0.0), np.where(certain, deviations, 0.0)
         change = _change(found, np.hypot(delays, deviations) * np.sign(delays), model, information, own, unconstrained)
     largest = _largest(change, unconstrained)
