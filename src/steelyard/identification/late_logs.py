@@ -228,8 +228,8 @@ def late_hypotheses(
         delay = float(one.delays[np.argmax(np.abs(one.delays))])
         deviation = float(one.deviations[np.argmax(np.abs(one.delays))])
         evidence = (
-            f"numbers of the answer move by up to {one.largest:.2g} times the half-width of their intervals of 95 %, "
-            "which hold no longer"
+            f"numbers of the answer move by up to {one.largest:.2g} times the half-width that noise alone gives their "
+            "intervals of 95 %"
         )
         gain = 0.5 * (delay / max(deviation, 1e-9)) ** 2
         told[one.name] = (
