@@ -36,6 +36,7 @@ def test_a_robot_file_is_enough(run, place):
     assert (place / "out" / "trajectory.yaml").read_text().count("positions") > 100
 
 
+@pytest.mark.slow
 def test_limits_and_prior_information(run, place):
     (place / "limits.toml").write_text("acceleration = 12\n[velocity]\nelbow = 1.0\n")
     assert run("excite", place / "robot.toml", "-o", place / "one", *QUICK)[0] == 0

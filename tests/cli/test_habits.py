@@ -174,6 +174,7 @@ class TestLines:
         found = [sy.Estimate.load(place / name / "estimate.json").parameters for name in ("out", "other")]
         np.testing.assert_array_equal(*found)
 
+    @pytest.mark.slow
     def test_remarks_name_what_a_description_has(self, run, place):
         _, out, _ = run("identify", place / "pair.urdf", place / "log.csv", "-o", place / "out", "--verbose")
         assert "set `cutoff` in [processing] to choose" in " ".join(out.split())

@@ -40,6 +40,7 @@ def test_robot_functions_agree(name: str, wam_with_friction: sy.Model, random: n
         assert difference(np.asarray(found), of_kernel(function, values, sample)[output.name]) < 1e-12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lowering", [pytest.param("scalars", marks=slow), "vectors"])
 def test_several_outputs_and_names(lowering: str, odd_function: Function, random: np.random.Generator) -> None:
     exported = jax_function(odd_function, lowering=lowering)
@@ -112,6 +113,7 @@ def test_robot_compiles_and_differentiates_in_seconds(wam_with_friction: sy.Mode
         assert difference(np.asarray(found), complex_step(function, values, name)[output]) < 1e-12
 
 
+@pytest.mark.slow
 def test_derivative_of_a_sign_is_zero_and_complex_numbers_pass() -> None:
     x = Graph().inputs("x", 1)
     function = Function("f", (Argument("x", 1),), (Output("y", (), (sign(x[0]) * x[0],)),))

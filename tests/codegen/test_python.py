@@ -96,7 +96,7 @@ def test_every_element_is_documented(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "language", [pytest.param(name, marks=pytest.mark.slow) if name == "jax" else name for name in PYTHON]
+    "language", [name if name == "python" else pytest.param(name, marks=pytest.mark.slow) for name in PYTHON]
 )
 def test_self_test_passes_and_notices_changes(language: str, tmp_path: Path) -> None:
     needs(language)
@@ -117,6 +117,7 @@ def test_self_test_notices_what_is_not_a_number(tmp_path: Path) -> None:
     assert self_test_of(tmp_path) == 1
 
 
+@pytest.mark.slow
 def test_pytest_runs_the_self_test(tmp_path: Path) -> None:
     generate(plain_project(), "python", tmp_path)
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "."]

@@ -43,7 +43,9 @@ CRASHES = {
 }
 
 
-@pytest.mark.parametrize("case", CRASHES)
+@pytest.mark.parametrize(
+    "case", [pytest.param(case, marks=pytest.mark.slow) if case == "circle" else case for case in CRASHES]
+)
 def test_what_a_library_may_do(case: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     if case in ("memory", "circle") and os.name != "posix":
         pytest.skip("memory and the time of the processor are bounded on POSIX systems")
@@ -61,6 +63,7 @@ def test_what_a_library_may_do(case: str, tmp_path: Path, monkeypatch: pytest.Mo
         read_mesh(path)
 
 
+@pytest.mark.slow
 def test_the_child_says_what_it_cannot_read(tmp_path: Path) -> None:
     path = tmp_path / "mesh.dae"
     path.write_text(DAE.replace("</COLLADA>", ""))

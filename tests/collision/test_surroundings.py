@@ -95,6 +95,7 @@ def test_limits_that_fold_the_arm_into_itself_are_refused_with_the_way_out(path)
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_what_was_given_is_not_watched_twice(path):
     need_coal()
     own = SelfCollision(RobotGeometry.from_urdf(sy.Robot.from_urdf(path)), 0.03)
@@ -135,9 +136,10 @@ def test_down_is_where_gravity_pulls(path):
             "coal",
             "Self-collision was NOT checked: the package coal is not installed; pip install",
         ),
-        (
+        pytest.param(
             "mesh",
             'Self-collision of upper was NOT checked: .* the mesh "package://absent/a.stl" is not found .* ROS_PACKAGE',
+            marks=pytest.mark.slow,
         ),
         ("none", "Self-collision was NOT checked: the description has no collision geometry; add <collision>"),
         ("gone", "Self-collision was NOT checked: .*arm.urdf"),
@@ -172,6 +174,7 @@ def test_what_cannot_be_watched_is_a_remark_and_no_refusal(path, monkeypatch, ch
     assert any(margin.name == "self-collision" for margin in design.margins) == (change == "mesh")
 
 
+@pytest.mark.slow
 def test_robots_without_any_bodies_tell_how_low_their_frames_come():
     robot = sy.Robot.from_dh([(0, 0.5, 0, "q"), (0, 0.4, 0, "q")], gravity=(0, -9.81, 0))
     design = sy.design_excitation(sy.Model(robot), {"lower": -1.5, "upper": 1.5} | LIMITS, **QUICK)

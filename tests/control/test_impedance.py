@@ -141,6 +141,7 @@ def test_full_matrices_along_the_axes_of_the_target(redundant, random, bent):
     np.testing.assert_allclose(left, turn @ push, rtol=1e-6, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_velocity_estimators_do_not_change_the_stiffness(six, random, bent):
     model, parameters, plant, link = six
     q, _ = bent(model, random)

@@ -147,6 +147,7 @@ def test_a_log_in_pieces_and_sections_has_the_states_of_the_whole(tmp_path, monk
     assert all((a == b).all() for a, b in zip(third, again, strict=True))
 
 
+@pytest.mark.slow
 def test_samples_begin_anew_behind_a_gap():
     t = np.arange(4000) / 100.0
     q, dq, ddq, torque = log_of(t, 0.0, 2.0, 0.0, 0.7)
@@ -240,6 +241,7 @@ def test_what_the_data_decides_is_decided_with_the_state():
     assert found.standard_deviation < 0.0025
 
 
+@pytest.mark.slow
 def test_friction_that_remembers_is_no_mistake_of_a_log():
     model = sy.Model(PENDULUM.with_terms(LuGre(D, RATIO, SPEED)))
     samples = late_log(0.0).process(model=model, cutoff=15.0)

@@ -30,7 +30,7 @@ def informations(arm, random, held, gains, step=10, **options):
     ]
 
 
-@pytest.mark.parametrize("known", ["mass", "center", "all"])
+@pytest.mark.parametrize("known", [pytest.param("mass", marks=pytest.mark.slow), "center", "all"])
 def test_without_noise_the_gains_are_exact(arm, known):
     random = np.random.default_rng(1)
     held = Payload.random(random, 2.0)

@@ -38,7 +38,8 @@ def information(arm, random, payload=None, **options):
 
 
 @pytest.mark.parametrize(
-    ("name", "mass"), [("ur5", 0.5), ("ur5", 5.0), pytest.param("panda", 2.0, marks=pytest.mark.slow)]
+    ("name", "mass"),
+    [("ur5", 5.0), *(pytest.param(*case, marks=pytest.mark.slow) for case in (("ur5", 0.5), ("panda", 2.0)))],
 )
 def test_without_noise_the_payload_is_exact(name, mass):
     arm = SimulatedArm(name)
@@ -55,6 +56,7 @@ def test_without_noise_the_payload_is_exact(name, mass):
     assert found.robot_alone_error > 0.05 > 1e-9 > found.loaded_error
 
 
+@pytest.mark.slow
 def test_the_mounting_frame_moves_the_payload(ur5):
     """Pinocchio mounts it in a frame that is turned and shifted; what comes out is told in that frame."""
     placement = rpy_rotation(0.3, -0.7, 1.1)
@@ -108,6 +110,7 @@ def test_pooling_is_the_regression_of_all_rows(ur5, changes):
     np.testing.assert_allclose(rows[:, base.independent] @ estimate.base, torque - residual, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_friction_that_grows_with_the_load(ur5):
     """Shared friction takes it for weight; friction of its own leaves less than half of that."""
     errors = {"nothing": [], "friction": []}

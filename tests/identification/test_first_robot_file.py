@@ -151,6 +151,7 @@ def test_what_mends_the_log_stands_in_the_file_with_its_reason(tmp_path):
     assert sy.identify(file, log).prediction.word == "good"
 
 
+@pytest.mark.slow
 def test_a_joint_that_does_not_move_is_locked_where_it_is(tmp_path):
     urdf = description(tmp_path, fingers=True)
     q, torque = motion()[0], torques(urdf)
@@ -209,6 +210,7 @@ def test_a_log_of_currents_alone_leaves_one_line_to_complete(tmp_path, heads):
     np.testing.assert_allclose(read.torque, torque, rtol=1e-7)
 
 
+@pytest.mark.slow
 def test_times_in_two_columns_are_stated_as_such(tmp_path):
     urdf = description(tmp_path)
     seconds = np.floor(T)

@@ -130,7 +130,7 @@ def case(planted, arms, mistake, seed=3):
 
 
 # A sign, an order, and what is missing or carried; the others take a second each.
-QUICK = ("sign of a torque", "two joints swapped", "missing rotors", "payload")
+QUICK = ("sign of a torque", "payload")
 
 
 def slow_but(quick, mistakes=MISTAKES):
@@ -496,6 +496,7 @@ def test_logs_that_tell_nothing_are_not_accused():
     assert find_mistakes(model, sy.Samples(**{name: array[:3] for name, array in moving.items()})) == ()
 
 
+@pytest.mark.slow
 def test_signs_of_friction_just_where_joints_turn_back_are_no_delay():
     """A joint turns back a few thousandths of a second after its encoder's smoothed velocity; all else is in time."""
     robot = sy.Robot.from_dh([("pi/2", 0.0, 0.3, "q"), (0, 0.4, 0, "q")]).with_terms(sy.Viscous(), sy.Coulomb())
@@ -520,7 +521,8 @@ WHEEL = """<link name="{side}"><inertial><origin xyz="{x} 0 {z}"/><mass value="1
 
 
 @pytest.mark.parametrize(
-    ("rotor", "factor", "kinds"), [(0.02, 1.0, []), (0.1, 1.0, ["missing term"]), (0.0, 1e3, ["torque unit"])]
+    ("rotor", "factor", "kinds"),
+    [pytest.param(0.02, 1.0, [], marks=pytest.mark.slow), (0.1, 1.0, ["missing term"]), (0.0, 1e3, ["torque unit"])],
 )
 def test_rotors_that_weigh_more_than_wheels_are_no_wrong_unit(tmp_path, rotor, factor, kinds):
     """Behind gears a rotor has several times the inertia of the wheel that it drives; the torques are in N·m."""

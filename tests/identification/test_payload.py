@@ -112,6 +112,7 @@ def test_one_log_with_an_estimate(logs, run):
         identify_payload(folder / "robot.toml", folder / "loaded.csv", estimate=wrong)
 
 
+@pytest.mark.slow
 def test_the_command_finds_drive_gains(logs, run, tmp_path):
     folder, _, _ = logs
     files = (folder / "currents.toml", folder / "currents_unloaded.csv", folder / "currents_loaded.csv")
@@ -171,6 +172,7 @@ def test_identify_asks_for_the_gains_first(logs):
         sy.identify(folder / "matrix.toml", [folder / "currents_unloaded.csv"])
 
 
+@pytest.mark.slow
 def test_a_motion_designed_for_the_payload_shows_it(tmp_path):
     """`excite` takes the link of [payload] for the word payload; the motion makes all of it measured."""
     (tmp_path / "robot.toml").write_text(

@@ -54,6 +54,7 @@ def test_mat_version_4(tmp_path: Path) -> None:
     expect(path)
 
 
+@pytest.mark.slow
 def test_a_mat_is_decoded_once_until_it_is_written_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A log is opened several times, and each time it would take another process."""
     from steelyard.recording.formats import mat_file

@@ -6,7 +6,7 @@ import pytest
 from steelyard.feasibility.bounds import furthest_code
 from steelyard.feasibility.bounds.furthest import Region, furthest
 
-SHAPES = [(2, 3), (3, 6), (4, 10), (7, 28)]
+SHAPES = [(2, 3), pytest.param(3, 6, marks=pytest.mark.slow), (4, 10), (7, 28)]
 
 
 def corner(size: int) -> np.ndarray:

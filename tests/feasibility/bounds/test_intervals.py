@@ -90,7 +90,7 @@ def test_density_in_a_box_bounds_the_second_moments_too(pendulum):
 ARM = np.array([1.5, 0.1, 0.25, 0.3, 0.4, 0.1])
 
 
-@pytest.mark.parametrize("consistency", ["full", "inertia"])
+@pytest.mark.parametrize("consistency", ["full", pytest.param("inertia", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("scale", [1e-3, *(pytest.param(s, marks=pytest.mark.slow) for s in (1.0, 1e3))])
 def test_mass_of_a_forearm(two_links, consistency, scale):
     a, _, b, lx, ly, _ = ARM
@@ -130,6 +130,7 @@ def test_equations_count(two_links):
     assert found["total mass"].attained_lower == pytest.approx(3.0)
 
 
+@pytest.mark.slow
 def test_attained_ends_are_robots(two_links):
     feasible = FeasibleSet(two_links, constraints=[TotalMass(maximum=4.0)])
     for interval in parameter_intervals(feasible, ARM):
