@@ -105,6 +105,8 @@ SLOW = {
     ("docs/how-to/validate-and-compare.md", "python"): "two results, and what they predict",
     ("docs/how-to/find-mistakes.md", "python"): "a search for mistakes",
     ("thesis/README.md", "python"): "earlier methods",
+    ("docs/reference/collision.md", "python"): "distances of meshes",
+    ("docs/how-to/online.md", "console"): "answers during a motion",
 }
 
 ELSEWHERE = {

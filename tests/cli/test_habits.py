@@ -204,6 +204,7 @@ class TestLines:
         assert code == 2
         assert words in err
 
+    @pytest.mark.slow
     def test_values_are_those_of_toml(self, run, place):
         lines = ("--set", "log.torque_sign=[1, 1]", "--set", "constraints.total_mass={maximum = 2.5}")
         words = ("identify", place / "pair.urdf", place / "log.csv", "-o", place / "out", "-q", *lines, "--json")

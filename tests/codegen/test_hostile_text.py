@@ -162,7 +162,7 @@ def test_programs_of_robots_with_hostile_names_run(language: str, name: str, tmp
     run([build_self_test(language, tmp_path)], tmp_path)
 
 
-@settings(max_examples=15)  # of 40 texts each, written in eight languages
+@settings(max_examples=6)  # of 40 texts each, written in eight languages
 @given(texts=st.lists(nasty, min_size=40, max_size=40), name=nasty)
 def test_every_line_of_every_file_can_be_read(texts: list[str], name: str) -> None:
     project = project_with(texts, name)

@@ -18,7 +18,7 @@ from .conftest import inputs_of, project_of
 from .scripts import PYTHON, module_of, mutated, needs, plain_project, run_python, self_test_of, several_functions
 
 
-@pytest.mark.parametrize("name", ["wam_generated", "odd_generated"])
+@pytest.mark.parametrize("name", [pytest.param("wam_generated", marks=pytest.mark.slow), "odd_generated"])
 def test_functions_agree_at_fresh_inputs(name: str, tmp_path: Path, request: pytest.FixtureRequest) -> None:
     run_python("python", request.getfixturevalue(name), tmp_path)
 

@@ -15,6 +15,7 @@ from steelyard.errors import InputError
 pytest.importorskip("coal", reason="coal (extra `collision`) is not installed")
 
 
+@pytest.mark.slow
 def test_a_face_that_names_a_vertex_that_is_not_there(tmp_path: Path) -> None:
     good, bad, last = (tmp_path / name for name in ("good.obj", "bad.ply", "last.ply"))
     good.write_text(OBJ)

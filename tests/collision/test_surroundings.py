@@ -142,8 +142,8 @@ def test_down_is_where_gravity_pulls(path):
             marks=pytest.mark.slow,
         ),
         ("none", "Self-collision was NOT checked: the description has no collision geometry; add <collision>"),
-        ("gone", "Self-collision was NOT checked: .*arm.urdf"),
-        ("file", "Self-collision was NOT checked: it is turned off"),
+        pytest.param("gone", "Self-collision was NOT checked: .*arm.urdf", marks=pytest.mark.slow),
+        pytest.param("file", "Self-collision was NOT checked: it is turned off", marks=pytest.mark.slow),
     ],
 )
 def test_what_cannot_be_watched_is_a_remark_and_no_refusal(path, monkeypatch, change, message):

@@ -66,6 +66,7 @@ def test_stiffness_damping_and_inertia_are_those_designed(six, random, bent):
     np.testing.assert_allclose(inertia, INERTIA, rtol=0.02)
 
 
+@pytest.mark.parametrize("arm", ["ur5", pytest.param("xarm7", marks=pytest.mark.slow)], indirect=True)
 def test_a_steady_push_moves_the_tool_by_force_over_stiffness(arm, random, bent):
     """Without a sensor too."""
     model, parameters, plant, link = arm

@@ -186,7 +186,7 @@ def optimum_below(data, margin, bound):
     return base(best.x), 2 * best.cost
 
 
-@pytest.mark.parametrize("bound", [0.3, 0.6])
+@pytest.mark.parametrize("bound", [pytest.param(0.3, marks=pytest.mark.slow), 0.6])
 def test_bounded_mass_gives_the_exact_optimum_with_default_options(two_links, data, bound):
     """Nothing is spent on the tie-break, though plain least squares is far from possible."""
     reduced = data(np.array([1.5, 0.1, 0.25, 0.6, 0.8, 0.05]))

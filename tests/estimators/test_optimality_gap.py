@@ -69,6 +69,7 @@ def least_squares_problem(feasible, data, point):
     )
 
 
+@pytest.mark.slow
 def test_no_multipliers_give_a_bound_above_the_least_residual(two_links, data, least_by_descent):
     """Whatever a solver returns, also from points that are not feasible: weak duality."""
     feasible = FeasibleSet(two_links, margin=1e-9)

@@ -150,6 +150,7 @@ def test_changed_friction_is_told(ur5):
     assert found.mass == pytest.approx(2.0, rel=1e-5)
 
 
+@pytest.mark.parametrize("arm", ["ur5", pytest.param("panda", marks=pytest.mark.slow)], indirect=True)
 def test_one_log_and_a_known_robot(arm):
     random = np.random.default_rng(7)
     held, motion = Payload.random(random, 1.5), thinned(arm.motion(random))

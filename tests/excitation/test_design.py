@@ -88,6 +88,7 @@ def best_of_chance(model, limits):
     return best
 
 
+@pytest.mark.slow
 def test_information_of_the_samples_has_the_same_condition_number(arm, arm_limits):
     design = designed(arm, arm_limits, rate=500.0, starts=1)
     _, q, dq, ddq = design.sample(500.0)

@@ -134,6 +134,7 @@ def test_kinds_of_least_squares_are_named(arm, truth):
     )
 
 
+@pytest.mark.slow
 def test_prior_weight_from_the_corner(arm, truth):
     info, feasible = information(arm, truth, 3.0), FeasibleSet(arm)
     known = ConstantPullbackPrior(truth)

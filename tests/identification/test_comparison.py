@@ -131,6 +131,7 @@ def test_predictions_differ_as_in_pinocchio(ur5):
     assert again.relative_difference[0] != found.relative_difference[0]
 
 
+@pytest.mark.slow
 def test_predictions_on_a_log(ur5, run, tmp_path):
     folder, arm = ur5
     recording = arm.log(np.random.default_rng(9))

@@ -168,6 +168,7 @@ def test_a_term_that_is_a_law_of_single_joints_is_not_told_as_lacking(planted, a
     assert find_mistakes(sy.Model(robot), log.samples) == ()
 
 
+@pytest.mark.slow
 def test_two_mistakes_that_a_log_cannot_tell_apart_are_both_told(arms):
     """A single joint with gravity across it: position and torque the other way round are the same as neither."""
     robot = sy.Robot.from_dh([("pi/2", 0.0, 0.3, "q"), (0, 0.4, 0, "q")]).with_terms(sy.Viscous(), sy.Coulomb())

@@ -50,6 +50,7 @@ def test_most_of_thirty_planted_defects_are_named():
     assert right >= 25
 
 
+@pytest.mark.slow
 @NEEDED
 def test_a_unit_is_mended():
     truth = Robot.from_urdf(installed() / ROBOTS[1])

@@ -366,6 +366,7 @@ def test_a_change_is_noticed_whatever_the_clock_does(model: sy.Model, jump: floa
     assert [change.t - jump for change in estimator.changes] == [pytest.approx(13.0, abs=0.3)]
 
 
+@pytest.mark.slow
 def test_a_gap_teaches_nothing_of_a_robot_that_is_learned_anew(model: sy.Model) -> None:
     """A second after a change nothing comes for ten seconds: the estimate of one second is not taken for one of six."""
     t, q, torque = heavier_from_13_s(model, 30, (1.1, 0.7), 3.0, (0.1, 0.2, 0.0))

@@ -18,7 +18,6 @@ FAST = (
     "finger_edu",
     "ur5_robot",
     "xarm7",
-    "panda",
     "solo12",
     "tiago_no_hand",
 )
@@ -82,7 +81,8 @@ class Case:
 
 
 @pytest.fixture(
-    scope="module", params=["pendulum", *FAST, *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)]
+    scope="module",
+    params=["pendulum", *FAST, *(pytest.param(name, marks=pytest.mark.slow) for name in ("panda", *SLOW))],
 )
 def case(request, tmp_path_factory):
     return Case(urdf(f"{request.param}.urdf", tmp_path_factory.mktemp("urdf")))

@@ -129,6 +129,7 @@ def test_accelerations_are_those_of_the_motion(pendulum):
     np.testing.assert_allclose(result.ddq[:, 0], -9.81 * np.sin(result.q[:, 0]), atol=1e-12)
 
 
+@pytest.mark.slow
 def test_torque_functions_act_within_the_steps(oscillator):
     """Resonance: the steady response to a force that changes within every step, in closed form."""
     model, delta = oscillator

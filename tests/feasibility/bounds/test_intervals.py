@@ -27,7 +27,7 @@ SQUARE = LX**2 + LY**2
 LIGHTEST = SQUARE / LZZ
 
 
-@pytest.mark.parametrize("consistency", ["full", "inertia"])
+@pytest.mark.parametrize("consistency", ["full", pytest.param("inertia", marks=pytest.mark.slow)])
 def test_mass_of_a_pendulum(pendulum, consistency):
     interval = parameter_intervals(FeasibleSet(pendulum, consistency), [LZZ, LX, LY])["m1"]
     assert interval.lower == pytest.approx(LIGHTEST, rel=1e-6)
@@ -155,6 +155,7 @@ def test_every_solver_agrees(two_links):
     assert found.upper >= 1.5
 
 
+@pytest.mark.slow
 def test_words(two_links):
     found = parameter_intervals(FeasibleSet(two_links), ARM)
     assert str(found["m2"]) == "The mass of forearm (m2) lies between 1 and 1.5 kg."

@@ -117,6 +117,7 @@ def test_joints_at_rest_do_not_vote():
     assert both.choose_cutoff().table[2][1] == "–"
 
 
+@pytest.mark.slow
 def test_evidence_can_be_looked_at():
     recording, _ = noisy_motion(1, 1.0, 1e-3)
     choice = recording.choose_cutoff(order=4)

@@ -115,6 +115,7 @@ def test_missing_positions_are_bridged_and_not_used():
     assert samples.remarks == ("Rows left out because they are without a position: 60 of joint 1.",)
 
 
+@pytest.mark.slow
 def test_chunks_equal_the_whole(tmp_path, random):
     t = np.arange(6000) / 1000.0
     q = np.column_stack([np.sin(3 * t), np.cos(2 * t)]) + 1e-4 * random.normal(size=(6000, 2))
