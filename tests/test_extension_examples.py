@@ -142,6 +142,7 @@ def test_the_term_passes_through_an_identification(example, sprung, run):
     np.testing.assert_allclose(slopes, model.inverse_dynamics(q, [0.0, 0.0], [0.0, 0.0], springs), rtol=1e-7)
 
 
+@pytest.mark.slow
 def test_the_condition_of_the_term_binds(example, sprung):
     """Springs that are at rest farther out than the file says are not possible: the fit keeps them at the bound."""
     example("A term")

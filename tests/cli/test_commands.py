@@ -265,6 +265,7 @@ def test_check_says_what_it_needs(run, arguments):
     assert err.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_an_identified_estimate_carries_its_proof(run, place):
     run("identify", place / "robot.toml", place / "log.csv", "--output", place / "result")
     estimate = place / "result" / "estimate.json"

@@ -66,6 +66,7 @@ def test_a_motion_that_shows_nothing_is_told_in_the_first_line_and_exits_with_3(
     assert record["remarks"][0] in first
 
 
+@pytest.mark.slow
 def test_model_lead_and_start_are_told(run, place):
     code, out, err = run("excite", place / "pair.urdf", "-o", place / "out", *QUICK)
     assert code == 0, err

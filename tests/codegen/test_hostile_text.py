@@ -138,7 +138,7 @@ NAMES = (
 )
 
 
-@pytest.mark.parametrize("language", COMPILED)
+@pytest.mark.parametrize("language", ["c", *(pytest.param(one, marks=pytest.mark.slow) for one in ("cpp", "rust"))])
 def test_hostile_names_of_robots(language: str, tmp_path: Path) -> None:
     for k, name in enumerate((*NAMES, *HOSTILE)):
         folder = tmp_path / str(k)

@@ -23,6 +23,7 @@ def test_functions_agree_at_fresh_inputs(name: str, tmp_path: Path, request: pyt
     run_python("python", request.getfixturevalue(name), tmp_path)
 
 
+@pytest.mark.slow
 def test_several_outputs_and_arguments_called_like_functions(tmp_path: Path) -> None:
     project = several_functions()
     run_python("python", project, tmp_path)

@@ -119,6 +119,7 @@ def test_without_a_table_the_lowest_point_is_told_with_the_remedy(path):
     assert tip_heights(kept.trajectory.sample(2000.0)[1]).min() >= -1e-9
 
 
+@pytest.mark.slow
 def test_down_is_where_gravity_pulls(path):
     robot = sy.Robot.from_urdf(path, gravity=(9.81, 0.0, 0.0))
     design = sy.design_excitation(sy.Model(robot), LIMITS, self_collision=False, **QUICK)

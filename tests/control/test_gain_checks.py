@@ -153,7 +153,9 @@ ESTIMATORS = {
 }
 
 
-@pytest.mark.parametrize("name", ESTIMATORS)
+@pytest.mark.parametrize(
+    "name", [n if n in ("exact", "filtered") else pytest.param(n, marks=pytest.mark.slow) for n in ESTIMATORS]
+)
 def test_the_margin_is_where_pinocchio_begins_to_swing(six, random, bent, name, monkeypatch):
     """A tenth below the margin an error dies away, a tenth above it grows."""
     model, parameters, plant, _ = six

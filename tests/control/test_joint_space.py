@@ -74,6 +74,7 @@ def test_computed_torque_takes_the_measured_force_away(arm, random, bent):
         controller.start(Measurement(t=0.0, q=q, dq=dq))
 
 
+@pytest.mark.slow
 def test_computed_torque_compensates_drives(redundant, random, bent):
     model, parameters, plant, _ = redundant
     robot = model.robot.with_terms(sy.Viscous(), sy.Coulomb(), sy.RotorInertia())

@@ -52,7 +52,6 @@ def made(residuals, distances):
     )
 
 
-@pytest.mark.slow
 def test_curve_can_be_printed_and_drawn(arm):
     feasible, known, info = arm
     curve = l_curve(info, feasible, EuclideanPrior(known), weights=None, prior_weights=[1e4, 1.0, 1e2])

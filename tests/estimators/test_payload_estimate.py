@@ -56,7 +56,6 @@ def test_without_noise_the_payload_is_exact(name, mass):
     assert found.robot_alone_error > 0.05 > 1e-9 > found.loaded_error
 
 
-@pytest.mark.slow
 def test_the_mounting_frame_moves_the_payload(ur5):
     """Pinocchio mounts it in a frame that is turned and shifted; what comes out is told in that frame."""
     placement = rpy_rotation(0.3, -0.7, 1.1)

@@ -106,6 +106,7 @@ def test_sections_are_the_same_numbers_elsewhere(
     np.testing.assert_allclose(found.standard_error, expected.standard_error, rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_sections_side_by_side_are_those_of_one_thread(
     frame: pl.DataFrame, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -118,6 +118,7 @@ def test_what_most_siblings_do_not_show_is_compared_among_those_that_do(error: f
     assert found.mean[0] == pytest.approx(2.0, abs=4.0 * np.hypot(spread, noise) / np.sqrt(4))
 
 
+@pytest.mark.slow
 def test_how_much_siblings_vary_is_told_by_those_that_show_it() -> None:
     """Of two robots that show a part, with each its own value, none differs by more than the two vary."""
     random = np.random.default_rng(9)

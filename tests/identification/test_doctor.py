@@ -201,6 +201,7 @@ def test_faults_are_all_found_at_once_the_most_harmful_first(arm, tmp_path):
     assert examine(path, mended(arm[0], found)).findings == ()
 
 
+@pytest.mark.slow
 def test_what_the_robot_file_deals_with_is_no_finding(arm, tmp_path):
     log = written(clipped(arm[2]), tmp_path / "log.csv")
     own = tmp_path / "robot.toml"

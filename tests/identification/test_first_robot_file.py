@@ -114,6 +114,7 @@ def test_it_identifies_as_well_as_without_it(tmp_path):
         assert guess.value.strip('"') in made.text or guess.section == "terms"
 
 
+@pytest.mark.slow
 def test_rotors_are_taken_in_where_the_log_shows_them(tmp_path):
     urdf = description(tmp_path)
     log = log_of(tmp_path, torques(urdf, rotor=0.3))

@@ -478,7 +478,6 @@ def test_degrees_are_told_and_mended(files):
     np.testing.assert_allclose(mended.unconstrained.base, expected.unconstrained.base, rtol=1e-6, atol=1e-8)
 
 
-@pytest.mark.slow
 def test_constraints_are_added(files):
     path, log, _, _ = files
     light = sy.identify(path, log, constraints=[sy.TotalMass(maximum=3.0)])

@@ -71,6 +71,7 @@ def test_nothing_carried_is_said_first(logs, run, tmp_path):
     assert "is a folder" in err
 
 
+@pytest.mark.slow
 def test_the_mounting_frame_stands_in_the_robot_file(logs):
     folder, truth, arm = logs
     text = (folder / "robot.toml").read_text()
@@ -131,6 +132,7 @@ def test_the_command_finds_drive_gains(logs, run, tmp_path):
     assert found.estimate.mass == pytest.approx(2.5, rel=0.02)
 
 
+@pytest.mark.slow
 def test_some_gains_are_known(logs):
     folder, _, _ = logs
     text = (folder / "currents.toml").read_text()

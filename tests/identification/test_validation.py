@@ -65,6 +65,7 @@ def test_a_payload_is_what_the_estimate_cannot_predict(logs, run, tmp_path):
     assert "loaded.csv: wrist_3_link looks to carry a payload of some 2 kg" in document["remarks"][-1]
 
 
+@pytest.mark.usefixtures("meshes_in_this_process")
 @pytest.mark.parametrize("role", [pytest.param("identification", marks=pytest.mark.slow), "validation"])
 def test_a_payload_in_one_of_two_logs_is_weighed_and_not_stated_of_the_robot(logs, run, role):
     folder, _ = logs

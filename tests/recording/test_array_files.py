@@ -285,6 +285,7 @@ def test_damaged_arrays_are_one_sentence(
         Recording.read(path)
 
 
+@pytest.mark.slow
 def test_what_crashes_the_library_is_one_sentence(tmp_path: Path) -> None:
     """This type of an array, which there is none of, ends the process in which SciPy reads it."""
     path = tmp_path / "run.mat"

@@ -27,7 +27,7 @@ def oscillator_motion(t, mass=2.0, stiffness=50.0, damping=3.0):
     return x, -np.exp(-decay * t) * (w + decay**2 / w) * np.sin(w * t)
 
 
-QUICK = [pytest.param(m, marks=pytest.mark.slow if m in ("dop853", "bdf", "radau") else ()) for m in ADAPTIVE]
+QUICK = [pytest.param(m, marks=pytest.mark.slow if m != "dormand_prince" else ()) for m in ADAPTIVE]
 
 
 @pytest.mark.parametrize("method", QUICK)

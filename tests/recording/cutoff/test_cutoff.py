@@ -72,6 +72,7 @@ def test_expected_error_is_the_true_one():
         assert expected == pytest.approx(true_error(recording, ddq, factor * choice.cutoff), rel=0.35)
 
 
+@pytest.mark.slow
 def test_arm_of_the_thesis(wam):
     """Brute force over cutoffs puts the best at 2.17 Hz; the thesis chose 4.8 Hz by the rule of ten."""
     recording = simulated_log(wam, "A", 1)
@@ -117,7 +118,6 @@ def test_joints_at_rest_do_not_vote():
     assert both.choose_cutoff().table[2][1] == "–"
 
 
-@pytest.mark.slow
 def test_evidence_can_be_looked_at():
     recording, _ = noisy_motion(1, 1.0, 1e-3)
     choice = recording.choose_cutoff(order=4)
