@@ -432,6 +432,7 @@ def test_a_broken_solver_is_left_out_of_the_table(install):
         find_solver("ill")
 
 
+@pytest.mark.slow
 def test_the_estimator_passes_through_an_identification(sprung, run, install, tmp_path):
     text = PAGE.read_text(encoding="utf-8").partition("\n## An estimator\n")[2]
     (block, *_) = re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
@@ -519,6 +520,7 @@ def _dh_table(install):
 ROWS = [[0, 0.5, 0, "q"], [0, 0.4, 0, "q"]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "content", ["direct", pytest.param("file", marks=pytest.mark.slow), pytest.param("xml", marks=pytest.mark.slow)]
 )

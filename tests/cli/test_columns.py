@@ -52,6 +52,7 @@ def test_what_was_guessed_is_printed_and_kept(run, place, degrees):
     assert page.count("number, from 1 (ABB)") == 4
 
 
+@pytest.mark.slow
 def test_what_was_not_guessed_is_printed_with_verbose_alone(run, place):
     options = ("identify", place / "robot.toml", place / "log.csv", "--output", place / "result")
     code, out, _ = run(*options)

@@ -108,7 +108,8 @@ def test_jax_source_of_all_functions(
         compare(function, getattr(module, function.name), few_shapes(function))
 
 
-@pytest.mark.parametrize("lowering", [pytest.param("scalars", marks=pytest.mark.slow), "vectors"])
+@pytest.mark.slow
+@pytest.mark.parametrize("lowering", ["scalars", "vectors"])
 @pytest.mark.parametrize("cases", CASES)
 def test_jax_function(cases: int | None, lowering: str, double_precision: None) -> None:
     function = little_function()

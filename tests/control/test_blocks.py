@@ -156,7 +156,8 @@ def compiled(controller, directory, fixed):
     return {name: call_of(name) for name in controller.functions}
 
 
-@pytest.mark.parametrize("fixed", [pytest.param(False, marks=pytest.mark.slow), True])
+@pytest.mark.slow
+@pytest.mark.parametrize("fixed", [False, True])
 def test_generated_c_is_the_model_part(every, six, random, tmp_path, fixed):
     """Against the block's own calls, and against Pinocchio."""
     _, parameters, plant, link = six

@@ -95,6 +95,7 @@ def impedance_of_the_guide(wam):
     return tool, rest, found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compensate_drives", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_the_impedance_of_the_guide_holds_in_a_loop(wam, wam_plant, compensate_drives):
     """Half a newton metre about z, then 8 N: neither moves the arm by more than the springs give."""

@@ -120,6 +120,7 @@ def test_parameters_with_which_friction_would_drive_are_refused():
     assert found["Fvj1"] >= RATIO * found["Fbj1"] * (1.0 - 1e-6)
 
 
+@pytest.mark.slow
 def test_a_log_in_pieces_and_sections_has_the_states_of_the_whole(tmp_path, monkeypatch):
     monkeypatch.setattr(chunks, "PIECE_ROWS", 2000)
     monkeypatch.setattr(chunks, "SECTION_ROWS", 4000)

@@ -105,6 +105,7 @@ def test_known_link_parameters_set_the_scale():
         gains_from_equations(information, FeasibleSet(model, constraints=[sy.TotalMass(equal=1.0)]))
 
 
+@pytest.mark.slow
 def test_logs_without_the_payload_are_refused(arm):
     """The same robot twice, or the payload in the wrong log: no possible robot has such currents."""
     random = np.random.default_rng(6)

@@ -103,6 +103,7 @@ def expected(data, K, known, distance, weight):
 WEIGHTS = [0.1, 30.0, 1e4]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("prior", "weight"),
     [

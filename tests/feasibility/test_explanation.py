@@ -24,7 +24,8 @@ def test_two_bodies_that_conflict(two_links, consistency):
     assert conflict.value < conflict.threshold
 
 
-@pytest.mark.parametrize("consistency", ["full", pytest.param("inertia", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("consistency", ["full", "inertia"])
 def test_no_robot_has_less_along_the_direction(two_links, consistency, point_cloud_parameters):
     """Random arms are all on the other side, as far as they like to the threshold."""
     feasible = FeasibleSet(two_links, consistency)

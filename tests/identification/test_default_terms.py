@@ -141,6 +141,7 @@ def test_without_rotors_everything_stays(place):
     assert asked.remarks == plain.remarks
 
 
+@pytest.mark.slow
 def test_a_saved_estimate_and_the_bare_description_belong_together(place, found, run):
     estimate, urdf, log = place / "out" / "estimate.json", place / "arm.urdf", place / "rotors.csv"
     assert json.loads((place / "out" / "run.json").read_text())["options"]["terms"][-1] == "rotor_inertia"

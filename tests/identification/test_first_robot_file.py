@@ -166,6 +166,7 @@ def test_a_joint_that_does_not_move_is_locked_where_it_is(tmp_path):
     assert sy.identify(file, log).prediction.word == "good"
 
 
+@pytest.mark.slow
 def test_units_are_those_of_joints_that_slide(tmp_path):
     urdf = description(tmp_path)
     urdf.write_text(urdf.read_text().replace('name="elbow" type="revolute"', 'name="elbow" type="prismatic"'))

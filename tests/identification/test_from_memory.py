@@ -162,6 +162,7 @@ def test_a_robot_in_memory_gives_the_numbers_of_its_file(files, kind):
     np.testing.assert_array_equal(found.estimate.parameters, expected.estimate.parameters)
 
 
+@pytest.mark.slow
 def test_a_robot_without_terms_gets_those_of_a_plain_description(files):
     _, log, _, _ = files
     robot = sy.Robot.from_dh([("pi/2", 0, 0.3, "q"), (0, 0.4, 0, "q")])

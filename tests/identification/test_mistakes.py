@@ -146,6 +146,7 @@ def test_a_mistake_is_found(planted, arms, mistake):
     assert found[0].gain > 10.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("motion", slow_but(("rich",), ["weak", "ordinary", "rich"]))
 @pytest.mark.parametrize("cad", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_a_sound_log_is_not_accused(planted, arms, motion, cad):

@@ -213,6 +213,7 @@ def test_computed_torque_is_that_of_the_links(case):
     assert close(case.values("computed_torque"), case.tau)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "options",
     [

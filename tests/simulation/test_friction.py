@@ -26,7 +26,7 @@ def stick_slip():
         return [y[1], (200.0 * (0.1 * t - y[0]) - friction) / 2.0]
 
     t = np.arange(3001) / 1000
-    found = solve_ivp(slope, (0.0, 3.0), [0.0, 0.0], method="Radau", t_eval=t, rtol=1e-10, atol=1e-12)
+    found = solve_ivp(slope, (0.0, 3.0), [0.0, 0.0], method="Radau", t_eval=t, rtol=1e-9, atol=1e-11)
     return found.y
 
 

@@ -93,6 +93,7 @@ def test_a_torque_that_is_not_a_number_is_named(two_links, method):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", [pytest.param("automatic", marks=pytest.mark.slow), "rosenbrock"])
 def test_parameters_of_no_robot_are_told_even_where_the_run_finishes(wam, method):
     from steelyard.identification.wam import true_parameters

@@ -48,6 +48,7 @@ def test_ends_of_a_ball_and_a_side_of_no_width() -> None:
     np.testing.assert_allclose(reached, [1.5, 2.5, 6.0, 5e-7], rtol=0.02)
 
 
+@pytest.mark.slow
 def test_code_that_the_cache_has_is_not_written_anew(tmp_path, monkeypatch) -> None:
     monkeypatch.setenv("STEELYARD_CACHE_DIR", str(tmp_path))
     write = furthest_code._Method.write
