@@ -521,9 +521,7 @@ ROWS = [[0, 0.5, 0, "q"], [0, 0.4, 0, "q"]]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "content", ["direct", pytest.param("file", marks=pytest.mark.slow), pytest.param("xml", marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("content", ["direct", "file", "xml"])
 def test_the_description_passes_through_an_identification(content, tmp_path, run, install):
     model = sy.Model(sy.Robot.from_dh(ROWS).with_terms(sy.Viscous(), sy.Coulomb(), sy.Offset()))
     random = np.random.default_rng(1)

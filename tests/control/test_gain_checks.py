@@ -96,7 +96,7 @@ def impedance_of_the_guide(wam):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("compensate_drives", [False, pytest.param(True, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("compensate_drives", [False, True])
 def test_the_impedance_of_the_guide_holds_in_a_loop(wam, wam_plant, compensate_drives):
     """Half a newton metre about z, then 8 N: neither moves the arm by more than the springs give."""
     tool, rest, gains = impedance_of_the_guide(wam)

@@ -54,7 +54,7 @@ def by_factors(R, rho, links, margin, seed):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("links", [pytest.param(1, marks=pytest.mark.slow), 2])
+@pytest.mark.parametrize("links", [1, 2])
 def test_optimum_equals_that_over_cholesky_factors(all_identifiable, links):
     model, reduced, _ = all_identifiable(links, seed=links, rows=200)
     feasible = FeasibleSet(model)

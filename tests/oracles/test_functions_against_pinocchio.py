@@ -216,12 +216,7 @@ def test_computed_torque_is_that_of_the_links(case):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "options",
-    [
-        pytest.param({}, marks=pytest.mark.slow),
-        {"gravity": "argument", "sign": "smooth"},
-        pytest.param({"gravity": "argument"}, marks=pytest.mark.slow),
-        pytest.param({"sign": "smooth"}, marks=pytest.mark.slow),
-    ],
+    [{}, {"gravity": "argument", "sign": "smooth"}, {"gravity": "argument"}, {"sign": "smooth"}],
     ids=["plain", "both", "gravity", "sign"],
 )
 def test_compiled_functions_are_those_of_the_graph(options):
