@@ -78,13 +78,14 @@ def test_transformations_go_together(lowering: str, odd_function: Function, rand
     assert difference(np.asarray(gradient), exact) < 1e-12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("transformation", "lowering"),
     [
         ("jacfwd", "scalars"),
-        pytest.param("jacrev", "vectors", marks=slow),
-        pytest.param("jacfwd", "vectors", marks=slow),
-        pytest.param("jacrev", "scalars", marks=slow),
+        ("jacrev", "vectors"),
+        ("jacfwd", "vectors"),
+        ("jacrev", "scalars"),
     ],
 )
 def test_jacobians_agree_with_complex_steps(

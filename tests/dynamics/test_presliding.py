@@ -109,6 +109,7 @@ def test_a_log_tells_the_friction(ratio):
         assert found[name] == pytest.approx(value, rel=0.05), name
 
 
+@pytest.mark.slow
 def test_parameters_with_which_friction_would_drive_are_refused():
     t = np.arange(6000) / 200.0
     samples = sy.Samples(*log_of(t, RATIO, 2.0, 1.0, 0.2), t=t)

@@ -137,6 +137,7 @@ def test_joints_without_columns_are_locked(tmp_path):
         assert sy.identify(file, log).prediction.word == "good"
 
 
+@pytest.mark.slow
 def test_what_mends_the_log_stands_in_the_file_with_its_reason(tmp_path):
     urdf = description(tmp_path)
     q, torque = motion()[0], torques(urdf)

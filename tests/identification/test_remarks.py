@@ -56,10 +56,9 @@ def test_a_sound_log_is_not_remarked_on(arm, tmp_path, chunk_rows):
     assert remarks(arm, tmp_path, arm[2], chunk_rows) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("chunk_rows", CHUNKS)
-@pytest.mark.parametrize(
-    "mistake", [one if one == "held joint" else pytest.param(one, marks=pytest.mark.slow) for one in MISTAKES]
-)
+@pytest.mark.parametrize("mistake", MISTAKES)
 def test_a_mistake_is_said(arm, tmp_path, mistake, chunk_rows):
     change, words = MISTAKES[mistake]
     found = remarks(arm, tmp_path, change(arm[2]), chunk_rows)

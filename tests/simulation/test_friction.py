@@ -30,9 +30,8 @@ def stick_slip():
     return found.y
 
 
-@pytest.mark.parametrize(
-    "method", [pytest.param(m, marks=pytest.mark.slow) if m != "rosenbrock" else m for m in METHODS]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("method", METHODS)
 def test_stick_slip(block, stick_slip, method):
     model, delta = block
     result = simulate(model, delta, [0.0], [0.0], 3.0, belt, method=method)
