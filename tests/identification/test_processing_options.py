@@ -39,7 +39,6 @@ def log(tmp_path: Path) -> Path:
     return sy.Recording(t=t, q=q, torque=torque).save(tmp_path / "log.csv")
 
 
-@pytest.mark.slow
 def test_choices_of_the_data_are_in_the_report(log):
     robot = log.with_name("robot.toml")
     robot.write_text(ROBOT + 'cutoff = "auto"\ndelay = "automatic"\ntrim = 0.1\n')
