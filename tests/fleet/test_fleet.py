@@ -340,6 +340,7 @@ def test_logs_are_reduced_on_the_way(arms: Arms) -> None:
     assert np.array_equal(fleet.rows[1].values["base"], sy.least_squares(reduced.information).base)
 
 
+@pytest.mark.slow
 def test_a_log_of_several_is_no_validation_of_their_fit(arms: Arms) -> None:
     """By itself it would be filtered otherwise than beside one whose encoders are coarse."""
     random = np.random.default_rng(1)

@@ -52,6 +52,7 @@ def test_groups_and_checkpoints_change_no_byte(place: Path, monkeypatch: pytest.
         assert len(kept.names) == 1
 
 
+@pytest.mark.slow
 def test_a_log_that_changed_is_read_again(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     read: list[str] = []
     leaf = log_reduction.reduced_log

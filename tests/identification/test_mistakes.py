@@ -130,15 +130,13 @@ def case(planted, arms, mistake, seed=3):
     return SimpleNamespace(arm=arm, log=log, robot=robot, model=sy.Model(robot.with_terms(*log.terms)))
 
 
-# A sign, an order, what is missing or carried, and drives; the others take a second each.
-QUICK = ("sign of a torque", "two joints swapped", "missing rotors", "payload", "coupled motors")
+# What is carried; the others take a second each.
+QUICK = ("payload",)
 
 
-def slow_but(quick, mistakes=MISTAKES):
-    return [mistake if mistake in quick else pytest.param(mistake, marks=pytest.mark.slow) for mistake in mistakes]
-
-
-@pytest.mark.parametrize("mistake", slow_but(QUICK))
+@pytest.mark.parametrize(
+    "mistake", [one if one in QUICK else pytest.param(one, marks=pytest.mark.slow) for one in MISTAKES]
+)
 def test_a_mistake_is_found(planted, arms, mistake):
     given = case(planted, arms, mistake)
     found = find_mistakes(given.model, given.log.samples)
@@ -147,8 +145,9 @@ def test_a_mistake_is_found(planted, arms, mistake):
     assert found[0].gain > 10.0
 
 
-@pytest.mark.parametrize("motion", slow_but(("rich",), ["weak", "ordinary", "rich"]))
-@pytest.mark.parametrize("cad", [True, pytest.param(False, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("motion", ["weak", "ordinary", "rich"])
+@pytest.mark.parametrize("cad", [True, False])
 def test_a_sound_log_is_not_accused(planted, arms, motion, cad):
     arm = arms[False]
     for seed in range(3):
@@ -169,6 +168,7 @@ def test_a_term_that_is_a_law_of_single_joints_is_not_told_as_lacking(planted, a
     assert find_mistakes(sy.Model(robot), log.samples) == ()
 
 
+@pytest.mark.slow
 def test_two_mistakes_that_a_log_cannot_tell_apart_are_both_told(arms):
     """A single joint with gravity across it: position and torque the other way round are the same as neither."""
     robot = sy.Robot.from_dh([("pi/2", 0.0, 0.3, "q"), (0, 0.4, 0, "q")]).with_terms(sy.Viscous(), sy.Coulomb())
@@ -500,6 +500,7 @@ def test_logs_that_tell_nothing_are_not_accused():
     assert find_mistakes(model, sy.Samples(**{name: array[:3] for name, array in moving.items()})) == ()
 
 
+@pytest.mark.slow
 def test_signs_of_friction_just_where_joints_turn_back_are_no_delay():
     """A joint turns back a few thousandths of a second after its encoder's smoothed velocity; all else is in time."""
     robot = sy.Robot.from_dh([("pi/2", 0.0, 0.3, "q"), (0, 0.4, 0, "q")]).with_terms(sy.Viscous(), sy.Coulomb())
@@ -524,7 +525,8 @@ WHEEL = """<link name="{side}"><inertial><origin xyz="{x} 0 {z}"/><mass value="1
 
 
 @pytest.mark.parametrize(
-    ("rotor", "factor", "kinds"), [(0.02, 1.0, []), (0.1, 1.0, ["missing term"]), (0.0, 1e3, ["torque unit"])]
+    ("rotor", "factor", "kinds"),
+    [pytest.param(0.02, 1.0, [], marks=pytest.mark.slow), (0.1, 1.0, ["missing term"]), (0.0, 1e3, ["torque unit"])],
 )
 def test_rotors_that_weigh_more_than_wheels_are_no_wrong_unit(tmp_path, rotor, factor, kinds):
     """Behind gears a rotor has several times the inertia of the wheel that it drives; the torques are in N·m."""

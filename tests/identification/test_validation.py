@@ -80,7 +80,8 @@ def test_a_wrong_sign_in_one_of_two_logs_is_not_stated_of_both(logs, tmp_path):
     assert steps[0].action == "Mend robot.toml, and identify again."
 
 
-@pytest.mark.parametrize("role", ["identification", "validation"])
+@pytest.mark.usefixtures("meshes_in_this_process")
+@pytest.mark.parametrize("role", [pytest.param("identification", marks=pytest.mark.slow), "validation"])
 def test_a_payload_in_one_of_two_logs_is_weighed_and_not_stated_of_the_robot(logs, run, role):
     folder, _ = logs
     robot, empty, loaded = folder / "robot.toml", folder / "one.csv", folder / "loaded.csv"

@@ -46,7 +46,9 @@ def test_a_segment_begins_in_any_state_and_ends_at_rest() -> None:
     np.testing.assert_allclose(family.basis(t)[0] @ points.T, here, atol=1e-12)
 
 
-@pytest.mark.parametrize("lower", [-np.inf, [-np.inf, -2.0], [-1.0, -np.inf]])
+@pytest.mark.parametrize(
+    "lower", [-np.inf, *(pytest.param(one, marks=pytest.mark.slow) for one in ([-np.inf, -2.0], [-1.0, -np.inf]))]
+)
 def test_joints_without_limits_of_position_are_moved_too(lower: float | list[float]) -> None:
     model = sy.Model(sy.Robot.from_dh([(0, 0.5, 0, "q"), (0, 0.4, 0, "q")], gravity=(0, -9.81, 0)))
     limits = MotionLimits.of(model.robot.joint_names, lower=lower, velocity=2.0, acceleration=6.0)
@@ -63,6 +65,7 @@ def test_joints_without_limits_of_position_are_moved_too(lower: float | list[flo
     assert np.abs(ddq).max() <= 6.0
 
 
+@pytest.mark.slow
 def test_a_robot_without_limits_of_position_is_held_and_moved_without_a_warning(model: sy.Model) -> None:
     limits = {"lower": -np.inf, "upper": [np.inf, 2.0], "velocity": 2.0, "acceleration": 6.0}
     excitation = ActiveExcitation(model, limits, sample_time=0.01)

@@ -8,6 +8,7 @@ import steelyard as sy
 from steelyard.errors import InputError
 
 FAST = ("panda.urdf", "ur5_robot.urdf", "xarm7.urdf", "solo12.urdf", "TwoDofs.urdf", "finger_edu.urdf", "z1.urdf")
+QUICK = ("panda.urdf", "solo12.urdf", "TwoDofs.urdf")
 
 
 def check(path, robot, oracle, random):
@@ -33,7 +34,11 @@ def robot_or_reason(path):
         return None, str(error)
 
 
-@pytest.mark.parametrize("path", [p for p in URDFS if p.name in FAST], ids=lambda p: p.stem)
+@pytest.mark.parametrize(
+    "path",
+    [p if p.name in QUICK else pytest.param(p, marks=pytest.mark.slow) for p in URDFS if p.name in FAST],
+    ids=lambda p: p.stem,
+)
 def test_fast_robots(path, random):
     robot, _ = robot_or_reason(path)
     assert robot is not None
