@@ -65,6 +65,7 @@ def test_a_payload_is_what_the_estimate_cannot_predict(logs, run, tmp_path):
     assert "loaded.csv: wrist_3_link looks to carry a payload of some 2 kg" in document["remarks"][-1]
 
 
+@pytest.mark.slow
 def test_a_wrong_sign_in_one_of_two_logs_is_not_stated_of_both(logs, tmp_path):
     folder, _ = logs
     good, turned, sign = folder / "one.csv", tmp_path / "turned.csv", np.array([1, -1, 1, 1, 1, 1])
