@@ -45,8 +45,10 @@ SHARED = Path(__file__).resolve().parent.parent / "shared"
 # Let the garbage collector look less often than every 700 objects: nearly all that tests make is freed without it.
 gc.set_threshold(50_000, *gc.get_threshold()[1:])
 
-# Property tests try the same examples every time; `--hypothesis-profile=random` looks for new ones.
-settings.register_profile("steelyard", deadline=None, derandomize=True, database=None, max_examples=50)
+# Property tests try the same examples every time; `--hypothesis-profile=random` looks for new ones, and `.ci/run` tries
+# more of the same with the profile `many`.
+settings.register_profile("steelyard", deadline=None, derandomize=True, database=None, max_examples=24)
+settings.register_profile("many", settings.get_profile("steelyard"), max_examples=100)
 # Its parent is named: where Hypothesis sees a build server (CI=true), its own default is the same examples every time.
 settings.register_profile(
     "random", settings.get_profile("default"), deadline=None, derandomize=False, print_blob=True, max_examples=200

@@ -98,6 +98,15 @@ SLOW = {
     ("docs/how-to/many-logs.md", "console"): "an identification of four logs",
     ("docs/how-to/online.md", "python"): "an answer a hundred times a second",
     ("docs/explanation/estimators.md", "python"): "a robot in a loop, and samples of a posterior",
+    ("docs/how-to/many-logs.md", "python"): "identifications of several logs",
+    ("docs/thesis/closed-form.md", "python"): "conditions by a program of computer algebra",
+    ("docs/how-to/payload.md", "python"): "payloads, and the gains of drives",
+    ("docs/how-to/on-the-fly.md", "python"): "a motion on the fly",
+    ("docs/how-to/validate-and-compare.md", "python"): "two results, and what they predict",
+    ("docs/how-to/find-mistakes.md", "python"): "a search for mistakes",
+    ("thesis/README.md", "python"): "earlier methods",
+    ("docs/reference/collision.md", "python"): "distances of meshes",
+    ("docs/how-to/online.md", "console"): "answers during a motion",
 }
 
 ELSEWHERE = {

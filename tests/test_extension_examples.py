@@ -142,6 +142,7 @@ def test_the_term_passes_through_an_identification(example, sprung, run):
     np.testing.assert_allclose(slopes, model.inverse_dynamics(q, [0.0, 0.0], [0.0, 0.0], springs), rtol=1e-7)
 
 
+@pytest.mark.slow
 def test_the_condition_of_the_term_binds(example, sprung):
     """Springs that are at rest farther out than the file says are not possible: the fit keeps them at the bound."""
     example("A term")
@@ -431,6 +432,7 @@ def test_a_broken_solver_is_left_out_of_the_table(install):
         find_solver("ill")
 
 
+@pytest.mark.slow
 def test_the_estimator_passes_through_an_identification(sprung, run, install, tmp_path):
     text = PAGE.read_text(encoding="utf-8").partition("\n## An estimator\n")[2]
     (block, *_) = re.findall(r"^```python\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
@@ -518,9 +520,8 @@ def _dh_table(install):
 ROWS = [[0, 0.5, 0, "q"], [0, 0.4, 0, "q"]]
 
 
-@pytest.mark.parametrize(
-    "content", ["direct", pytest.param("file", marks=pytest.mark.slow), pytest.param("xml", marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("content", ["direct", "file", "xml"])
 def test_the_description_passes_through_an_identification(content, tmp_path, run, install):
     model = sy.Model(sy.Robot.from_dh(ROWS).with_terms(sy.Viscous(), sy.Coulomb(), sy.Offset()))
     random = np.random.default_rng(1)

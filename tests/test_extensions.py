@@ -80,6 +80,7 @@ def test_names_are_words_and_kinds_are_known(no_extensions):
         unregister("languages", "c")
 
 
+@pytest.mark.slow
 def test_identifying_imports_no_package_that_adds_something():
     """Nor do lists of names, nor messages that suggest one."""
     code = (

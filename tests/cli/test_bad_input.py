@@ -166,6 +166,7 @@ def test_bad_options(run, place, kind):
     assert "Traceback" not in err
 
 
+@pytest.mark.slow
 def test_an_estimate_of_another_robot(run, place):
     run("identify", place / "robot.toml", place / "log.csv", "--output", place / "result")
     (place / "dh.toml").write_text('[description]\nrows = [["pi/2", 0, 0, "q"], [0, 0.4, 0, "q"]]\n')

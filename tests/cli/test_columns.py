@@ -52,6 +52,7 @@ def test_what_was_guessed_is_printed_and_kept(run, place, degrees):
     assert page.count("number, from 1 (ABB)") == 4
 
 
+@pytest.mark.slow
 def test_what_was_not_guessed_is_printed_with_verbose_alone(run, place):
     options = ("identify", place / "robot.toml", place / "log.csv", "--output", place / "result")
     code, out, _ = run(*options)
@@ -62,6 +63,7 @@ def test_what_was_not_guessed_is_printed_with_verbose_alone(run, place):
     assert table_of(out)[1] == ["q1", "shoulder", "position", "rad", "number, from 1"]
 
 
+@pytest.mark.slow
 def test_logs_with_the_same_columns_have_one_table(place, degrees):
     logs = [place / "log.csv", degrees, place / "copy.csv"]
     logs[2].write_bytes(logs[0].read_bytes())
@@ -86,6 +88,7 @@ def test_logs_that_would_be_read_in_different_units_are_a_question(run, place, d
     assert 'say which with `position_unit = "deg"` or `position_unit = "rad"` in [log]' in err
 
 
+@pytest.mark.slow
 def test_units_of_joints_that_slide(place):
     urdf = (place / "pair.urdf").read_text().replace('"elbow" type="revolute"', '"elbow" type="prismatic"')
     (place / "pair.urdf").write_text(urdf)

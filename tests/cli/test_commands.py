@@ -104,6 +104,7 @@ def test_inspect_says_what_is_wrong_with_the_cad(run, place):
     assert "CAD: Physically feasible" in out
 
 
+@pytest.mark.slow
 def test_generated_c_holds_the_identified_robot(run, place):
     """From a log to a controller: identify, generate with the estimate, compile, and run the self-test."""
     compiler = shutil.which("gcc") or shutil.which("cc")
@@ -264,6 +265,7 @@ def test_check_says_what_it_needs(run, arguments):
     assert err.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_an_identified_estimate_carries_its_proof(run, place):
     run("identify", place / "robot.toml", place / "log.csv", "--output", place / "result")
     estimate = place / "result" / "estimate.json"

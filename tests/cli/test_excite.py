@@ -36,6 +36,7 @@ def test_a_robot_file_is_enough(run, place):
     assert (place / "out" / "trajectory.yaml").read_text().count("positions") > 100
 
 
+@pytest.mark.slow
 def test_limits_and_prior_information(run, place):
     (place / "limits.toml").write_text("acceleration = 12\n[velocity]\nelbow = 1.0\n")
     assert run("excite", place / "robot.toml", "-o", place / "one", *QUICK)[0] == 0
@@ -65,6 +66,7 @@ def test_a_motion_that_shows_nothing_is_told_in_the_first_line_and_exits_with_3(
     assert record["remarks"][0] in first
 
 
+@pytest.mark.slow
 def test_model_lead_and_start_are_told(run, place):
     code, out, err = run("excite", place / "pair.urdf", "-o", place / "out", *QUICK)
     assert code == 0, err

@@ -174,6 +174,7 @@ class TestLines:
         found = [sy.Estimate.load(place / name / "estimate.json").parameters for name in ("out", "other")]
         np.testing.assert_array_equal(*found)
 
+    @pytest.mark.slow
     def test_remarks_name_what_a_description_has(self, run, place):
         _, out, _ = run("identify", place / "pair.urdf", place / "log.csv", "-o", place / "out", "--verbose")
         assert "set `cutoff` in [processing] to choose" in " ".join(out.split())
@@ -203,6 +204,7 @@ class TestLines:
         assert code == 2
         assert words in err
 
+    @pytest.mark.slow
     def test_values_are_those_of_toml(self, run, place):
         lines = ("--set", "log.torque_sign=[1, 1]", "--set", "constraints.total_mass={maximum = 2.5}")
         words = ("identify", place / "pair.urdf", place / "log.csv", "-o", place / "out", "-q", *lines, "--json")

@@ -129,6 +129,7 @@ def test_init_takes_the_line_that_its_message_asks_for(stranger, run):
     assert "[payload] is not guessed by a log" in err
 
 
+@pytest.mark.slow
 def test_init_says_where_the_line_that_mends_a_log_stands(stranger, run):
     """The doctor prints it below the finding, and `init` has written it."""
     place, q, torque = stranger

@@ -61,6 +61,7 @@ def test_torques_of_a_file_and_limits(place, run):
     assert "joint 'shoulder' passed its upper limit 1" in text
 
 
+@pytest.mark.slow
 def test_a_slow_table_that_starts_late_and_ends_early(place, run):
     rows = [(2.0, -1.0), (2.5, 3.0), (3.0, -2.0), (3.5, 1.0)]
     (place / "torque.csv").write_text("t,tau1,tau2\n" + "\n".join(f"{t},{x},0" for t, x in rows))

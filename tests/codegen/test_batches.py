@@ -74,6 +74,7 @@ def few_shapes(function: Function) -> tuple[Shapes, Shapes]:
     return apart, single_beside(len(widths), widest, (widths[widest],))
 
 
+@pytest.mark.slow
 def test_numpy_source(model: sy.Model, project: Project, tmp_path: Path) -> None:
     module = module_of(project, "python", tmp_path)
     for function in (model.function(name, gravity="argument") for name in FUNCTIONS):
@@ -108,7 +109,8 @@ def test_jax_source_of_all_functions(
         compare(function, getattr(module, function.name), few_shapes(function))
 
 
-@pytest.mark.parametrize("lowering", [pytest.param("scalars", marks=pytest.mark.slow), "vectors"])
+@pytest.mark.slow
+@pytest.mark.parametrize("lowering", ["scalars", "vectors"])
 @pytest.mark.parametrize("cases", CASES)
 def test_jax_function(cases: int | None, lowering: str, double_precision: None) -> None:
     function = little_function()
@@ -126,7 +128,8 @@ def test_jax_functions_of_a_model(model: sy.Model, double_precision: None) -> No
         compare(function, jax.jit(jax_function(function, lowering=lowering)), few_shapes(function))
 
 
-@pytest.mark.parametrize("generated", [pytest.param(False, marks=pytest.mark.slow), True])
+@pytest.mark.slow
+@pytest.mark.parametrize("generated", [False, True])
 def test_columns_of_casadi_functions(generated: bool, model: sy.Model, project: Project, tmp_path: Path) -> None:
     """CasADi takes a batch as columns beside each other, and single columns beside it count for all of them."""
     casadi = pytest.importorskip("casadi", reason="CasADi is not installed")

@@ -13,7 +13,10 @@ from steelyard.graph import Argument, Function, Graph, Output, sign
 casadi = pytest.importorskip("casadi", reason="CasADi is not installed")
 
 
-@pytest.mark.parametrize("name", ["inverse_dynamics", "forward_dynamics", "inertia_matrix", "regressor"])
+@pytest.mark.parametrize(
+    "name",
+    ["inverse_dynamics", "forward_dynamics", "inertia_matrix", pytest.param("regressor", marks=pytest.mark.slow)],
+)
 def test_robot_functions_agree(name: str, wam_with_friction: sy.Model, random: np.random.Generator) -> None:
     function = wam_with_friction.function(name)
     exported = casadi_function(function)
@@ -85,6 +88,7 @@ def test_reserved_names(name: str) -> None:
     assert float(casadi_function(function)(jac=2.0)["a__b"]) == 3.0
 
 
+@pytest.mark.slow
 def test_deep_graph() -> None:
     function = deep_chain(10_000)
     exported = casadi_function(function)

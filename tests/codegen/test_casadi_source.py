@@ -15,11 +15,12 @@ from .scripts import run_python, several_functions
 casadi = pytest.importorskip("casadi", reason="CasADi is not installed")
 
 
-@pytest.mark.parametrize("name", ["wam_generated", "odd_generated"])
+@pytest.mark.parametrize("name", [pytest.param("wam_generated", marks=pytest.mark.slow), "odd_generated"])
 def test_functions_agree_at_fresh_inputs(name: str, tmp_path: Path, request: pytest.FixtureRequest) -> None:
     run_python("casadi", request.getfixturevalue(name), tmp_path)
 
 
+@pytest.mark.slow
 def test_several_outputs_and_arguments_called_like_functions(tmp_path: Path) -> None:
     run_python("casadi", several_functions(), tmp_path)
 
@@ -47,6 +48,7 @@ np.savez("results.npz", by_q=by_q.full(), by_dq=by_dq.full(), mapped=mapped.full
 """
 
 
+@pytest.mark.slow
 def test_derivatives_and_batches(wam_generated: Project, tmp_path: Path) -> None:
     function = wam_generated.functions[0]
     generate(wam_generated, "casadi", tmp_path)

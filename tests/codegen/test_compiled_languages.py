@@ -28,7 +28,9 @@ from .conftest import (
 )
 
 LANGUAGES = ("c", "cpp", "rust")
-OTHERS = {("cpp", "wam_generated"), ("rust", "odd_generated")}
+# Compilers of C++ and Rust take longer than that of C: the fast tests have one comparison and one self-test of each.
+COMPARED = ["c", *(pytest.param(language, marks=pytest.mark.slow) for language in LANGUAGES[1:])]
+OTHERS = {("cpp", "wam_generated"), ("cpp", "odd_generated"), ("rust", "odd_generated")}
 TOLERANCE = 1e-12  # of the largest value of an output
 
 
@@ -52,7 +54,7 @@ def largest_difference(project: Project, functions: Sequence[Compiled], samples:
     return worst
 
 
-@pytest.mark.parametrize("language", LANGUAGES)
+@pytest.mark.parametrize("language", COMPARED)
 def test_robot_functions_agree_at_fresh_inputs(language: str, wam_generated: Project, tmp_path: Path) -> None:
     assert largest_difference(wam_generated, compiled(language, wam_generated, tmp_path)) < TOLERANCE
 
@@ -86,7 +88,7 @@ def test_long_functions_agree_in_parts(language: str, tmp_path: Path) -> None:
     assert largest_difference(project, functions, samples=1) < TOLERANCE
 
 
-@pytest.mark.parametrize("language", LANGUAGES)
+@pytest.mark.parametrize("language", COMPARED)
 def test_sign_and_not_a_number(language: str, odd_generated: Project, tmp_path: Path) -> None:
     arithmetic = compiled(language, odd_generated, tmp_path)[-1]
     signs = []
@@ -102,7 +104,6 @@ def test_sign_and_not_a_number(language: str, odd_generated: Project, tmp_path: 
 @pytest.mark.parametrize(
     ("language", "name"),
     [
-        # Of compilers that take longer than that of C, each has one of the two.
         pytest.param(language, name, marks=pytest.mark.slow if (language, name) in OTHERS else ())
         for language in LANGUAGES
         for name in ("wam_generated", "odd_generated")
@@ -113,6 +114,7 @@ def test_self_test_passes(language: str, name: str, tmp_path: Path, request: pyt
     assert run([build_self_test(language, tmp_path)], tmp_path)
 
 
+@pytest.mark.slow
 def test_fused_operations_stay_within_the_tolerance(wam_generated: Project, tmp_path: Path) -> None:
     need("gcc")
     generate(wam_generated, "c", tmp_path)
@@ -127,10 +129,16 @@ MUTATIONS = {
     "a place": lambda text: text.replace("torque[3] =", "torque[2] =", 1),
     "not a number": lambda text: re.sub(r"(t1 = )", r"\g<1>(0.0 / 0.0) * ", text, count=1),
 }
+NOTICED = {("c", "a sum"), ("c", "not a number"), ("rust", "a number")}
+"""What the fast tests change."""
 
 
 @pytest.mark.parametrize(
-    ("language", "mutation"), [*(("c", mutation) for mutation in MUTATIONS), ("cpp", "a number"), ("rust", "a number")]
+    ("language", "mutation"),
+    [
+        pytest.param(language, mutation, marks=() if (language, mutation) in NOTICED else pytest.mark.slow)
+        for language, mutation in (*(("c", one) for one in MUTATIONS), ("cpp", "a number"), ("rust", "a number"))
+    ],
 )
 def test_self_test_notices_a_wrong_source(language: str, mutation: str, wam_generated: Project, tmp_path: Path) -> None:
     generate(wam_generated, language, tmp_path)

@@ -17,6 +17,8 @@ from steelyard.graph import Argument, Function, Graph, Output, cos, sin
 from .conftest import C_FLAGS, CPP_FLAGS, RUST_FLAGS, TOOLS, build_self_test, inputs_of, need, run
 
 LANGUAGES = ("c", "cpp", "rust")
+COMPILED = ["c", pytest.param("cpp", marks=pytest.mark.slow), "rust"]
+"""Languages, with that whose compiler takes longest among the slow tests."""
 
 HOSTILE = (
     '*/ int injected(void) { return system("true"); } /*',
@@ -95,7 +97,7 @@ def machine_code(language: str, project: Project, folder: Path) -> bytes:
     return (folder / "arm.o").read_bytes()
 
 
-@pytest.mark.parametrize("language", LANGUAGES)
+@pytest.mark.parametrize("language", COMPILED)
 def test_descriptions_leave_no_trace_in_the_program(language: str, tmp_path: Path) -> None:
     plain = machine_code(language, project_with([""] * len(LONG), "arm"), tmp_path / "plain")
     for shift in (0, 7):
@@ -136,7 +138,7 @@ NAMES = (
 )
 
 
-@pytest.mark.parametrize("language", LANGUAGES)
+@pytest.mark.parametrize("language", ["c", *(pytest.param(one, marks=pytest.mark.slow) for one in ("cpp", "rust"))])
 def test_hostile_names_of_robots(language: str, tmp_path: Path) -> None:
     for k, name in enumerate((*NAMES, *HOSTILE)):
         folder = tmp_path / str(k)
@@ -144,7 +146,7 @@ def test_hostile_names_of_robots(language: str, tmp_path: Path) -> None:
         assert all(path.resolve().is_relative_to(folder.resolve()) for path in paths)
 
 
-QUICK = {("c", NAMES[0]), ("c", NAMES[1]), ("cpp", NAMES[0])}
+QUICK = {("c", NAMES[0]), ("c", NAMES[1])}
 
 
 @pytest.mark.parametrize(
@@ -160,7 +162,7 @@ def test_programs_of_robots_with_hostile_names_run(language: str, name: str, tmp
     run([build_self_test(language, tmp_path)], tmp_path)
 
 
-@settings(max_examples=15)  # of 40 texts each, written in eight languages
+@settings(max_examples=6)  # of 40 texts each, written in eight languages
 @given(texts=st.lists(nasty, min_size=40, max_size=40), name=nasty)
 def test_every_line_of_every_file_can_be_read(texts: list[str], name: str) -> None:
     project = project_with(texts, name)

@@ -40,6 +40,7 @@ def test_robot_functions_agree(name: str, wam_with_friction: sy.Model, random: n
         assert difference(np.asarray(found), of_kernel(function, values, sample)[output.name]) < 1e-12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lowering", [pytest.param("scalars", marks=slow), "vectors"])
 def test_several_outputs_and_names(lowering: str, odd_function: Function, random: np.random.Generator) -> None:
     exported = jax_function(odd_function, lowering=lowering)
@@ -77,13 +78,14 @@ def test_transformations_go_together(lowering: str, odd_function: Function, rand
     assert difference(np.asarray(gradient), exact) < 1e-12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("transformation", "lowering"),
     [
         ("jacfwd", "scalars"),
-        pytest.param("jacrev", "vectors", marks=slow),
-        pytest.param("jacfwd", "vectors", marks=slow),
-        pytest.param("jacrev", "scalars", marks=slow),
+        ("jacrev", "vectors"),
+        ("jacfwd", "vectors"),
+        ("jacrev", "scalars"),
     ],
 )
 def test_jacobians_agree_with_complex_steps(
@@ -112,6 +114,7 @@ def test_robot_compiles_and_differentiates_in_seconds(wam_with_friction: sy.Mode
         assert difference(np.asarray(found), complex_step(function, values, name)[output]) < 1e-12
 
 
+@pytest.mark.slow
 def test_derivative_of_a_sign_is_zero_and_complex_numbers_pass() -> None:
     x = Graph().inputs("x", 1)
     function = Function("f", (Argument("x", 1),), (Output("y", (), (sign(x[0]) * x[0],)),))

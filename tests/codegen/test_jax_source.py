@@ -83,6 +83,7 @@ def test_derivatives_and_batches(which: int, wam_generated: Project, tmp_path: P
         assert np.abs(results[key] - exact).max() < 1e-12 * np.abs(exact).max()
 
 
+@pytest.mark.slow
 def test_single_precision_and_complex_numbers_are_refused_rather_than_cut(tmp_path: Path) -> None:
     generate(plain_project(), "jax", tmp_path)
     code = (

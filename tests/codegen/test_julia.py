@@ -20,7 +20,7 @@ def module_of(written: dict[str, str]) -> JuliaModule:
     return Reader(source).module()
 
 
-@pytest.mark.parametrize("name", ["wam_generated", "odd_generated", "several"])
+@pytest.mark.parametrize("name", [pytest.param("wam_generated", marks=pytest.mark.slow), "odd_generated", "several"])
 def test_functions_agree_at_fresh_inputs(name: str, request: pytest.FixtureRequest) -> None:
     project = several_functions() if name == "several" else request.getfixturevalue(name)
     module = module_of(files(project, "julia"))
@@ -34,7 +34,7 @@ def test_functions_agree_at_fresh_inputs(name: str, request: pytest.FixtureReque
     check(project, inputs, found)
 
 
-@pytest.mark.parametrize("name", ["wam_generated", "odd_generated", "several"])
+@pytest.mark.parametrize("name", [pytest.param("wam_generated", marks=pytest.mark.slow), "odd_generated", "several"])
 def test_self_test_passes_in_the_reader(name: str, request: pytest.FixtureRequest) -> None:
     project = several_functions() if name == "several" else request.getfixturevalue(name)
     written = files(project, "julia")

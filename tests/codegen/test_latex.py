@@ -74,6 +74,7 @@ def _product(text: str) -> str:
     return " ".join(result)
 
 
+@pytest.mark.slow
 def test_notebooks_show_the_beginning_of_long_functions() -> None:
     model = sy.Model(sy.Robot.from_dh(WAM_ROWS, name="wam"))
     for closed, name in ((False, "inverse_dynamics"), (True, "gravity")):

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from steelyard.codegen import Project, files, generate
 from steelyard.graph import Argument, Function, Graph, Output
@@ -136,6 +137,7 @@ def test_a_failing_self_test_ends_octave_with_an_error(tmp_path: Path) -> None:
     assert "element 1 of tau of plain_robot_torque" in done.stderr
 
 
+@pytest.mark.slow
 def test_keywords_are_no_names(tmp_path: Path) -> None:
     """The list of Octave itself."""
     words = [word for word in octave("printf('%s\\n', iskeyword(){:});", tmp_path) if re.fullmatch(r"[a-z]\w*", word)]

@@ -179,6 +179,7 @@ def test_unfit_projects_are_refused() -> None:
             Constant(name, value)
 
 
+@pytest.mark.slow
 def test_many_numbers_take_fewer_rows_of_reference() -> None:
     graph = Graph()
     (x,) = graph.inputs("x", 1)

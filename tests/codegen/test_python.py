@@ -18,11 +18,12 @@ from .conftest import inputs_of, project_of
 from .scripts import PYTHON, module_of, mutated, needs, plain_project, run_python, self_test_of, several_functions
 
 
-@pytest.mark.parametrize("name", ["wam_generated", "odd_generated"])
+@pytest.mark.parametrize("name", [pytest.param("wam_generated", marks=pytest.mark.slow), "odd_generated"])
 def test_functions_agree_at_fresh_inputs(name: str, tmp_path: Path, request: pytest.FixtureRequest) -> None:
     run_python("python", request.getfixturevalue(name), tmp_path)
 
 
+@pytest.mark.slow
 def test_several_outputs_and_arguments_called_like_functions(tmp_path: Path) -> None:
     project = several_functions()
     run_python("python", project, tmp_path)
@@ -96,7 +97,7 @@ def test_every_element_is_documented(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "language", [pytest.param(name, marks=pytest.mark.slow) if name == "jax" else name for name in PYTHON]
+    "language", [name if name == "python" else pytest.param(name, marks=pytest.mark.slow) for name in PYTHON]
 )
 def test_self_test_passes_and_notices_changes(language: str, tmp_path: Path) -> None:
     needs(language)
@@ -117,6 +118,7 @@ def test_self_test_notices_what_is_not_a_number(tmp_path: Path) -> None:
     assert self_test_of(tmp_path) == 1
 
 
+@pytest.mark.slow
 def test_pytest_runs_the_self_test(tmp_path: Path) -> None:
     generate(plain_project(), "python", tmp_path)
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "."]

@@ -11,6 +11,9 @@ from steelyard.codegen import files
 from .scripts import SCRIPTS, plain_project
 from .test_hostile_text import HOSTILE
 
+# JAX and CasADi are written by the writer of Python, and take longest.
+MOST_UNLIKE = [pytest.param(name, marks=pytest.mark.slow) if name in ("jax", "casadi") else name for name in SCRIPTS]
+
 
 def code_of(path: str, text: str) -> str:
     """What a file does, without comments and documentation."""
@@ -26,7 +29,7 @@ def code_of(path: str, text: str) -> str:
     return "\n".join(line for line in text.splitlines() if not re.match(r"\s*[%#]", line))
 
 
-@pytest.mark.parametrize("language", SCRIPTS)
+@pytest.mark.parametrize("language", MOST_UNLIKE)
 def test_hostile_text_changes_no_code(language: str) -> None:
     plain = files(plain_project(), language)
     for text in HOSTILE:
@@ -38,7 +41,7 @@ def test_hostile_text_changes_no_code(language: str) -> None:
             hostile[name].encode("utf-8")
 
 
-@pytest.mark.parametrize("language", SCRIPTS)
+@pytest.mark.parametrize("language", MOST_UNLIKE)
 def test_hostile_names_become_identifiers(language: str) -> None:
     for name in (*HOSTILE, "numpy", "class", "end", "Base", "7 joints", "sin", "x" * 200, "機械"):
         written = files(plain_project(name=name), language)
@@ -58,6 +61,7 @@ def test_docstrings_are_text(language: str) -> None:
             assert "\\N" not in line, path
 
 
+@pytest.mark.slow
 def test_the_same_bytes_in_another_process() -> None:
     code = (
         "import hashlib, numpy as np, steelyard as sy\n"

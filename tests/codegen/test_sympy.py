@@ -311,6 +311,7 @@ def test_division_by_zero_is_explained() -> None:
             substitute({"x2": 0})
 
 
+@pytest.mark.slow
 def test_closed_forms_that_would_explode_are_refused() -> None:
     model = sy.Model(sy.Robot.from_dh(WAM_ROWS, name="wam"))
     with pytest.raises(InputError, match="use closed=False"):

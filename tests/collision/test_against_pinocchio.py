@@ -16,7 +16,7 @@ from steelyard.collision.distances import PairDistances  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("meshes_in_this_process")
 
-FAST = ["ur5_robot", "panda", "panda_collision", "xarm7"]
+FAST = ["ur5_robot", "panda", "panda_collision"]
 SLOW = ["kinova", "z1", "anymal-kinova", "a1", "romeo", "tiago_no_hand"]
 
 
@@ -65,6 +65,7 @@ def test_distances_of_exact_meshes(stem, random):
     assert (ours[~apart] <= 0).all()
 
 
+@pytest.mark.slow
 def test_the_least_distance_of_links_of_many_shapes(random):
     """Links of several shapes, compared with the least of Pinocchio's distances over their pairs."""
     path = urdf("panda_collision")

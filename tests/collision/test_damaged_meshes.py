@@ -15,6 +15,7 @@ from steelyard.errors import InputError
 pytest.importorskip("coal", reason="coal (extra `collision`) is not installed")
 
 
+@pytest.mark.slow
 def test_a_face_that_names_a_vertex_that_is_not_there(tmp_path: Path) -> None:
     good, bad, last = (tmp_path / name for name in ("good.obj", "bad.ply", "last.ply"))
     good.write_text(OBJ)
@@ -43,7 +44,9 @@ CRASHES = {
 }
 
 
-@pytest.mark.parametrize("case", CRASHES)
+@pytest.mark.parametrize(
+    "case", [pytest.param(case, marks=pytest.mark.slow) if case == "circle" else case for case in CRASHES]
+)
 def test_what_a_library_may_do(case: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     if case in ("memory", "circle") and os.name != "posix":
         pytest.skip("memory and the time of the processor are bounded on POSIX systems")
@@ -61,6 +64,7 @@ def test_what_a_library_may_do(case: str, tmp_path: Path, monkeypatch: pytest.Mo
         read_mesh(path)
 
 
+@pytest.mark.slow
 def test_the_child_says_what_it_cannot_read(tmp_path: Path) -> None:
     path = tmp_path / "mesh.dae"
     path.write_text(DAE.replace("</COLLADA>", ""))

@@ -156,6 +156,7 @@ def test_shapes_that_cannot_be_read_are_named_with_their_line(place, name, chang
         RobotGeometry.from_description(robot)
 
 
+@pytest.mark.slow
 def test_what_is_seen_of_an_mjcf_does_not_take_mujoco_again(place, monkeypatch):
     """Nor is the file read a second time for its tree."""
     pytest.importorskip("mujoco", reason="MuJoCo (extra `mjcf`) is not installed")

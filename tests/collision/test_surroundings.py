@@ -95,6 +95,7 @@ def test_limits_that_fold_the_arm_into_itself_are_refused_with_the_way_out(path)
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_what_was_given_is_not_watched_twice(path):
     need_coal()
     own = SelfCollision(RobotGeometry.from_urdf(sy.Robot.from_urdf(path)), 0.03)
@@ -118,6 +119,7 @@ def test_without_a_table_the_lowest_point_is_told_with_the_remedy(path):
     assert tip_heights(kept.trajectory.sample(2000.0)[1]).min() >= -1e-9
 
 
+@pytest.mark.slow
 def test_down_is_where_gravity_pulls(path):
     robot = sy.Robot.from_urdf(path, gravity=(9.81, 0.0, 0.0))
     design = sy.design_excitation(sy.Model(robot), LIMITS, self_collision=False, **QUICK)
@@ -135,13 +137,14 @@ def test_down_is_where_gravity_pulls(path):
             "coal",
             "Self-collision was NOT checked: the package coal is not installed; pip install",
         ),
-        (
+        pytest.param(
             "mesh",
             'Self-collision of upper was NOT checked: .* the mesh "package://absent/a.stl" is not found .* ROS_PACKAGE',
+            marks=pytest.mark.slow,
         ),
         ("none", "Self-collision was NOT checked: the description has no collision geometry; add <collision>"),
-        ("gone", "Self-collision was NOT checked: .*arm.urdf"),
-        ("file", "Self-collision was NOT checked: it is turned off"),
+        pytest.param("gone", "Self-collision was NOT checked: .*arm.urdf", marks=pytest.mark.slow),
+        pytest.param("file", "Self-collision was NOT checked: it is turned off", marks=pytest.mark.slow),
     ],
 )
 def test_what_cannot_be_watched_is_a_remark_and_no_refusal(path, monkeypatch, change, message):
@@ -172,6 +175,7 @@ def test_what_cannot_be_watched_is_a_remark_and_no_refusal(path, monkeypatch, ch
     assert any(margin.name == "self-collision" for margin in design.margins) == (change == "mesh")
 
 
+@pytest.mark.slow
 def test_robots_without_any_bodies_tell_how_low_their_frames_come():
     robot = sy.Robot.from_dh([(0, 0.5, 0, "q"), (0, 0.4, 0, "q")], gravity=(0, -9.81, 0))
     design = sy.design_excitation(sy.Model(robot), {"lower": -1.5, "upper": 1.5} | LIMITS, **QUICK)

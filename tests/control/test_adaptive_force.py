@@ -35,7 +35,7 @@ def test_the_sampled_plant_is_the_exact_one(random):
         np.testing.assert_allclose([np.trace(closed), np.linalg.det(closed)], [2 * pole, pole**2], rtol=1e-9)
 
 
-@pytest.mark.parametrize("order", [1, 2, 3])
+@pytest.mark.parametrize("order", [pytest.param(1, marks=pytest.mark.slow), 2, pytest.param(3, marks=pytest.mark.slow)])
 def test_the_gain_becomes_that_of_the_riccati_equation(order):
     loop = force_loop(20.0, 40.0, 0.001)
     scale, noise, driven = 3000.0, 0.05, 0.3
@@ -59,6 +59,7 @@ def test_the_gain_becomes_that_of_the_riccati_equation(order):
     np.testing.assert_allclose([*observer.state, observer.disturbance], gain[:3], rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_the_order_is_that_of_disturbances_that_are_followed():
     """A ramp leaves an error at order 1, and none at order 2."""
     loop = force_loop(20.0, 40.0, 0.001)
@@ -107,7 +108,9 @@ def test_runs_are_estimated_apart():
     np.testing.assert_allclose(disturbance, pushes, rtol=0.01)
 
 
-@pytest.mark.parametrize("stiffness", [100.0, 3000.0, 80000.0])
+@pytest.mark.parametrize(
+    "stiffness", [pytest.param(100.0, marks=pytest.mark.slow), 3000.0, pytest.param(80000.0, marks=pytest.mark.slow)]
+)
 def test_stiffness_under_noise(stiffness, random):
     """Noise of an encoder (10 µm) and of a force sensor (0.05 N), moved to and fro."""
     estimator = StiffnessEstimator(initial=1000.0, smallest_displacement=1e-4)
@@ -253,6 +256,7 @@ def test_a_noisy_sensor_on_pinocchios_plant(redundant, random, bent, stiffness):
     assert np.mean(pressed[last]) == pytest.approx(10.0, abs=0.3)
 
 
+@pytest.mark.slow
 def test_smoothing_keeps_the_stiffness(random):
     """Noise as large as the increments: without smoothing the spring looks many times as stiff."""
     found = []

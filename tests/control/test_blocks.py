@@ -112,6 +112,7 @@ def test_a_block_is_a_controller_that_says_what_it_is(every, name):
     assert repr(controller) == f"{type(controller).__name__}(ur5: 6 joints, every 0.001 s)"
 
 
+@pytest.mark.slow
 def test_base_parameters_serve_as_well(six):
     """Links are seen through their effect alone, so that both kinds of parameters command the same."""
     model, parameters, plant, link = six
@@ -155,6 +156,7 @@ def compiled(controller, directory, fixed):
     return {name: call_of(name) for name in controller.functions}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fixed", [False, True])
 def test_generated_c_is_the_model_part(every, six, random, tmp_path, fixed):
     """Against the block's own calls, and against Pinocchio."""

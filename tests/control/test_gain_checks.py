@@ -95,6 +95,7 @@ def impedance_of_the_guide(wam):
     return tool, rest, found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compensate_drives", [False, True])
 def test_the_impedance_of_the_guide_holds_in_a_loop(wam, wam_plant, compensate_drives):
     """Half a newton metre about z, then 8 N: neither moves the arm by more than the springs give."""
@@ -153,7 +154,9 @@ ESTIMATORS = {
 }
 
 
-@pytest.mark.parametrize("name", ESTIMATORS)
+@pytest.mark.parametrize(
+    "name", [n if n in ("exact", "filtered") else pytest.param(n, marks=pytest.mark.slow) for n in ESTIMATORS]
+)
 def test_the_margin_is_where_pinocchio_begins_to_swing(six, random, bent, name, monkeypatch):
     """A tenth below the margin an error dies away, a tenth above it grows."""
     model, parameters, plant, _ = six

@@ -66,6 +66,7 @@ def test_stiffness_damping_and_inertia_are_those_designed(six, random, bent):
     np.testing.assert_allclose(inertia, INERTIA, rtol=0.02)
 
 
+@pytest.mark.parametrize("arm", ["ur5", pytest.param("xarm7", marks=pytest.mark.slow)], indirect=True)
 def test_a_steady_push_moves_the_tool_by_force_over_stiffness(arm, random, bent):
     """Without a sensor too."""
     model, parameters, plant, link = arm
@@ -141,6 +142,7 @@ def test_full_matrices_along_the_axes_of_the_target(redundant, random, bent):
     np.testing.assert_allclose(left, turn @ push, rtol=1e-6, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_velocity_estimators_do_not_change_the_stiffness(six, random, bent):
     model, parameters, plant, link = six
     q, _ = bent(model, random)

@@ -74,6 +74,7 @@ def test_computed_torque_takes_the_measured_force_away(arm, random, bent):
         controller.start(Measurement(t=0.0, q=q, dq=dq))
 
 
+@pytest.mark.slow
 def test_computed_torque_compensates_drives(redundant, random, bent):
     model, parameters, plant, _ = redundant
     robot = model.robot.with_terms(sy.Viscous(), sy.Coulomb(), sy.RotorInertia())
@@ -273,7 +274,7 @@ def test_a_measurement_of_another_robot_is_refused(six):
         )
 
 
-@pytest.mark.parametrize("base", [False, True])
+@pytest.mark.parametrize("base", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_friction_with_a_channel_is_compensated_as_in_steady_sliding_and_at_its_reference(base):
     arm = sy.Robot.from_dh([("pi/2", 0, 0.3, "q"), (0, 0.5, 0, "q")], gravity=(0, 0, -9.81), name="arm")
     numbers = {"Fcj1": 2.0, "Fvj1": 0.7, "Fcj2": 1.0, "Fvj2": 0.3, "Lzz1": 0.8, "Lzz2": 0.2, "lx2": 0.4, "m2": 2.0}

@@ -101,6 +101,7 @@ def test_a_controller_of_ones_own(pendulum):
     assert np.abs(log.q - wave().motion(log.t)[0]).max() < 0.01
 
 
+@pytest.mark.slow
 def test_a_robot_that_cannot_follow_is_told(pendulum):
     model, delta = pendulum
     impossible = -delta
@@ -171,7 +172,9 @@ def test_arms_without_friction_follow(file, rate, sensors):
 
 
 @pytest.mark.parametrize("file", ["panda.urdf", pytest.param("talos_left_arm.urdf", marks=pytest.mark.slow)])
-@pytest.mark.parametrize(("rate", "exact"), [(500.0, True), (500.0, False), (200.0, False)])
+@pytest.mark.parametrize(
+    ("rate", "exact"), [pytest.param(500.0, True, marks=pytest.mark.slow), (500.0, False), (200.0, False)]
+)
 def test_the_default_controller_holds_the_robot_of_pinocchio(file, rate, exact):
     """The same controller on a plant of its own: Pinocchio's inverse dynamics solved for the accelerations."""
     from importlib import import_module

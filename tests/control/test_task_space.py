@@ -171,6 +171,7 @@ def test_a_singular_configuration_asks_nothing_impossible(six):
     np.testing.assert_allclose(torques[near], torques[40][None].repeat(near.sum(), 0), atol=0.1)
 
 
+@pytest.mark.slow
 def test_an_unreachable_target_is_approached_and_held(six):
     """Through the singularity of the stretched arm the motion stays bounded, and ends there at rest."""
     model, parameters, plant, link = six

@@ -55,7 +55,7 @@ def test_methods(name, random):
 
 
 @pytest.mark.parametrize("name", MODEL.functions)
-@pytest.mark.parametrize("layout", ["rows", "columns"])
+@pytest.mark.parametrize("layout", [pytest.param("rows", marks=pytest.mark.slow), "columns"])
 def test_kernels(name, layout, random):
     """Whose batches are rows of all the arguments that are not the same for all samples."""
     function = MODEL.function(name, gravity="argument")

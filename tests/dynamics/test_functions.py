@@ -246,6 +246,7 @@ def test_descriptions_say_what_each_element_is(wam):
     assert "in order, to Lyy1 " in wam.function("regressor", base=True).outputs[0].description
 
 
+@pytest.mark.slow
 def test_a_regressor_is_the_same_where_its_kernel_leaves_the_zeros_out(monkeypatch):
     arm = sy.Robot.from_dh(PUMA_ROWS, gravity=(0, 0, -9.81)).with_terms(sy.Viscous(), sy.Coulomb())
     dense, sparse = sy.Model(arm), sy.Model(arm)

@@ -77,6 +77,7 @@ def test_every_function_stands_in_every_language(arm, tmp_path):
         assert any(b"Fvj1" in text for text in content), "parameters are documented"
 
 
+@pytest.mark.slow
 def test_links_whose_names_are_alike_are_told_apart(tmp_path):
     joint = '<joint name="j{k}" type="revolute"><parent link="{parent}"/><child link="{child}"/></joint>'
     links = ["base", "a b", "a_b", "\u6a5f", "a-b"]

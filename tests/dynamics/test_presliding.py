@@ -109,6 +109,7 @@ def test_a_log_tells_the_friction(ratio):
         assert found[name] == pytest.approx(value, rel=0.05), name
 
 
+@pytest.mark.slow
 def test_parameters_with_which_friction_would_drive_are_refused():
     t = np.arange(6000) / 200.0
     samples = sy.Samples(*log_of(t, RATIO, 2.0, 1.0, 0.2), t=t)
@@ -120,6 +121,7 @@ def test_parameters_with_which_friction_would_drive_are_refused():
     assert found["Fvj1"] >= RATIO * found["Fbj1"] * (1.0 - 1e-6)
 
 
+@pytest.mark.slow
 def test_a_log_in_pieces_and_sections_has_the_states_of_the_whole(tmp_path, monkeypatch):
     monkeypatch.setattr(chunks, "PIECE_ROWS", 2000)
     monkeypatch.setattr(chunks, "SECTION_ROWS", 4000)
@@ -147,6 +149,7 @@ def test_a_log_in_pieces_and_sections_has_the_states_of_the_whole(tmp_path, monk
     assert all((a == b).all() for a, b in zip(third, again, strict=True))
 
 
+@pytest.mark.slow
 def test_samples_begin_anew_behind_a_gap():
     t = np.arange(4000) / 100.0
     q, dq, ddq, torque = log_of(t, 0.0, 2.0, 0.0, 0.7)
@@ -240,6 +243,7 @@ def test_what_the_data_decides_is_decided_with_the_state():
     assert found.standard_deviation < 0.0025
 
 
+@pytest.mark.slow
 def test_friction_that_remembers_is_no_mistake_of_a_log():
     model = sy.Model(PENDULUM.with_terms(LuGre(D, RATIO, SPEED)))
     samples = late_log(0.0).process(model=model, cutoff=15.0)

@@ -57,6 +57,7 @@ def test_a_narrow_sign_is_the_exact_one(wam, motion):
     np.testing.assert_allclose(narrow, wam.inverse_dynamics(q, dq, ddq, delta), rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_derivative_by_velocity_holds_the_slope_of_the_sign(wam, motion):
     q, dq, ddq = (array[:3] for array in motion)
     delta = true_parameters()

@@ -53,7 +53,8 @@ def by_factors(R, rho, links, margin, seed):
     return best
 
 
-@pytest.mark.parametrize("links", [pytest.param(1, marks=pytest.mark.slow), 2])
+@pytest.mark.slow
+@pytest.mark.parametrize("links", [1, 2])
 def test_optimum_equals_that_over_cholesky_factors(all_identifiable, links):
     model, reduced, _ = all_identifiable(links, seed=links, rows=200)
     feasible = FeasibleSet(model)
@@ -89,7 +90,7 @@ def test_feasible_least_squares_need_no_solver(all_identifiable):
     np.testing.assert_allclose(fit.parameters, np.linalg.solve(reduced.R, reduced.rho), rtol=1e-9, atol=1e-12)
 
 
-@pytest.mark.parametrize("condition_number", [1e2, 1e6])
+@pytest.mark.parametrize("condition_number", [1e2, pytest.param(1e6, marks=pytest.mark.slow)])
 def test_ill_conditioned_data_lose_no_accuracy(all_identifiable, condition_number):
     """Below 1e4 RᵀR is formed, above it is not; a change of variables that keeps the optimum tells the difference."""
     model, reduced, _ = all_identifiable(1, seed=8, rows=100)

@@ -131,6 +131,7 @@ def test_table_marks_the_choice(found) -> None:
     assert "held out" in lines[0]
 
 
+@pytest.mark.slow
 def test_a_prior_that_the_data_contradict_slows_no_fit() -> None:
     """Wrists with a thousand times the moments of the prior, as old descriptions of UR arms have them.
 

@@ -30,7 +30,7 @@ def informations(arm, random, held, gains, step=10, **options):
     ]
 
 
-@pytest.mark.parametrize("known", ["mass", "center", "all"])
+@pytest.mark.parametrize("known", [pytest.param("mass", marks=pytest.mark.slow), "center", "all"])
 def test_without_noise_the_gains_are_exact(arm, known):
     random = np.random.default_rng(1)
     held = Payload.random(random, 2.0)
@@ -105,6 +105,7 @@ def test_known_link_parameters_set_the_scale():
         gains_from_equations(information, FeasibleSet(model, constraints=[sy.TotalMass(equal=1.0)]))
 
 
+@pytest.mark.slow
 def test_logs_without_the_payload_are_refused(arm):
     """The same robot twice, or the payload in the wrong log: no possible robot has such currents."""
     random = np.random.default_rng(6)

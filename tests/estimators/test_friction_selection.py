@@ -188,6 +188,7 @@ def test_a_joint_without_a_row_tells_nothing_and_says_so():
     assert "joint1" in found.remarks[0]
 
 
+@pytest.mark.slow
 def test_nothing_is_added_to_what_rounding_leaves(tmp_path):
     """Torques without any noise: what is left of them comes from the filter, and from the ridge of the search."""
     (tmp_path / "arm.urdf").write_text(ARM)

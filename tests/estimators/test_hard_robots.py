@@ -26,7 +26,7 @@ def worst_status(make, family, consistency, bounded, seeds, links):
     return solved
 
 
-@pytest.mark.parametrize("bounded", [False, True])
+@pytest.mark.parametrize("bounded", [pytest.param(False, marks=pytest.mark.slow), True])
 @pytest.mark.parametrize("family", FAMILIES)
 def test_solver_is_content(random_arm, family, bounded):
     assert worst_status(random_arm, family, "full", bounded, range(1), links=(4,)) == 1

@@ -86,6 +86,7 @@ def test_instruments_that_take_nothing_away_are_told(elbow, noisy):
         assert any(sentence in remark for remark in remarks)
 
 
+@pytest.mark.slow
 def test_iteration_that_does_not_converge_says_so_in_one_sentence_and_keeps_what_was_found(elbow, noisy):
     seen, exact, _ = noisy
     feasible_set = sy.FeasibleSet(elbow)

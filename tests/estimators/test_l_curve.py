@@ -12,7 +12,13 @@ def arm(random_arm):
     return FeasibleSet(model), truth * np.random.default_rng(4).uniform(0.98, 1.02, len(truth)), info
 
 
-@pytest.mark.parametrize("prior", [EuclideanPrior, EntropicPrior, ConstantPullbackPrior])
+@pytest.mark.parametrize(
+    "prior",
+    [
+        *(pytest.param(prior, marks=pytest.mark.slow) for prior in (EuclideanPrior, EntropicPrior)),
+        ConstantPullbackPrior,
+    ],
+)
 def test_residual_rises_and_distance_falls_from_end_to_end(arm, prior):
     feasible, known, info = arm
     curve = l_curve(info, feasible, prior(known))

@@ -38,7 +38,8 @@ def information(arm, random, payload=None, **options):
 
 
 @pytest.mark.parametrize(
-    ("name", "mass"), [("ur5", 0.5), ("ur5", 5.0), pytest.param("panda", 2.0, marks=pytest.mark.slow)]
+    ("name", "mass"),
+    [("ur5", 5.0), *(pytest.param(*case, marks=pytest.mark.slow) for case in (("ur5", 0.5), ("panda", 2.0)))],
 )
 def test_without_noise_the_payload_is_exact(name, mass):
     arm = SimulatedArm(name)
@@ -108,6 +109,7 @@ def test_pooling_is_the_regression_of_all_rows(ur5, changes):
     np.testing.assert_allclose(rows[:, base.independent] @ estimate.base, torque - residual, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_friction_that_grows_with_the_load(ur5):
     """Shared friction takes it for weight; friction of its own leaves less than half of that."""
     errors = {"nothing": [], "friction": []}
@@ -147,6 +149,7 @@ def test_changed_friction_is_told(ur5):
     assert found.mass == pytest.approx(2.0, rel=1e-5)
 
 
+@pytest.mark.parametrize("arm", ["ur5", pytest.param("panda", marks=pytest.mark.slow)], indirect=True)
 def test_one_log_and_a_known_robot(arm):
     random = np.random.default_rng(7)
     held, motion = Payload.random(random, 1.5), thinned(arm.motion(random))

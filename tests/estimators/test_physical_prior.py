@@ -189,6 +189,7 @@ def test_lengths_along_an_axis_are_shared():
     assert [one.shape.length for one in kinematic_bodies(robot)[1:3]] == pytest.approx([0.3, 0.3])
 
 
+@pytest.mark.slow
 def test_a_link_with_many_frames_spans_the_farthest_of_them(tmp_path):
     """With 3000 of them not all pairs are compared: by 10^5 that would take 224 GiB."""
     places = np.random.default_rng(3).normal(size=(3000, 3)) * [0.02, 0.05, 0.2]
@@ -570,9 +571,7 @@ def stripped(robot, shapes):
 
 
 @pytest.mark.parametrize("shapes", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["kinematics", "shapes"])
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=pytest.mark.slow if name in ("panda", "xarm7", "talos") else ()) for name in ARMS]
-)
+@pytest.mark.parametrize("name", [pytest.param(name, marks=() if name == "ur5" else pytest.mark.slow) for name in ARMS])
 def test_masses_of_robots_from_little_and_their_bounds(name, shapes):
     path, tip = ARMS[name]
     if not (ROBOTS / path).exists():

@@ -192,6 +192,7 @@ def test_intervals_are_those_of_a_random_walk_and_laplace_s_where_the_posterior_
             assert row.laplace_ratio > 1.3
 
 
+@pytest.mark.slow
 def test_equations_hold_and_the_estimator_has_a_name():
     model, info = pendulum(0.5)
     feasible_set = sy.FeasibleSet(model, constraints=[MeasuredMass(3.0)])

@@ -103,14 +103,9 @@ def expected(data, K, known, distance, weight):
 WEIGHTS = [0.1, 30.0, 1e4]
 
 
-@pytest.mark.parametrize(
-    ("prior", "weight"),
-    [
-        pytest.param(prior, weight, marks=() if k == w else pytest.mark.slow)
-        for k, prior in enumerate(DISTANCES)
-        for w, weight in enumerate(WEIGHTS)
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("weight", WEIGHTS)
+@pytest.mark.parametrize("prior", DISTANCES)
 def test_agrees_with_unconstrained_minimisation(two_links, data, known, prior, weight):
     feasible = FeasibleSet(two_links, margin=1e-9)
     fit = fit_reduced(data, feasible, prior=prior(known), prior_weight=weight)

@@ -117,7 +117,10 @@ def test_there_is_a_gradient_where_the_square_has_none(slow_factor, random):
     assert ours == pytest.approx((value(1.0) - value(-1.0)) / 2.0, rel=2e-3)
 
 
-@pytest.mark.parametrize(("subset", "nuisance"), [(None, "unknown"), ("link3", "unknown"), ("link3", "known")])
+@pytest.mark.parametrize(
+    ("subset", "nuisance"),
+    [pytest.param(None, "unknown", marks=pytest.mark.slow), ("link3", "unknown"), ("link3", "known")],
+)
 def test_uncertainty_is_the_spread_of_least_squares(arm, motion, information, base_regressor, random, subset, nuisance):
     """The noise is one percent of the torques of the parameters that cause the largest ones."""
     chosen = make_subset(arm, subset, nuisance)

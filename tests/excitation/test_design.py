@@ -88,6 +88,7 @@ def best_of_chance(model, limits):
     return best
 
 
+@pytest.mark.slow
 def test_information_of_the_samples_has_the_same_condition_number(arm, arm_limits):
     design = designed(arm, arm_limits, rate=500.0, starts=1)
     _, q, dq, ddq = design.sample(500.0)
@@ -296,6 +297,7 @@ def test_laws_that_the_model_has_count_as_those_that_it_lacks(arm, arm_limits, t
     assert counted <= set(names)
 
 
+@pytest.mark.slow
 def test_what_the_state_of_friction_shows_is_said_not_to_be_judged(arm, arm_limits, plain):
     """The numbers are those of `inspect`, and a remark tells why the motion is judged by fewer."""
     model = sy.Model(arm.robot.with_terms(LuGre(displacement=0.01, ratio=0.5, velocity=0.1)))
@@ -307,6 +309,7 @@ def test_what_the_state_of_friction_shows_is_said_not_to_be_judged(arm, arm_limi
     assert not any("judged" in one for one in plain.remarks)
 
 
+@pytest.mark.slow
 def test_fast_repetitions_keep_limits_between_the_samples_of_the_first_period():
     """A cycle of 20 Hz has fifty samples; those of later periods lie between those of the first one."""
     model = sy.Model(sy.Robot.from_dh([(np.pi / 2, 0, 0, "q")], gravity=(0, 9.81, 0)).with_terms(sy.Coulomb()))
@@ -350,6 +353,7 @@ def test_limits_that_cannot_be_kept_are_named(arm, arm_limits, arm_parameters):
         designed(arm, arm_limits, constraints=[Stillness()], starts=1)
 
 
+@pytest.mark.slow
 def test_joints_without_limits_of_position(arm):
     limits = MotionLimits.of(arm.robot.joint_names, lower={"joint2": 0.5}, velocity=2.0, acceleration=6.0)
     design = designed(arm, limits)
@@ -392,6 +396,7 @@ def test_bad_arguments_are_refused_in_one_sentence(arm, arm_limits, options, mes
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_a_limits_file_may_hold_a_workspace(arm, tmp_path):
     """The tables about space count in Python as they do on the command line; the pose says that they are kept."""
     path = tmp_path / "limits.toml"
@@ -405,6 +410,7 @@ def test_a_limits_file_may_hold_a_workspace(arm, tmp_path):
     assert any("workspace" in margin.name for margin in design.margins)
 
 
+@pytest.mark.slow
 def test_what_a_constraint_has_to_say_is_passed_on(arm, arm_limits):
     class Talkative:
         name, labels, scale, remarks = "talk", ("nothing",), 1.0, ("Something was left out.",)
@@ -422,6 +428,7 @@ def test_what_a_constraint_has_to_say_is_passed_on(arm, arm_limits):
         designed(arm, arm_limits, ramp_time=0.0, periods=2)
 
 
+@pytest.mark.slow
 def test_processes_are_not_branched_off_beside_jax(arm, arm_limits, plain):
     """JAX warns of it, and with reason; the answer is the same with threads."""
     pytest.importorskip("jax", reason="JAX is not installed")

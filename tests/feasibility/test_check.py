@@ -21,7 +21,7 @@ def possible(base):
     return total > 0 and moment * total > x**2 + y**2 and friction1 >= 0 and friction2 >= 0
 
 
-@pytest.mark.parametrize("consistency", ["inertia", "full"])
+@pytest.mark.parametrize("consistency", [pytest.param("inertia", marks=pytest.mark.slow), "full"])
 @given(
     moment=st.floats(1e-3, 10.0),
     x=st.floats(-1.0, 1.0),
@@ -49,7 +49,7 @@ def test_never_wrong_beside_the_boundary(two_links, offset):
     assert check(FeasibleSet(two_links), base=base).feasible in (possible(base), None)
 
 
-@pytest.mark.parametrize("scale", [1e-4, 1e-2, 1e2, 1e4])
+@pytest.mark.parametrize("scale", [1e-4, *(pytest.param(scale, marks=pytest.mark.slow) for scale in (1e-2, 1e2)), 1e4])
 def test_scale_of_the_robot_does_not_matter(two_links, scale):
     for total in (0.8, 1.2):
         base = scale * np.array([total, 0.5, 0.25, 0.3, 0.4, 0.25])

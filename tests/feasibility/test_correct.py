@@ -84,7 +84,7 @@ def test_prints_as_a_sentence(two_links):
 
 
 @pytest.mark.parametrize("consistency", ["inertia", "full"])
-@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("seed", [0, 7, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 7))])
 def test_links_of_50_g_beside_links_of_50_kg(seed, consistency, point_cloud_parameters):
     """Bodies of the density of water, a thousand times heavier or lighter than their neighbours: plainly solved."""
     rng = np.random.default_rng(seed)
@@ -115,7 +115,7 @@ def test_units_of_mass_do_not_matter(two_links, scale):
     assert scaled.squared_distance == pytest.approx(scale**2 * plain.squared_distance, rel=1e-4)
 
 
-@pytest.mark.parametrize("seed", [10, 26, 52])
+@pytest.mark.parametrize("seed", [pytest.param(10, marks=pytest.mark.slow), 26, 52])
 def test_base_parameters_of_millions_have_an_answer(seed):
     """The set is a cone, but for a margin of 1e-6, so that distances grow with the parameters."""
     model = wam_model()

@@ -9,6 +9,8 @@ from steelyard.feasibility import FeasibleSet, TotalMass, correct
 
 # Relative differences of the squared distance from Clarabel's; a first-order method is not more accurate.
 TOLERANCE = {"clarabel": 0.0, "scs": 1e-4, "csdp": 2e-5, "dsdp": 2e-5, "sdpa": 2e-5}
+QUICK = [name if name in ("clarabel", "sdpa") else pytest.param(name, marks=pytest.mark.slow) for name in TOLERANCE]
+"""All solvers, of which the fast tests try the default one and one program on a large problem."""
 
 
 @pytest.fixture(params=list(TOLERANCE))
@@ -19,6 +21,7 @@ def solver(request) -> str:
     return request.param
 
 
+@pytest.mark.parametrize("solver", QUICK, indirect=True)
 @pytest.mark.parametrize(
     ("consistency", "published"), [pytest.param("inertia", 0.00774, marks=pytest.mark.slow), ("full", 0.01345)]
 )

@@ -24,7 +24,8 @@ def test_two_bodies_that_conflict(two_links, consistency):
     assert conflict.value < conflict.threshold
 
 
-@pytest.mark.parametrize("consistency", ["full", pytest.param("inertia", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("consistency", ["full", "inertia"])
 def test_no_robot_has_less_along_the_direction(two_links, consistency, point_cloud_parameters):
     """Random arms are all on the other side, as far as they like to the threshold."""
     feasible = FeasibleSet(two_links, consistency)
@@ -138,7 +139,7 @@ def test_friction_alone_has_the_whole_share(two_links):
     assert next(d.alone for d in found.degrees if d.name == "Fvj2") == pytest.approx(0.1, rel=1e-6)
 
 
-@pytest.mark.parametrize("consistency", ["full", "inertia"])
+@pytest.mark.parametrize("consistency", ["full", pytest.param("inertia", marks=pytest.mark.slow)])
 def test_shares_add_up(two_links, consistency):
     rng = np.random.default_rng(42)
     feasible = FeasibleSet(two_links, consistency)
@@ -150,6 +151,7 @@ def test_shares_add_up(two_links, consistency):
         assert found.distance**2 == pytest.approx(correct(feasible, base=base).squared_distance, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_distance_in_standard_deviations_agrees_with_descent_over_factors(two_links, least_by_descent):
     rng = np.random.default_rng(43)
     feasible = FeasibleSet(two_links)

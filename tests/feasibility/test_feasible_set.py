@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from steelyard.errors import InputError
@@ -17,7 +17,6 @@ def link_only(model, delta):
 
 
 @given(seed=seeds, count=st.integers(4, 12), size=st.floats(0.01, 3.0))
-@settings(max_examples=60, deadline=None)
 def test_bodies_of_points_are_feasible_under_both(two_links, point_cloud_parameters, seed, count, size):
     rng = np.random.default_rng(seed)
     delta = point_cloud_parameters(rng.uniform(0.1, 2.0, count), size * rng.normal(size=(count, 3)))
@@ -26,7 +25,6 @@ def test_bodies_of_points_are_feasible_under_both(two_links, point_cloud_paramet
 
 
 @given(seed=seeds)
-@settings(max_examples=100, deadline=None)
 def test_full_is_the_triangle_inequality_and_inertia_is_positive_moments(two_links, seed):
     """Compared with principal moments about the centre of mass, computed by the parallel axis theorem."""
     rng = np.random.default_rng(seed)
@@ -103,7 +101,6 @@ def test_projection_keeps_base_parameters_where_it_can(two_links):
 
 
 @given(seed=seeds)
-@settings(max_examples=30, deadline=None)
 def test_projection_satisfies_all_equations_exactly_where_they_are_zeros(two_links, seed):
     rng = np.random.default_rng(seed)
     feasible = FeasibleSet(

@@ -36,7 +36,7 @@ def information(arm, truth, noise, count=400):
     return Information.from_samples(arm, Samples(q=q, dq=dq, ddq=ddq, torque=torque))
 
 
-@pytest.mark.parametrize("weights", ["joint", None, [1.0, 2.0, 5.0]])
+@pytest.mark.parametrize("weights", [pytest.param("joint", marks=pytest.mark.slow), None, [1.0, 2.0, 5.0]])
 def test_exact_data_give_the_true_robot_back(arm, truth, weights):
     info = information(arm, truth, 0.0)
     estimate = fit(info, FeasibleSet(arm), weights)
@@ -84,7 +84,7 @@ def test_data_of_another_model_is_refused(arm, truth):
         fit(information(arm, truth, 1.0), FeasibleSet(other))
 
 
-@pytest.mark.parametrize("size", [1e-6, 1e-3, 1.0, 1e4])
+@pytest.mark.parametrize("size", [1e-6, *(pytest.param(size, marks=pytest.mark.slow) for size in (1e-3, 1.0)), 1e4])
 def test_light_and_heavy_robots(size):
     """From a milligram a link to tens of tonnes, noise-free data gives the truth back, without being told the mass."""
     model = Model(Robot.from_dh([("pi/2", 0, 0.3, "q"), (0, 0.4, 0, "q"), (0, 0.3, 0, "q")]).with_terms(Viscous()))
@@ -134,6 +134,7 @@ def test_kinds_of_least_squares_are_named(arm, truth):
     )
 
 
+@pytest.mark.slow
 def test_prior_weight_from_the_corner(arm, truth):
     info, feasible = information(arm, truth, 3.0), FeasibleSet(arm)
     known = ConstantPullbackPrior(truth)
@@ -143,6 +144,7 @@ def test_prior_weight_from_the_corner(arm, truth):
     assert any(f"with a weight of {curve.corner:.4g}" in remark for remark in estimate.remarks)
 
 
+@pytest.mark.slow
 def test_a_strong_prior_is_the_answer(arm, truth):
     feasible = FeasibleSet(arm)
     other = np.where(truth == 0.4, 0.5, truth) * 1.1

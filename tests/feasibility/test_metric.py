@@ -34,6 +34,7 @@ def test_given_matrix_agrees_with_descent_over_factors(two_links, random_factor,
     assert euclidean.squared_distance < correction.squared_euclidean_distance
 
 
+@pytest.mark.slow
 def test_standard_parameters_agree_with_descent_over_factors(two_links, least_by_descent):
     feasible = FeasibleSet(two_links)
     rng = np.random.default_rng(13)

@@ -145,6 +145,7 @@ def test_bad_arguments_are_told(two_links, reduced_regression):
         shadow_prices(data_of(reduced_regression, POSSIBLE), contradiction)
 
 
+@pytest.mark.slow
 def test_weak_excitation_does_not_decide_the_prices(two_links, reduced_regression):
     """Plain least squares lies far out along what the data hardly shows; CVXPY tells every optimum."""
     cvxpy = pytest.importorskip("cvxpy", reason="CVXPY (the oracle) is not installed")

@@ -23,7 +23,7 @@ def decided(question: Question) -> sy.Verdict:
 
 
 @pytest.mark.parametrize(
-    "seed", [0, 8, 29, *(pytest.param(s, marks=pytest.mark.slow) for s in (7, 9, 10, 12, 13, 15, 22, 25, 32))]
+    "seed", [8, 29, *(pytest.param(s, marks=pytest.mark.slow) for s in (0, 7, 9, 10, 12, 13, 15, 22, 25, 32))]
 )
 def test_verdict_and_margin_are_those_of_cvxpy(seed):
     """The conditions are written out anew, and β enters through torques: see `margin_by_cvxpy`."""

@@ -17,7 +17,7 @@ def random_robot(rng, count):
 
 
 @pytest.mark.parametrize("consistency", ["inertia", "full"])
-@pytest.mark.parametrize("count", [1, 4, *(pytest.param(n, marks=pytest.mark.slow) for n in (2, 3, 5, 6, 7))])
+@pytest.mark.parametrize("count", [2, *(pytest.param(n, marks=pytest.mark.slow) for n in (1, 3, 4, 5, 6, 7))])
 def test_real_robots_are_feasible_and_verdicts_agree_with_corrections(count, consistency, point_cloud_parameters):
     rng = np.random.default_rng(100 + count)
     model = random_robot(rng, count)

@@ -23,7 +23,7 @@ from steelyard.feasibility.constraints.center_of_mass import read_points
 from steelyard.files.reading import reading_table
 from steelyard.fleet.packed import unpacked
 
-COUNT = 16
+COUNT = 8
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,7 @@ from steelyard.recording import Recording
 pa = pytest.importorskip("pyarrow", reason="pyarrow is not installed")
 pq = pytest.importorskip("pyarrow.parquet")
 
-ROWS = 2000
+ROWS = 500
 
 
 @pytest.fixture(scope="module")

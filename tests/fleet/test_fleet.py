@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import re
 import subprocess
 import sys
 import time
@@ -122,6 +123,40 @@ def test_a_fleet_without_siblings_says_so(arms: Arms) -> None:
     save_fleet(fleet, arms.folder / "result")
     assert pl.read_parquet(arms.folder / "result" / "findings.parquet").height == 0
     assert pl.read_parquet(arms.folder / "result" / "robots.parquet")["differs"].null_count() == 2
+
+
+@pytest.mark.slow
+def test_what_changed_in_all_robots_is_a_part_of_what_was(arms: Arms) -> None:
+    """Half of the friction is gone in each: -50 % of what it was, and not -100 %, as of what is left."""
+    rows = []
+    for number in range(6):
+        for epoch, factor in enumerate((1.0, 0.5)):
+            path = arms.folder / f"worn-{number}-{epoch}.json"
+            arms.information(number, "joint2", factor, epoch).save(path)
+            rows.append(f"R{number},{DATES[epoch]},{path.name}")
+    [told] = [one for one in identify_fleet(arms.manifest(rows)).remarks if "on average" in one]
+    value, lower, upper = map(float, re.findall(r"([+-][0-9.]+) %", told))
+    assert "friction of joint2" in told
+    assert lower <= value <= upper
+    assert value == pytest.approx(-50.0, abs=4.0)
+
+
+@pytest.mark.slow
+def test_a_robot_that_was_unusual_is_held_against_what_it_was_itself(arms: Arms) -> None:
+    """Friction that was twice that of the siblings, and is three times theirs, has grown by a half."""
+    rows = []
+    for number in range(8):
+        for epoch in range(2):
+            path = arms.folder / f"own-{number}-{epoch}.json"
+            factor = (2.0, 3.0)[epoch] if number == 5 else 1.0
+            arms.information(number, "joint2", factor, epoch).save(path)
+            rows.append(f"R{number},{DATES[epoch]},{path.name}")
+    fleet = identify_fleet(arms.manifest(rows))
+    found = {(row["kind"], row["robot"]): row for row in reversed(fleet.finding_rows())}
+    assert set(found) == {("siblings", "R5"), ("drift", "R5")}
+    assert found["siblings", "R5"]["ratio"] == pytest.approx(3.0, rel=0.15)  # that of each varies by 5 %
+    assert found["drift", "R5"]["ratio"] == pytest.approx(1.5, abs=0.1)
+    assert " is 1.5" in found["drift", "R5"]["sentence"] or " is 1.4" in found["drift", "R5"]["sentence"]
 
 
 @pytest.mark.slow
@@ -305,6 +340,7 @@ def test_logs_are_reduced_on_the_way(arms: Arms) -> None:
     assert np.array_equal(fleet.rows[1].values["base"], sy.least_squares(reduced.information).base)
 
 
+@pytest.mark.slow
 def test_a_log_of_several_is_no_validation_of_their_fit(arms: Arms) -> None:
     """By itself it would be filtered otherwise than beside one whose encoders are coarse."""
     random = np.random.default_rng(1)

@@ -52,6 +52,7 @@ def test_groups_and_checkpoints_change_no_byte(place: Path, monkeypatch: pytest.
         assert len(kept.names) == 1
 
 
+@pytest.mark.slow
 def test_a_log_that_changed_is_read_again(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     read: list[str] = []
     leaf = log_reduction.reduced_log
@@ -109,6 +110,9 @@ def test_a_cluster_that_is_not_there_is_named() -> None:
     cluster.TIMEOUT = 0.2
     with pytest.raises(sy.InputError, match="No scheduler of Dask answers at tcp://127"):
         next(cluster.run(log_reduction.hashed, log_reduction.first_of, None, [["x"]]))
+    for tls, told in (({}, "ca_file and cert are missing"), ({"ca_file": __file__}, "cert is missing")):
+        with pytest.raises(sy.InputError, match=told):
+            list(sy.fleet.Cluster("tls://127.0.0.1:1", tls).run(len, len, None, [[1]]))
     secure = sy.fleet.Cluster("tls://127.0.0.1:1", {"cert": "absent.pem"})
     with pytest.raises(sy.InputError, match="does not exist"):
         next(secure.run(log_reduction.hashed, log_reduction.first_of, None, [["x"]]))

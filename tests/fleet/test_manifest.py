@@ -30,6 +30,7 @@ def written(folder: Path, text: str) -> Path:
         (f'robot = "x"\n{ENTRY}{ENTRY}', "robot 'A' is there twice without a date, first in "),
         (f'robot = "x"\n{ENTRY}date = 2026-03-01\n{ENTRY}', "has no date here, but has one in"),
         (f'robot = "x"\n{ENTRY}date = "March"\n', "date must be a date such as 2026-03-01"),
+        (f'robot = "x"\n{ENTRY}date = "20260301"\n{ENTRY}date = 2026-03-01\n', "is there twice on 2026-03-01"),
         (f'robot = "x"\n{ENTRY}grup = "a"\n', 'did you mean "group"?'),
         (f'robot = "x"\nfalse_discovery_rate = 5\n{ENTRY}', "a number between 0 and 1"),
         (f'robot = "x"\nintervals = "some"\n{ENTRY}', '"base" or "all"'),
@@ -87,3 +88,20 @@ def test_a_column_that_is_unknown_is_named(tmp_path: Path) -> None:
     (tmp_path / "fleet.csv").write_text("id,lgos\nA,a.csv\n", encoding="utf-8")
     with pytest.raises(sy.errors.InputError, match="'lgos' is no column of a manifest; did you mean \"logs\""):
         FleetManifest.load(tmp_path / "fleet.csv")
+
+
+def test_the_folder_of_a_manifest_is_no_pattern(tmp_path: Path) -> None:
+    """Else the manifest in `[x]` takes the logs of its neighbour `x`."""
+    own, neighbour = tmp_path / "[x]", tmp_path / "x"
+    for folder in (own, neighbour):
+        (folder / "A").mkdir(parents=True)
+        (folder / "A" / "b.json").write_text("{}")
+    (own / "A" / "a.json").write_text("{}")
+    robots = [f'[[robots]]\nid = "{k}"\ninformations = ["{one}"]\n' for k, one in enumerate(("A/*.json", "A/b.json"))]
+    several, one = FleetManifest.load(written(own, 'robot = "x"\n' + "".join(robots))).entries
+    assert several.files("informations") == (str(own / "A" / "a.json"), str(own / "A" / "b.json"))
+    assert one.files("informations") == (str(own / "A" / "b.json"),)
+    (own / "A" / "b.json").unlink()
+    with pytest.raises(sy.errors.InputError, match="correct informations of 1"):
+        FleetManifest.load(own / "fleet.toml").entries[1].files("informations")
+    assert several.robot == own / "x"

@@ -83,7 +83,7 @@ def reduced(log: Path, reduction: Any) -> ReducedGroup:
     return group
 
 
-@pytest.mark.parametrize("kind", ["csv", "parquet"])
+@pytest.mark.parametrize("kind", [pytest.param("csv", marks=pytest.mark.slow), "parquet"])
 def test_sections_are_the_same_numbers_elsewhere(
     frame: pl.DataFrame, kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -106,6 +106,7 @@ def test_sections_are_the_same_numbers_elsewhere(
     np.testing.assert_allclose(found.standard_error, expected.standard_error, rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_sections_side_by_side_are_those_of_one_thread(
     frame: pl.DataFrame, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

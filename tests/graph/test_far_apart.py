@@ -57,6 +57,7 @@ print(*(abs(place - support.addresses["clear"]) for place in places))
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="fills the memory of a process by Linux's own calls")
 def test_memory_that_is_crowded_between_loads():
     done = subprocess.run([sys.executable, "-c", CROWDED], capture_output=True, text=True, check=False)

@@ -38,7 +38,7 @@ def random_program(operations, outputs, seed):
     [
         (5, 4, 1),
         (200, 11, 2),
-        (1000, 70, 3),
+        pytest.param(1000, 70, 3, marks=pytest.mark.slow),
         pytest.param(3000, 40, 4, marks=pytest.mark.slow),
         pytest.param(5000, 300, 5, marks=pytest.mark.slow),
     ],

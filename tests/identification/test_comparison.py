@@ -131,6 +131,7 @@ def test_predictions_differ_as_in_pinocchio(ur5):
     assert again.relative_difference[0] != found.relative_difference[0]
 
 
+@pytest.mark.slow
 def test_predictions_on_a_log(ur5, run, tmp_path):
     folder, arm = ur5
     recording = arm.log(np.random.default_rng(9))
@@ -245,6 +246,7 @@ def test_what_the_data_does_not_show_is_not_called_the_same(ur5, tmp_path):
     assert {one.base_expressions[3], one.base_expressions[7]}.isdisjoint(d.name for d in found.differences)
 
 
+@pytest.mark.slow
 def test_holm_rejects_a_true_hypothesis_in_one_of_twenty():
     """Among true and false hypotheses of any number, and never more than the method of Benjamini and Hochberg."""
     random = np.random.default_rng(8)
@@ -284,7 +286,13 @@ def test_a_description_is_compared_as_exact_numbers(ur5, tmp_path):
         compare_estimates([heavy, arm.path])
 
 
-@pytest.mark.parametrize("how", ['tip = "wrist_1_link"', "locked = { wrist_3_joint = 0.7, elbow_joint = 0.4 }"])
+@pytest.mark.parametrize(
+    "how",
+    [
+        pytest.param('tip = "wrist_1_link"', marks=pytest.mark.slow),
+        "locked = { wrist_3_joint = 0.7, elbow_joint = 0.4 }",
+    ],
+)
 def test_a_copy_of_the_description_is_read_as_the_robot_of_the_estimate_was(ur5, tmp_path, how):
     """Of a shorter chain, or one that is held bent, the same file tells the same numbers."""
     _, arm = ur5

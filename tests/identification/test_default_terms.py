@@ -80,6 +80,7 @@ def principal_moments(row):
     return np.linalg.eigvalsh(about_origin - mass * (center @ center * np.eye(3) - np.outer(center, center)))
 
 
+@pytest.mark.slow
 def test_rotors_that_a_log_shows_do_not_end_in_the_links(found):
     places = {str(name): value for name, value in zip(found.parameter_names, found.estimate.parameters, strict=True)}
     # Of the shoulder, rotor and link turn together: the description tells them apart.
@@ -109,7 +110,9 @@ def test_stated_terms_are_taken_as_stated(place, found):
     assert wider_model(fewer, sy.Model.from_file(fewer)) is None
 
 
-@pytest.mark.parametrize(("log", "name", "truth"), [("rotors", "Ia2", ROTORS[1]), ("none", "Fvj2", 0.6)])
+@pytest.mark.parametrize(
+    ("log", "name", "truth"), [("rotors", "Ia2", ROTORS[1]), pytest.param("none", "Fvj2", 0.6, marks=pytest.mark.slow)]
+)
 def test_filtered_torques_keep_their_intervals(place, log, name, truth):
     """The regressor goes through the filter of the torques, whichever terms are chosen in the end."""
     (place / "filtered.toml").write_text('[description]\nurdf = "arm.urdf"\n[processing]\ntorque_cutoff = 20.0\n')
@@ -138,6 +141,7 @@ def test_without_rotors_everything_stays(place):
     assert asked.remarks == plain.remarks
 
 
+@pytest.mark.slow
 def test_a_saved_estimate_and_the_bare_description_belong_together(place, found, run):
     estimate, urdf, log = place / "out" / "estimate.json", place / "arm.urdf", place / "rotors.csv"
     assert json.loads((place / "out" / "run.json").read_text())["options"]["terms"][-1] == "rotor_inertia"

@@ -201,6 +201,7 @@ def test_faults_are_all_found_at_once_the_most_harmful_first(arm, tmp_path):
     assert examine(path, mended(arm[0], found)).findings == ()
 
 
+@pytest.mark.slow
 def test_what_the_robot_file_deals_with_is_no_finding(arm, tmp_path):
     log = written(clipped(arm[2]), tmp_path / "log.csv")
     own = tmp_path / "robot.toml"
@@ -240,6 +241,7 @@ def test_a_second_run_in_the_same_file_is_told_to_be_split_off(arm, tmp_path):
     assert "Split the log" in one.advice
 
 
+@pytest.mark.slow
 def test_coarse_encoders_and_loud_torques_are_told(arm, tmp_path):
     step = np.ptp(arm[2]["q"][:, 0]) / 100
     coarse = {**arm[2], "q": np.round(arm[2]["q"] / step) * step}
@@ -249,7 +251,7 @@ def test_coarse_encoders_and_loud_torques_are_told(arm, tmp_path):
     assert {one.kind for one in loud.findings} == {"torque noise"}
 
 
-@pytest.mark.parametrize("rows", [1500, 5000])
+@pytest.mark.parametrize("rows", [1500, pytest.param(5000, marks=pytest.mark.slow)])
 def test_a_motion_that_shows_little_is_told_with_the_weak_parameters(rows, arm, simulation, tmp_path):
     """All joints move alike, by little: a short log is overfitted, and much is not determined by either."""
     path, model, _ = arm
@@ -276,6 +278,7 @@ def test_plain_data_holds_everything(arm, tmp_path):
     assert [one["joint"] for one in found["joints"]] == ["joint1", "joint2", "joint3"]
 
 
+@pytest.mark.slow
 def test_joints_of_a_description_that_the_log_lacks_are_locked(tmp_path):
     """A hand is described and not logged."""
     joint = (
@@ -335,6 +338,7 @@ class TestLongLogs:
         assert found.facts["looked at"].startswith("rows 1501 to 3500 of 5000; ")
         assert found.recording.count == 2000
 
+    @pytest.mark.slow
     def test_with_a_robot_the_model_is_fitted_to_the_part(self, arm, tmp_path):
         path, _, log = arm
         found = examine(written(log, tmp_path / "long.csv"), path)
@@ -350,6 +354,7 @@ class TestLongLogs:
         assert kinds["saturation"].statement.endswith("(Seen in rows 1 to 500.)")
         assert kinds["saturation"].toml == "[processing]\nsaturation = true"
 
+    @pytest.mark.slow
     def test_missing_numbers_and_stamps_of_all_rows_are_seen(self, arm, tmp_path):
         torque = arm[2]["tau"].copy()
         torque[4990, 0] = np.nan
@@ -363,6 +368,7 @@ class TestLongLogs:
         _, kinds = self.examined(arm[2], tmp_path, t=t)
         assert "line 4002, goes back in time" in kinds["stamps that go back"].statement
 
+    @pytest.mark.slow
     def test_units_of_time_count_for_all_stamps(self, arm, tmp_path):
         found, kinds = self.examined(arm[2], tmp_path, t=1e3 * T)
         assert kinds["time unit"].remedy == {"log": {"time_unit": "ms"}}
@@ -382,6 +388,7 @@ def test_a_log_that_runs_into_a_stop_is_told_with_the_times(arm, tmp_path):
     assert 'missing = "fill"' in event.advice
 
 
+@pytest.mark.slow
 def test_a_joint_of_which_no_torque_was_logged_is_excluded(arm, tmp_path):
     """As drivers leave the effort of a single joint NaN. What its torque alone tells asks for no better motion."""
     path, model, log = arm

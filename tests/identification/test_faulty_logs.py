@@ -51,7 +51,8 @@ def test_faults_are_said_unless_they_are_dealt_with():
     assert faulty_rows(broken(), ["saturation", "repeated"]) == ()
 
 
-@pytest.mark.parametrize("first_rows", [pytest.param(200_000, marks=pytest.mark.slow), 3000])
+@pytest.mark.slow
+@pytest.mark.parametrize("first_rows", [200_000, 3000])
 def test_identify_remarks_on_them(tmp_path, first_rows, monkeypatch):
     monkeypatch.setattr(chunks, "CHOICE_ROWS", first_rows)
     path = broken().save(tmp_path / "log.csv")

@@ -114,6 +114,7 @@ def test_it_identifies_as_well_as_without_it(tmp_path):
         assert guess.value.strip('"') in made.text or guess.section == "terms"
 
 
+@pytest.mark.slow
 def test_rotors_are_taken_in_where_the_log_shows_them(tmp_path):
     urdf = description(tmp_path)
     log = log_of(tmp_path, torques(urdf, rotor=0.3))
@@ -136,6 +137,7 @@ def test_joints_without_columns_are_locked(tmp_path):
         assert sy.identify(file, log).prediction.word == "good"
 
 
+@pytest.mark.slow
 def test_what_mends_the_log_stands_in_the_file_with_its_reason(tmp_path):
     urdf = description(tmp_path)
     q, torque = motion()[0], torques(urdf)
@@ -151,6 +153,7 @@ def test_what_mends_the_log_stands_in_the_file_with_its_reason(tmp_path):
     assert sy.identify(file, log).prediction.word == "good"
 
 
+@pytest.mark.slow
 def test_a_joint_that_does_not_move_is_locked_where_it_is(tmp_path):
     urdf = description(tmp_path, fingers=True)
     q, torque = motion()[0], torques(urdf)
@@ -164,6 +167,7 @@ def test_a_joint_that_does_not_move_is_locked_where_it_is(tmp_path):
     assert sy.identify(file, log).prediction.word == "good"
 
 
+@pytest.mark.slow
 def test_units_are_those_of_joints_that_slide(tmp_path):
     urdf = description(tmp_path)
     urdf.write_text(urdf.read_text().replace('name="elbow" type="revolute"', 'name="elbow" type="prismatic"'))
@@ -209,6 +213,7 @@ def test_a_log_of_currents_alone_leaves_one_line_to_complete(tmp_path, heads):
     np.testing.assert_allclose(read.torque, torque, rtol=1e-7)
 
 
+@pytest.mark.slow
 def test_times_in_two_columns_are_stated_as_such(tmp_path):
     urdf = description(tmp_path)
     seconds = np.floor(T)
@@ -230,7 +235,7 @@ def test_joints_that_are_coupled_stand_as_matrices(tmp_path):
     assert section["torque_matrix"] == [[1, -1], [0, 1]]
 
 
-@pytest.mark.parametrize("own", [True, False])
+@pytest.mark.parametrize("own", [pytest.param(True, marks=pytest.mark.slow), False])
 def test_a_motor_that_turns_with_two_joints_is_a_term(tmp_path, own):
     """The motor of the elbow stands on the base and drags on both joints; the elbow itself rubs, or does not."""
     path = description(tmp_path, gears=True)

@@ -142,7 +142,7 @@ def test_data_in_memory_is_read_as_the_file_is(files, chunks_of_the_file, kind):
 
 
 @pytest.mark.parametrize(
-    "kind", [kind if kind in ("polars", "pandas") else pytest.param(kind, marks=pytest.mark.slow) for kind in KINDS]
+    "kind", [kind if kind == "pandas" else pytest.param(kind, marks=pytest.mark.slow) for kind in KINDS]
 )
 def test_data_in_memory_gives_the_numbers_of_the_file(files, kind):
     path, log, other, expected = files
@@ -153,7 +153,7 @@ def test_data_in_memory_gives_the_numbers_of_the_file(files, kind):
         np.testing.assert_array_equal(one.trace.measured, two.trace.measured)
 
 
-@pytest.mark.parametrize("kind", ["model", "robot", "file"])
+@pytest.mark.parametrize("kind", ["model", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("robot", "file"))])
 def test_a_robot_in_memory_gives_the_numbers_of_its_file(files, kind):
     path, log, other, expected = files
     model = sy.Model.load(path)
@@ -162,6 +162,7 @@ def test_a_robot_in_memory_gives_the_numbers_of_its_file(files, kind):
     np.testing.assert_array_equal(found.estimate.parameters, expected.estimate.parameters)
 
 
+@pytest.mark.slow
 def test_a_robot_without_terms_gets_those_of_a_plain_description(files):
     _, log, _, _ = files
     robot = sy.Robot.from_dh([("pi/2", 0, 0.3, "q"), (0, 0.4, 0, "q")])
@@ -261,7 +262,9 @@ def test_what_save_writes_is_what_the_command_writes(files, tmp_path):
     assert {"estimate.json", "parameters.csv", "report.html", "run.json"} <= written.keys()
 
 
-@pytest.mark.parametrize("how", [{"tip": "upper"}, {"locked": {"elbow": 0.3}}, {"locked": ["elbow"]}])
+@pytest.mark.parametrize(
+    "how", [{"tip": "upper"}, {"locked": {"elbow": 0.3}}, pytest.param({"locked": ["elbow"]}, marks=pytest.mark.slow)]
+)
 def test_a_part_of_a_description_is_written_as_it_was_read(tmp_path, how):
     (tmp_path / "pair.urdf").write_text(PAIR)
     robot = sy.Robot.from_urdf(tmp_path / "pair.urdf", **how)
@@ -297,6 +300,7 @@ def test_what_is_in_memory_is_named_and_hashed(files, tmp_path):
     assert any("was used to make" in remark for remark in found.remarks)
 
 
+@pytest.mark.slow
 def test_rows_that_are_given_twice_are_named_and_test_no_prediction(files):
     path, log, other, alone = files
     copied = sy.identify(path, [log, by_columns(log)], [by_matrices(log), other, by_columns(other)])

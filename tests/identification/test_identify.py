@@ -128,6 +128,7 @@ def test_constraints_of_the_robot_file_hold(elbow, simulation):
     assert result.total_mass == pytest.approx(9.0, abs=1e-6)
 
 
+@pytest.mark.slow
 def test_a_saved_estimate_is_judged(elbow, simulation):
     path, model, folder = elbow
     log = simulation.record(model, folder / "log.csv", seed=9, noise=2.0)

@@ -24,7 +24,7 @@ SDF = f"""<sdf version="1.6"><model name="arm"><link name="base"/>
 TERMS = "".join(f'[[terms]]\nkind = "{kind}"\n' for kind in ("viscous", "coulomb", "offset", "rotor_inertia"))
 
 
-@pytest.mark.parametrize(("suffix", "text"), [("urdf", URDF), ("sdf", SDF)])
+@pytest.mark.parametrize(("suffix", "text"), [("urdf", URDF), pytest.param("sdf", SDF, marks=pytest.mark.slow)])
 def test_what_a_simulation_would_miss_is_said(tmp_path, suffix, text):
     (tmp_path / f"arm.{suffix}").write_text(text)
     (tmp_path / "robot.toml").write_text(f'[description]\nfile = "arm.{suffix}"\n{TERMS}')

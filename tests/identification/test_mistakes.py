@@ -130,16 +130,12 @@ def case(planted, arms, mistake, seed=3):
     return SimpleNamespace(arm=arm, log=log, robot=robot, model=sy.Model(robot.with_terms(*log.terms)))
 
 
-QUICK = ("sign of a torque", "payload", "coupled motors")
+QUICK = ("payload",)
 # The search of `identify` finds the others below; for these it does not begin.
 NOT_BY_IDENTIFY = ("missing rotors", "degrees", "degrees at a joint", "ms")
 
 
-def slow_but(quick, mistakes=MISTAKES):
-    return [mistake if mistake in quick else pytest.param(mistake, marks=pytest.mark.slow) for mistake in mistakes]
-
-
-@pytest.mark.parametrize("mistake", slow_but(QUICK, (*QUICK, *NOT_BY_IDENTIFY)))
+@pytest.mark.parametrize("mistake", [*QUICK, *(pytest.param(one, marks=pytest.mark.slow) for one in NOT_BY_IDENTIFY)])
 def test_a_mistake_is_found(planted, arms, mistake):
     given = case(planted, arms, mistake)
     found = find_mistakes(given.model, given.log.samples)
@@ -148,8 +144,9 @@ def test_a_mistake_is_found(planted, arms, mistake):
     assert found[0].gain > 10.0
 
 
-@pytest.mark.parametrize("motion", slow_but(("rich",), ["weak", "ordinary", "rich"]))
-@pytest.mark.parametrize("cad", [True, pytest.param(False, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("motion", ["weak", "ordinary", "rich"])
+@pytest.mark.parametrize("cad", [True, False])
 def test_a_sound_log_is_not_accused(planted, arms, motion, cad):
     arm = arms[False]
     for seed in range(3):
@@ -170,6 +167,7 @@ def test_a_term_that_is_a_law_of_single_joints_is_not_told_as_lacking(planted, a
     assert find_mistakes(sy.Model(robot), log.samples) == ()
 
 
+@pytest.mark.slow
 def test_two_mistakes_that_a_log_cannot_tell_apart_are_both_told(arms):
     """A single joint with gravity across it: position and torque the other way round are the same as neither."""
     robot = sy.Robot.from_dh([("pi/2", 0.0, 0.3, "q"), (0, 0.4, 0, "q")]).with_terms(sy.Viscous(), sy.Coulomb())
@@ -506,6 +504,7 @@ def test_logs_that_tell_nothing_are_not_accused():
     assert find_mistakes(model, sy.Samples(**{name: array[:3] for name, array in moving.items()})) == ()
 
 
+@pytest.mark.slow
 def test_signs_of_friction_just_where_joints_turn_back_are_no_delay():
     """A joint turns back a few thousandths of a second after its encoder's smoothed velocity; all else is in time."""
     robot = sy.Robot.from_dh([("pi/2", 0.0, 0.3, "q"), (0, 0.4, 0, "q")]).with_terms(sy.Viscous(), sy.Coulomb())
@@ -530,7 +529,8 @@ WHEEL = """<link name="{side}"><inertial><origin xyz="{x} 0 {z}"/><mass value="1
 
 
 @pytest.mark.parametrize(
-    ("rotor", "factor", "kinds"), [(0.02, 1.0, []), (0.1, 1.0, ["missing term"]), (0.0, 1e3, ["torque unit"])]
+    ("rotor", "factor", "kinds"),
+    [pytest.param(0.02, 1.0, [], marks=pytest.mark.slow), (0.1, 1.0, ["missing term"]), (0.0, 1e3, ["torque unit"])],
 )
 def test_rotors_that_weigh_more_than_wheels_are_no_wrong_unit(tmp_path, rotor, factor, kinds):
     """Behind gears a rotor has several times the inertia of the wheel that it drives; the torques are in N·m."""

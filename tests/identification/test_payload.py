@@ -71,6 +71,7 @@ def test_nothing_carried_is_said_first(logs, run, tmp_path):
     assert "is a folder" in err
 
 
+@pytest.mark.slow
 def test_the_mounting_frame_stands_in_the_robot_file(logs):
     folder, truth, arm = logs
     text = (folder / "robot.toml").read_text()
@@ -112,6 +113,7 @@ def test_one_log_with_an_estimate(logs, run):
         identify_payload(folder / "robot.toml", folder / "loaded.csv", estimate=wrong)
 
 
+@pytest.mark.slow
 def test_the_command_finds_drive_gains(logs, run, tmp_path):
     folder, _, _ = logs
     files = (folder / "currents.toml", folder / "currents_unloaded.csv", folder / "currents_loaded.csv")
@@ -130,6 +132,7 @@ def test_the_command_finds_drive_gains(logs, run, tmp_path):
     assert found.estimate.mass == pytest.approx(2.5, rel=0.02)
 
 
+@pytest.mark.slow
 def test_some_gains_are_known(logs):
     folder, _, _ = logs
     text = (folder / "currents.toml").read_text()
@@ -171,6 +174,7 @@ def test_identify_asks_for_the_gains_first(logs):
         sy.identify(folder / "matrix.toml", [folder / "currents_unloaded.csv"])
 
 
+@pytest.mark.slow
 def test_a_motion_designed_for_the_payload_shows_it(tmp_path):
     """`excite` takes the link of [payload] for the word payload; the motion makes all of it measured."""
     (tmp_path / "robot.toml").write_text(

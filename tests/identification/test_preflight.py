@@ -27,8 +27,8 @@ def test_good_arms_pass(name):
         "mass in g",
         pytest.param("inertia in kg mm²", marks=pytest.mark.slow),
         pytest.param("decimal slip of ixx", marks=pytest.mark.slow),
-        "swapped axes",
-        "copied link",
+        pytest.param("swapped axes", marks=pytest.mark.slow),
+        pytest.param("copied link", marks=pytest.mark.slow),
         pytest.param("placeholder", marks=pytest.mark.slow),
     ],
 )
@@ -50,6 +50,7 @@ def test_most_of_thirty_planted_defects_are_named():
     assert right >= 25
 
 
+@pytest.mark.slow
 @NEEDED
 def test_a_unit_is_mended():
     truth = Robot.from_urdf(installed() / ROBOTS[1])

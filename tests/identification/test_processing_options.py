@@ -63,6 +63,7 @@ def test_choices_of_the_data_are_in_the_report(log):
     assert np.all(result.estimate.standard_error > 0)
 
 
+@pytest.mark.slow
 def test_filters_that_need_the_whole_log_get_it(log):
     robot = log.with_name("robot.toml")
     robot.write_text(

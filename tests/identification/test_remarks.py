@@ -56,10 +56,9 @@ def test_a_sound_log_is_not_remarked_on(arm, tmp_path, chunk_rows):
     assert remarks(arm, tmp_path, arm[2], chunk_rows) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("chunk_rows", CHUNKS)
-@pytest.mark.parametrize(
-    "mistake", [one if one == "torques in mN·m" else pytest.param(one, marks=pytest.mark.slow) for one in MISTAKES]
-)
+@pytest.mark.parametrize("mistake", MISTAKES)
 def test_a_mistake_is_said(arm, tmp_path, mistake, chunk_rows):
     change, words = MISTAKES[mistake]
     found = remarks(arm, tmp_path, change(arm[2]), chunk_rows)
@@ -127,6 +126,7 @@ def test_swapped_columns_are_looked_for_in_every_log(arm, tmp_path):
     assert remark.startswith(str(logs[1]))
 
 
+@pytest.mark.slow
 def test_filled_values_are_said_chunk_by_chunk(arm, tmp_path):
     path, _, log = arm
     q = log.q.copy()

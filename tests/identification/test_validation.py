@@ -65,7 +65,24 @@ def test_a_payload_is_what_the_estimate_cannot_predict(logs, run, tmp_path):
     assert "loaded.csv: wrist_3_link looks to carry a payload of some 2 kg" in document["remarks"][-1]
 
 
-@pytest.mark.parametrize("role", ["identification", "validation"])
+@pytest.mark.slow
+def test_a_wrong_sign_in_one_of_two_logs_is_not_stated_of_both(logs, tmp_path):
+    folder, _ = logs
+    good, turned, sign = folder / "one.csv", tmp_path / "turned.csv", np.array([1, -1, 1, 1, 1, 1])
+    recording = Recording.read(folder / "two.csv")
+    sy.Recording(t=recording.t, q=recording.q, torque=sign * recording.torque).save(turned)
+    robot = tmp_path / "robot.toml"
+    robot.write_text((folder / "robot.toml").read_text())
+    first = next_steps(sy.identify(robot, [good, turned]))[0]
+    assert f"in {turned}: mended" in first.reason
+    assert f"It was not found in {good}, and a line of robot.toml counts for every log." in first.reason
+    assert first.action == "Mend that log, or robot.toml if it is so in all logs, and identify again."
+    steps = next_steps(sy.identify(robot, [turned]))
+    assert steps[0].action == "Mend robot.toml, and identify again."
+
+
+@pytest.mark.usefixtures("meshes_in_this_process")
+@pytest.mark.parametrize("role", [pytest.param("identification", marks=pytest.mark.slow), "validation"])
 def test_a_payload_in_one_of_two_logs_is_weighed_and_not_stated_of_the_robot(logs, run, role):
     folder, _ = logs
     robot, empty, loaded = folder / "robot.toml", folder / "one.csv", folder / "loaded.csv"

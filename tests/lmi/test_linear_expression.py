@@ -5,7 +5,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from any_text import CHARACTERS
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from steelyard.errors import InputError
@@ -27,7 +27,6 @@ def sums(inner):
 
 
 @given(text=st.recursive(leaves(), sums, max_leaves=12), values=st.lists(numbers, min_size=5, max_size=5))
-@settings(max_examples=200, deadline=None)
 def test_texts_have_the_value_that_python_gives_them(text, values):
     given_values = dict(zip(["m1", "Lxx2", "lz3", "Fv_1", "beta12"], values, strict=True))
     expected = eval(text, {"__builtins__": {}}, given_values)
@@ -40,7 +39,6 @@ def test_texts_have_the_value_that_python_gives_them(text, values):
     terms=st.dictionaries(names, st.floats(allow_nan=False, allow_infinity=False), max_size=5),
     constant=st.floats(allow_nan=False, allow_infinity=False),
 )
-@settings(max_examples=200, deadline=None)
 def test_what_is_printed_reads_back_exactly(terms, constant):
     expression = LinearExpression(terms, constant)
     assert parse_expression(str(expression)) == expression
@@ -135,7 +133,6 @@ def test_what_is_no_affine_text_is_refused(text, message):
 
 
 @given(text=st.text(CHARACTERS, max_size=30))
-@settings(max_examples=150, deadline=None)
 def test_any_text_is_an_expression_or_an_error(text):
     try:
         found = parse_expression(text)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import steelyard as sy
+from steelyard.errors import InputError
 from steelyard.excitation import MotionLimits
 from steelyard.excitation.criterion import Criterion, Subset
 from steelyard.excitation.vjp import RegressorInformation
@@ -45,7 +46,9 @@ def test_a_segment_begins_in_any_state_and_ends_at_rest() -> None:
     np.testing.assert_allclose(family.basis(t)[0] @ points.T, here, atol=1e-12)
 
 
-@pytest.mark.parametrize("lower", [-np.inf, [-np.inf, -2.0], [-1.0, -np.inf]])
+@pytest.mark.parametrize(
+    "lower", [-np.inf, *(pytest.param(one, marks=pytest.mark.slow) for one in ([-np.inf, -2.0], [-1.0, -np.inf]))]
+)
 def test_joints_without_limits_of_position_are_moved_too(lower: float | list[float]) -> None:
     model = sy.Model(sy.Robot.from_dh([(0, 0.5, 0, "q"), (0, 0.4, 0, "q")], gravity=(0, -9.81, 0)))
     limits = MotionLimits.of(model.robot.joint_names, lower=lower, velocity=2.0, acceleration=6.0)
@@ -62,6 +65,7 @@ def test_joints_without_limits_of_position_are_moved_too(lower: float | list[flo
     assert np.abs(ddq).max() <= 6.0
 
 
+@pytest.mark.slow
 def test_a_robot_without_limits_of_position_is_held_and_moved_without_a_warning(model: sy.Model) -> None:
     limits = {"lower": -np.inf, "upper": [np.inf, 2.0], "velocity": 2.0, "acceleration": 6.0}
     excitation = ActiveExcitation(model, limits, sample_time=0.01)
@@ -146,6 +150,45 @@ def test_what_cannot_be_used_is_told(
 ) -> None:
     with pytest.raises(sy.InputError, match=words):
         ActiveExcitation(model, limits, **options)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("measured", "told"),
+    [
+        ({"t": np.nan}, "t must be a finite number of seconds, got nan"),
+        ({"q": [np.nan, 0.0]}, "q must be 2 finite numbers"),
+        ({"dq": [0.0, np.inf]}, "dq must be 2 finite numbers"),
+        ({"dq": 0.0}, "dq must be 2 finite numbers"),
+        ({"torque": [np.nan, 0.0]}, "torque must be 2 finite numbers"),
+        ({"torque": [1.0]}, "torque must be 2 finite numbers"),
+    ],
+)
+def test_a_dead_sensor_is_told_and_nothing_is_commanded(model: sy.Model, measured: dict, told: str) -> None:
+    excitation = ActiveExcitation(model, LIMITS)
+    usual = {"t": 0.0, "q": [0.2, -0.3]}
+    excitation.command(**usual)
+    with pytest.raises(InputError, match=told):
+        excitation.command(**{**usual, "t": 0.001, **measured})
+
+
+def test_measured_velocities_damp_the_robot(model: sy.Model) -> None:
+    """A joint that is said to turn while its position has not changed yet is held back at once."""
+    first, second = ActiveExcitation(model, LIMITS), ActiveExcitation(model, LIMITS)
+    still = [one.command(0.0, [0.2, -0.3], [0.0, 0.0]) for one in (first, second)]
+    held = first.command(0.001, [0.2, -0.3], [0.0, 0.0])
+    damped = second.command(0.001, [0.2, -0.3], [0.3, 0.0])
+    np.testing.assert_allclose(still[0], still[1])
+    assert damped[0] < held[0] - 0.1
+
+
+@pytest.mark.slow
+def test_a_drive_that_cannot_hold_its_link_is_named(tmp_path) -> None:
+    (tmp_path / "arm.toml").write_text(
+        '[description]\nrows = [[0.0, 0.5, 0.0, "q"]]\ngravity = [0.0, -9.81, 0.0]\n[[terms]]\nkind = "viscous"\n'
+    )
+    (tmp_path / "limits.toml").write_text("lower = -2\nupper = 2\nvelocity = 2\nacceleration = 6\ntorque = 0.05\n")
+    done = excite_on_the_fly(tmp_path / "arm.toml", tmp_path / "limits.toml", longest=4.0, rate=250.0)
+    assert any("was at its limit of torque by then and could not hold it" in one for one in done.exceeded)
 
 
 @pytest.mark.slow

@@ -3,6 +3,7 @@
 import ctypes
 import re
 import subprocess
+import time
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from steelyard.dynamics import ChannelFriction, Dahl
 from steelyard.errors import InputError
 from steelyard.identification.wam import true_parameters, wam_model
 from steelyard.online import generate_online
+from steelyard.online.source_project import _index_type, _Structure
 
 FLAGS = [*C_FLAGS, "-O2", "-Wstack-usage=8192"]
 STATUS = ("solved", "unchanged", "stopped", "refused")
@@ -219,3 +221,61 @@ def test_terms_that_need_more_than_the_motion_are_refused(term, said, tmp_path):
     assert not (tmp_path / "code").exists()
     with pytest.raises(InputError, match=said):
         sy.OnlineEstimator(model)
+
+
+@pytest.mark.slow
+def test_rows_of_joints_that_are_left_out_are_neither_counted_nor_forgotten(tmp_path: Path) -> None:
+    feasible_set = arm()
+    n_b, random = feasible_set.K.shape[0], np.random.default_rng(6)
+    estimator = Estimator(feasible_set, tmp_path)
+    motion = random.normal(size=(3, 60, 2))
+    regressor = np.asarray(feasible_set.model.regressor(*motion)) @ np.linalg.pinv(feasible_set.K)
+    torque, counted = random.normal(size=(60, 2)), random.random((60, 2)) < 0.6
+    torque[~counted] = np.nan
+    forget, base, squares = 0.9, random.normal(size=n_b), np.zeros(2)
+    for rows, values, which in zip(regressor, torque, counted, strict=True):
+        ended = estimator.call("update_joints", estimator.data, np.where(which[:, None], rows, np.inf), values.copy(),
+                               np.ascontiguousarray(which), ctypes.c_double(forget), estimator.work)  # fmt: skip
+        assert STATUS[ended] == "solved"
+    estimator.call("squared_residuals", estimator.data, base, squares)
+    for joint in range(2):
+        own = counted[:, joint]
+        residuals = regressor[own, joint] @ base - torque[own, joint]
+        shares = forget ** np.arange(own.sum() - 1, -1, -1.0)
+        assert squares[joint] == pytest.approx(np.sum(shares * residuals**2), rel=1e-12)
+    ended = estimator.call("update_joints", estimator.data, regressor[0].copy(), np.array([np.nan, 0.0]),
+                           np.array([True, False]), ctypes.c_double(forget), estimator.work)  # fmt: skip
+    assert STATUS[ended] == "refused"
+
+
+@pytest.mark.slow
+def test_fast_math_is_refused_when_the_source_is_compiled(tmp_path: Path) -> None:
+    need("gcc")
+    generate_online(arm(), tmp_path)
+    for flag in ("-ffast-math", "-Ofast", "-ffinite-math-only"):
+        command = ["gcc", "-std=c99", flag, "-c", "arm_online.c", "-o", "fast.o"]
+        made = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+        assert made.returncode != 0
+        assert "Compile without -ffast-math" in made.stderr
+
+
+def test_unknowns_that_all_belong_together_are_ordered_at_once() -> None:
+    begun = time.process_time()
+    found = _Structure.of(300, [np.arange(300)])  # as in the fit of a robot of twenty joints
+    assert time.process_time() - begun < 10.0  # comparing all pairs in each step takes 26 s
+    assert found.order == list(range(300))
+    assert len(found.row) == 300 * 301 // 2
+
+
+@pytest.mark.slow
+def test_tables_of_large_robots_compile_without_a_warning(tmp_path: Path) -> None:
+    """From some 26 joints on, places of a factor exceed 16 bits."""
+    need("gcc")
+    generate_online(arm(), tmp_path)
+    source = tmp_path / "arm_online.c"
+    small, large = (f"typedef {_index_type(greatest)} arm_online_index;" for greatest in (2**16 - 1, 2**16))
+    assert source.read_text().count(small) == 1
+    assert large != small
+    source.write_text(source.read_text().replace(small, large))
+    run(["gcc", *FLAGS, source, "arm_online_test.c", "-o", "large", "-lm"], tmp_path)
+    assert "agree" in run([tmp_path / "large"], tmp_path)

@@ -229,7 +229,7 @@ LIGHT = """<robot name="light"><link name="base"/>
 """A description that has a tenth of the masses that the robot has, and centres of mass elsewhere."""
 
 
-@pytest.mark.parametrize("seconds", [np.inf, 1e-3])
+@pytest.mark.parametrize("seconds", [pytest.param(np.inf, marks=pytest.mark.slow), 1e-3])
 def test_a_robot_unlike_its_description_has_answers_at_all_times(seconds: float, tmp_path: Path) -> None:
     """The search alone ends in corners, singular to rounding; where there is time, every answer is the best."""
     (tmp_path / "light.urdf").write_text(LIGHT)
@@ -356,7 +356,7 @@ def heavier_from_13_s(
     return t, q, torque + 0.1 * np.random.default_rng(1).normal(size=q.shape)
 
 
-@pytest.mark.parametrize("jump", [-1e9, -100.0, 100.0])
+@pytest.mark.parametrize("jump", [-1e9, *(pytest.param(jump, marks=pytest.mark.slow) for jump in (-100.0, 100.0))])
 def test_a_change_is_noticed_whatever_the_clock_does(model: sy.Model, jump: float) -> None:
     """The clock of a robot jumps while it is learned, as where it is set only then: the change comes 9 s later."""
     t, q, torque = heavier_from_13_s(model, 15, (3.0, 4.0), 1.5, (0.0, 0.0, 0.0))
@@ -366,6 +366,7 @@ def test_a_change_is_noticed_whatever_the_clock_does(model: sy.Model, jump: floa
     assert [change.t - jump for change in estimator.changes] == [pytest.approx(13.0, abs=0.3)]
 
 
+@pytest.mark.slow
 def test_a_gap_teaches_nothing_of_a_robot_that_is_learned_anew(model: sy.Model) -> None:
     """A second after a change nothing comes for ten seconds: the estimate of one second is not taken for one of six."""
     t, q, torque = heavier_from_13_s(model, 30, (1.1, 0.7), 3.0, (0.1, 0.2, 0.0))

@@ -121,7 +121,10 @@ ROBOTS = {
 
 @pytest.mark.parametrize(
     "name",
-    [pytest.param(name, marks=pytest.mark.slow if name in ("1e-3 off", "1e-5 off") else ()) for name in ROBOTS],
+    [
+        pytest.param(name, marks=pytest.mark.slow if name not in ("1e-6 off", "gantry", "oblique") else ())
+        for name in ROBOTS
+    ],
 )
 def test_rank_and_map_of_the_energies(name):
     rows = ROBOTS[name]

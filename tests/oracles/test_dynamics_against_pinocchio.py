@@ -10,6 +10,7 @@ from steelyard.errors import InputError
 
 LARGEST = "g1_29dof_with_hand_rev_1_0.urdf"  # 43 joints
 FAST = ("panda.urdf", "ur5_robot.urdf", "xarm7.urdf", "solo12.urdf", "TwoDofs.urdf", "finger_edu.urdf", "z1.urdf")
+QUICK = ("panda.urdf", "solo12.urdf", "TwoDofs.urdf")
 
 
 def by_kernels(model, q, dq, ddq, parameters):
@@ -44,7 +45,11 @@ def robot_or_reason(path):
         return None, str(error)
 
 
-@pytest.mark.parametrize("path", [p for p in URDFS if p.name in FAST], ids=lambda p: p.stem)
+@pytest.mark.parametrize(
+    "path",
+    [p if p.name in QUICK else pytest.param(p, marks=pytest.mark.slow) for p in URDFS if p.name in FAST],
+    ids=lambda p: p.stem,
+)
 def test_fast_robots(path, random):
     robot, _ = robot_or_reason(path)
     assert robot is not None

@@ -156,6 +156,7 @@ def test_a_swing_is_that_of_the_equations_of_two_masses_and_of_a_pendulum():
     np.testing.assert_allclose(np.column_stack([found.q, found.dq]), wanted, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_a_controller_sees_motors_and_drives_them(crane):
     """A motor that is held lets its link swing by the transmission alone."""
     _, model, delta = crane

@@ -18,7 +18,6 @@ FAST = (
     "finger_edu",
     "ur5_robot",
     "xarm7",
-    "panda",
     "solo12",
     "tiago_no_hand",
 )
@@ -80,7 +79,8 @@ class Case:
 
 
 @pytest.fixture(
-    scope="module", params=["pendulum", *FAST, *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW)]
+    scope="module",
+    params=["pendulum", *FAST, *(pytest.param(name, marks=pytest.mark.slow) for name in ("panda", *SLOW))],
 )
 def case(request, tmp_path_factory):
     return Case(urdf(f"{request.param}.urdf", tmp_path_factory.mktemp("urdf")))
@@ -211,14 +211,10 @@ def test_computed_torque_is_that_of_the_links(case):
     assert close(case.values("computed_torque"), case.tau)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "options",
-    [
-        pytest.param({}, marks=pytest.mark.slow),
-        {"gravity": "argument", "sign": "smooth"},
-        pytest.param({"gravity": "argument"}, marks=pytest.mark.slow),
-        pytest.param({"sign": "smooth"}, marks=pytest.mark.slow),
-    ],
+    [{}, {"gravity": "argument", "sign": "smooth"}, {"gravity": "argument"}, {"sign": "smooth"}],
     ids=["plain", "both", "gravity", "sign"],
 )
 def test_compiled_functions_are_those_of_the_graph(options):

@@ -41,7 +41,7 @@ def trees(draw):
     return "".join([*text, "</robot>"]).replace("np.float64(", "").replace(")", "")
 
 
-@settings(max_examples=5)
+@settings(max_examples=3)
 @given(trees(), st.integers(0, 1000))
 def test_random_trees_agree(tmp_path_factory, text, seed):
     compare(tmp_path_factory, text, seed)

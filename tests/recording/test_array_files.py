@@ -54,6 +54,7 @@ def test_mat_version_4(tmp_path: Path) -> None:
     expect(path)
 
 
+@pytest.mark.slow
 def test_a_mat_is_decoded_once_until_it_is_written_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A log is opened several times, and each time it would take another process."""
     from steelyard.recording.formats import mat_file
@@ -284,6 +285,7 @@ def test_damaged_arrays_are_one_sentence(
         Recording.read(path)
 
 
+@pytest.mark.slow
 def test_what_crashes_the_library_is_one_sentence(tmp_path: Path) -> None:
     """This type of an array, which there is none of, ends the process in which SciPy reads it."""
     path = tmp_path / "run.mat"

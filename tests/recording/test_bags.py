@@ -310,7 +310,7 @@ def write_controller_states(path: Path, definition: str, *, ros1: bool) -> Path:
 
 
 @pytest.mark.parametrize("definition", [OLD, NEW], ids=["actual", "feedback"])
-@pytest.mark.parametrize("without_definitions", [False, True])
+@pytest.mark.parametrize("without_definitions", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_controller_states_of_ros2(definition: str, without_definitions: bool, tmp_path: Path) -> None:
     path = write_controller_states(tmp_path / "run", definition, ros1=False)
     if without_definitions:  # as until Humble

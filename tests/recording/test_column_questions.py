@@ -268,7 +268,10 @@ def test_one_joint_needs_no_number() -> None:
     "form",
     [
         *("{joint}/{word}", "/joint_states/{joint}/{word}", "{word}[{joint}]", "/js/{word}[{joint}] [rad]"),
-        *("{joint}.{word}", "{word}_{joint}", "{joint} {word}", "/arm/{word}.{joint}"),
+        *(
+            pytest.param(form, marks=pytest.mark.slow)
+            for form in ("{joint}.{word}", "{word}_{joint}", "{joint} {word}", "/arm/{word}.{joint}")
+        ),
     ],
 )
 def test_joints_that_nobody_named_are_those_of_the_log(form: str) -> None:
@@ -315,6 +318,7 @@ def test_the_table_is_printed() -> None:
     assert "<td>wrist</td>" in find(["t", *numbered("q{}", "tau{}")])._repr_html_()
 
 
+@pytest.mark.slow
 def test_a_header_of_thousands_of_columns() -> None:
     others = [f"/world/body_{k}/contact_{k}/force_{k}" for k in range(3000)]
     assert find(["t", *others, *numbered("q{}", "tau{}", count=30)], 30).torque[-1] == "tau30"

@@ -54,7 +54,7 @@ def processed(arm, recording: Recording, **options) -> sy.Information:
     return sy.Information.from_samples(arm[0], samples)
 
 
-@pytest.mark.parametrize("noise", [1e-5, 1e-4, 1e-3])
+@pytest.mark.parametrize("noise", [*(pytest.param(noise, marks=pytest.mark.slow) for noise in (1e-5, 1e-4)), 1e-3])
 def test_default_is_as_good_as_the_best_by_hand(arm, noise):
     recording = log(arm, 1, noise)
     by_hand = min(

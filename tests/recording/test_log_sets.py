@@ -8,6 +8,7 @@ import sys
 import tempfile
 import threading
 import time
+import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -122,6 +123,26 @@ def test_objects_are_read_as_files_are(store: str) -> None:
     assert int(identity["size"]) > 400
     assert len(content_hash(identity)) == 64  # a store without entity tags
     assert content_hash({"path": "s3://a/b", "etag": "9b"}) == "9b"
+
+
+def test_logs_in_an_archive_are_found_and_read(tmp_path: Path) -> None:
+    pytest.importorskip("fsspec")
+    with zipfile.ZipFile(tmp_path / "logs.zip", "w") as archive:
+        for number in (2, 10):
+            archive.writestr(
+                f"day/run{number}.csv",
+                "t,q1,tau1\n" + "".join(f"{k / 100},{number + k * k / 100},{k}\n" for k in range(50)),
+            )
+    logs = logs_in(f"zip://day/*.csv::{tmp_path}/logs.zip")
+    assert logs == [f"zip://day/run{number}.csv::{tmp_path}/logs.zip" for number in (2, 10)]
+    assert [float(sy.Recording.read(log, joints=1).q[0, 0]) for log in logs] == [2.0, 10.0]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="links need rights elsewhere")
+def test_a_link_to_nothing_says_where_it_leads(tmp_path: Path) -> None:
+    (tmp_path / "run.csv").symlink_to(tmp_path / "gone.csv")
+    with pytest.raises(sy.InputError, match=r"run.csv does not exist, as it is a link to .*gone.csv; give"):
+        sy.Recording.read(tmp_path / "run.csv")
 
 
 @contextlib.contextmanager

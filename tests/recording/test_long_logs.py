@@ -80,7 +80,7 @@ def small_pieces(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.usefixtures("small_pieces")
 @pytest.mark.parametrize(
     "case",
-    [name if name in ("butterworth", "measured") else pytest.param(name, marks=pytest.mark.slow) for name in FILTERS],
+    [name if name == "butterworth" else pytest.param(name, marks=pytest.mark.slow) for name in FILTERS],
 )
 def test_filters_do_not_see_where_a_piece_ends(case: str, tmp_path: Path) -> None:
     """The last piece has a single row where nothing is trimmed; gaps lie across borders."""

@@ -52,7 +52,7 @@ def all_rows(model: sy.Model, samples: sy.Samples, joint: int) -> np.ndarray:
     return rows if samples.mask is None else rows[samples.mask[:, joint]]
 
 
-@pytest.mark.parametrize("masks", [False, True])
+@pytest.mark.parametrize("masks", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_little_is_lost_and_nothing_biased(model: sy.Model, masks: bool) -> None:
     samples, base = motion(model, 0.0, masks), model.base_parameters()
     exact = base.values(truth(model))
@@ -94,9 +94,14 @@ def test_few_rows_are_kept(model: sy.Model) -> None:
 
 
 @pytest.mark.parametrize("cutoff", [None, 20.0])
-@pytest.mark.parametrize("noise", [0.02, 0.5])
+@pytest.mark.parametrize("noise", [0.02, pytest.param(0.5, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
-    ("speed", "terms"), [(1.0, [sy.Viscous()]), (2.3, [sy.Viscous()]), (2.3, [sy.Viscous(), sy.Coulomb()])]
+    ("speed", "terms"),
+    [
+        (1.0, [sy.Viscous()]),
+        pytest.param(2.3, [sy.Viscous()], marks=pytest.mark.slow),
+        (2.3, [sy.Viscous(), sy.Coulomb()]),
+    ],
 )
 def test_what_is_lost_of_a_fast_motion_is_no_noise(
     speed: float, terms: list[sy.Viscous | sy.Coulomb], noise: float, cutoff: float | None
@@ -171,7 +176,7 @@ def test_batches_that_are_long_enough_are_those_of_all_rows(model: sy.Model) -> 
                 np.testing.assert_allclose(found.T @ found, sums.T @ sums, atol=1e-9 * np.abs(sums.T @ sums).max())
 
 
-@pytest.mark.parametrize("cutoff", [None, 5.0])
+@pytest.mark.parametrize("cutoff", [pytest.param(None, marks=pytest.mark.slow), 5.0])
 def test_registers_of_other_processors(model: sy.Model, monkeypatch: pytest.MonkeyPatch, cutoff: float | None) -> None:
     samples = motion(model, 0.5, True, cutoff)
     expected = sy.Information.from_samples(model, samples)

@@ -82,7 +82,8 @@ def newey_west(model, samples, base, weights, lags):
     return inverse @ middle @ inverse
 
 
-@pytest.mark.parametrize("keep", [*(pytest.param(k, marks=pytest.mark.slow) for k in (0.0, 0.8)), 0.95])
+@pytest.mark.slow
+@pytest.mark.parametrize("keep", [0.0, 0.8, 0.95])
 def test_deviations_are_those_of_the_exact_covariance(arm, keep):
     samples = samples_of(arm, 6000, keep, 1)
     weights = np.array([2.0, 10.0])
@@ -168,6 +169,7 @@ def test_informations_add_with_their_batch_means(arm, tmp_path):
     np.testing.assert_allclose(sy.least_squares(without).standard_error, independent(without), rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_whitened_rows_have_corrected_errors_too(arm):
     count, keep = 20000, 0.9
     mixing = np.linalg.cholesky(np.array([[0.25, 0.04], [0.04, 0.01]]))
@@ -256,7 +258,9 @@ def swung(model, seed=1):
     return sy.Recording(t=t[:, 0], q=q, torque=torque)
 
 
-FILTERS = pytest.mark.parametrize("options", [{"torque_cutoff": 5.0}, {"decimate": [10]}], ids=str)
+FILTERS = pytest.mark.parametrize(
+    "options", [{"torque_cutoff": 5.0}, pytest.param({"decimate": [10]}, marks=pytest.mark.slow)], ids=str
+)
 
 
 @FILTERS

@@ -70,6 +70,7 @@ def test_cuts_and_masks_do_not_matter() -> None:
         assert all(np.array_equal(a, b) for a, b in zip(found[0], other, strict=True))
 
 
+@pytest.mark.slow
 def test_many_logs_stay_few_blocks() -> None:
     total = TimeBlocks(empty_factors(ARM.model))
     for part in cut(ARM.samples, list(range(30, 3000, 30))):

@@ -45,7 +45,7 @@ def usable(step: NextStep) -> bool:
 
 
 def test_a_mistake_comes_first_and_alone_where_the_model_is_wrong(identification: Identification) -> None:
-    changed = replace(judged(identification, "wrong"), mistakes={"a.csv": (SIGN,)})
+    changed = replace(judged(identification, "wrong"), mistakes={"a.csv": (SIGN,)}, logs=("a.csv",), validation_logs=())
     (step,) = next_steps(changed)
     assert tomllib.loads(step.code) == {"log": {"torque_sign": [1, -1]}}
     assert step.reason == f"{SIGN.statement}, in a.csv: mended, {SIGN.evidence}."
@@ -55,8 +55,20 @@ def test_a_mistake_comes_first_and_alone_where_the_model_is_wrong(identification
 
 def test_other_mistakes_that_explain_as_much_are_named(identification: Identification) -> None:
     other = replace(SIGN, statement="The positions of elbow look turned", settings={"log": {"position_sign": [1, -1]}})
-    step = next_steps(replace(identification, mistakes={"a.csv": (SIGN, other)}))[0]
+    alone = replace(identification, mistakes={"a.csv": (SIGN, other)}, logs=("a.csv",), validation_logs=())
+    step = next_steps(alone)[0]
     assert step.reason.endswith("The log cannot tell it from: The positions of elbow look turned.")
+
+
+def test_a_mistake_of_one_log_is_not_said_to_be_that_of_all(identification: Identification) -> None:
+    both = replace(identification, logs=("a.csv", "b.csv"), validation_logs=())
+    step = next_steps(replace(both, mistakes={"a.csv": (SIGN,)}))[0]
+    assert step.action == "Mend that log, or robot.toml if it is so in all logs, and identify again."
+    assert step.reason.endswith("It was not found in b.csv, and a line of robot.toml counts for every log.")
+    shared = next_steps(replace(both, mistakes={"a.csv": (SIGN,), "b.csv": (SIGN,)}))[0]
+    assert shared.action == "Mend robot.toml, and identify again."
+    term = replace(SIGN, kind="term", settings={"terms": [{"kind": "viscous"}]})
+    assert next_steps(replace(both, mistakes={"a.csv": (term,)}))[0].action == shared.action
 
 
 def test_a_wrong_model_without_a_mistake_is_for_the_doctor(identification: Identification) -> None:

@@ -113,6 +113,7 @@ def test_a_stream_keeps_the_extremes_of_torque_and_residual(total: int) -> None:
     assert all(np.array_equal(window.torque, torque[window.t.astype(int)]) for window in drawn.kept.windows)
 
 
+@pytest.mark.slow
 def test_of_a_long_piece_that_is_not_whole_few_rows_wait() -> None:
     """All rows since the last of 25 pieces would take 6 MB, and twice that while they are put together."""
     from steelyard.identification.log_reader import DrawnRows

@@ -119,7 +119,8 @@ def test_offsets_stand_among_the_numbers_of_the_user(tmp_path):
     assert third.read_bytes() == target.read_bytes().replace(b'"0.5"/>\n    <numeric', b'"0.75"/>\n    <numeric')
 
 
-@pytest.mark.parametrize("seed", [pytest.param(k, marks=() if k == 3 else pytest.mark.slow) for k in range(1, 33)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(1, 33))
 def test_random_trees(tmp_path, seed):
     """With several joints a body, and settings of the compiler that change inertias."""
     source = random_forest(tmp_path, seed)

@@ -50,6 +50,7 @@ def test_a_pendulum_moves_as_its_equations_say(ratio):
     np.testing.assert_allclose(again, found.torque, atol=0.05)  # of samples 2 ms apart
 
 
+@pytest.mark.slow
 def test_energy_is_kept():
     robot = sy.Robot.from_dh([(0, 0.5, 0, "q"), (0, 0.4, 0, "q")], gravity=(0, -9.81, 0))
     model = sy.Model(robot.with_terms(ByJoint([LuGre(D, RATIO, SPEED, joints=[1]), Dahl(0.05, joints=[2]), Viscous()])))
@@ -87,7 +88,7 @@ def test_torque_over_position_draws_a_loop():
     assert loop - viscous == pytest.approx(expected, rel=0.02)
 
 
-@pytest.mark.parametrize("base", [False, True])
+@pytest.mark.parametrize("base", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_friction_by_a_channel_is_that_at_its_reference(base):
     robot = sy.Robot.from_dh([(0, 0.5, 0, "q")], gravity=(0, -9.81, 0), name="pendulum")
 

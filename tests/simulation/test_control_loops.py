@@ -184,6 +184,7 @@ def test_stopping_conditions_stop_a_robot_whose_motors_are_off(pendulum):
         assert np.abs(result.dq[-1, 0]) > 3.0 >= np.abs(result.dq[:-1, 0]).max()
 
 
+@pytest.mark.slow
 def test_a_batch_in_a_loop_is_its_runs(two_links):
     """Positions, parameters and the controller's state all differ from run to run."""
     model, delta = two_links

@@ -9,9 +9,10 @@ from steelyard.errors import InputError
 from steelyard.simulation import Event, at_time, joint_limits, simulate
 
 METHODS = ("dormand_prince", "dop853", "radau", "lsoda", "runge_kutta_4", "rosenbrock")
+QUICK = [pytest.param(m, marks=pytest.mark.slow) if m in ("radau", "rosenbrock") else m for m in METHODS]
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", QUICK)
 def test_a_pendulum_hangs_after_a_quarter_of_its_period(pendulum, method):
     model, delta = pendulum
     quarter = ellipk(np.sin(1.0) ** 2) / np.sqrt(9.81)  # let go at 2 rad
@@ -29,7 +30,7 @@ def test_a_pendulum_hangs_after_a_quarter_of_its_period(pendulum, method):
     assert abs(found.dq[0] + 2 * np.sin(1.0) * np.sqrt(9.81)) < 1e-5
 
 
-@pytest.mark.parametrize("method", ["dormand_prince", "runge_kutta_4"])
+@pytest.mark.parametrize("method", ["dormand_prince", pytest.param("runge_kutta_4", marks=pytest.mark.slow)])
 def test_events_that_do_not_end_the_run_are_all_found(pendulum, method):
     model, delta = pendulum
     sample_time = 4 * ellipk(np.sin(0.5) ** 2) / np.sqrt(9.81)  # let go at 1 rad
@@ -65,6 +66,7 @@ def test_a_joint_that_passes_its_limit_is_named(two_links):
     assert abs(np.minimum(q - [-1.0, -np.inf], [1.0, 0.5] - q).min()) < 1e-9
 
 
+@pytest.mark.slow
 def test_events_of_a_batch_are_those_of_each_run(pendulum):
     model, delta = pendulum
     q0 = np.array([[0.5], [1.0], [2.0], [-1.0]])

@@ -27,7 +27,7 @@ def oscillator_motion(t, mass=2.0, stiffness=50.0, damping=3.0):
     return x, -np.exp(-decay * t) * (w + decay**2 / w) * np.sin(w * t)
 
 
-QUICK = [pytest.param(m, marks=pytest.mark.slow if m in ("dop853", "bdf") else ()) for m in ADAPTIVE]
+QUICK = [pytest.param(m, marks=pytest.mark.slow if m != "dormand_prince" else ()) for m in ADAPTIVE]
 
 
 @pytest.mark.parametrize("method", QUICK)
@@ -60,6 +60,7 @@ def test_fixed_steps_converge_with_their_order(pendulum, oscillator, method, ord
         assert np.abs(orders - order).max() < 0.25, (errors, orders)
 
 
+@pytest.mark.slow
 def test_dormand_prince_is_of_order_five(pendulum):
     """The error falls with the fifth power of the number of steps."""
     model, delta = pendulum
@@ -81,6 +82,7 @@ def test_dormand_prince_is_of_order_five(pendulum):
     assert -5.8 < slope < -4.6
 
 
+@pytest.mark.slow
 def test_rosenbrock_neither_gains_nor_loses_energy(pendulum):
     model, delta = pendulum
     result = simulate(model, delta, [1.0], [0.0], 25.0, method="rosenbrock", step=5e-3, rate=200.0)
@@ -127,6 +129,7 @@ def test_accelerations_are_those_of_the_motion(pendulum):
     np.testing.assert_allclose(result.ddq[:, 0], -9.81 * np.sin(result.q[:, 0]), atol=1e-12)
 
 
+@pytest.mark.slow
 def test_torque_functions_act_within_the_steps(oscillator):
     """Resonance: the steady response to a force that changes within every step, in closed form."""
     model, delta = oscillator

@@ -95,6 +95,7 @@ def test_a_section_is_reproduced_by_the_command(run, tmp_path):
     assert "12.7" in err
 
 
+@pytest.mark.slow
 def test_each_wheel_holds_one_package(tmp_path):
     wheel = pytest.importorskip("hatchling.builders.wheel", reason="wheels are made by hatchling")
     for place, package in ((ROOT, "steelyard"), (PLACE, "steelyard_thesis")):

@@ -37,7 +37,7 @@ def test_it_has_the_parameters_of_the_whole_model(arm, table):
     assert np.isnan(table.robot.parameters).all()
 
 
-@pytest.mark.parametrize("consistency", ["inertia", "full"])
+@pytest.mark.parametrize("consistency", [pytest.param("inertia", marks=pytest.mark.slow), "full"])
 def test_verdicts_and_corrections_are_those_of_the_whole_model(arm, table, consistency):
     random = np.random.default_rng(4)
     for _ in range(4):

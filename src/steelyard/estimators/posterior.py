@@ -269,7 +269,7 @@ def posterior(
     >>> torque = model.inverse_dynamics(q, dq, ddq, body) + 0.3 * random.normal(size=(200, 1))
     >>> info = sy.Information.from_samples(model, sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque))
     >>> feasible_set = sy.FeasibleSet(model)
-    >>> found = posterior(info, feasible_set, EntropicPrior(body), 10.0, names=["m1"], steps=250)
+    >>> found = posterior(info, feasible_set, EntropicPrior(body), 10.0, names=["m1"], steps=150)
     >>> found["m1"].lower < 3.0 < found["m1"].upper, found.largest_r_hat < 1.1
     (True, True)
     >>> bool(all(feasible_set.contains(sample) for sample in found.samples))

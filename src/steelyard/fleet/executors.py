@@ -291,6 +291,13 @@ class Cluster:
                 if not Path(path).is_file():
                     raise InputError(f"{path} does not exist; give the PEM file of the cluster's TLS.")
             options["security"] = distributed.Security(require_encryption=True, **named)
+        missing = [key for key in ("ca_file", "cert") if key not in self.tls]
+        if missing and (self.tls or self.address.startswith("tls://")):
+            # Dask's client would try for a minute, and end in a traceback.
+            raise InputError(
+                f"{self.address} needs TLS, of which {' and '.join(missing)} {'is' if len(missing) == 1 else 'are'} "
+                "missing; give the PEM files by --tls ca_file=ca.pem --tls cert=cert.pem --tls key=key.pem."
+            )
         try:
             # A client that was given an address of no scheduler would wait for it when it goes.
             distributed.comm.registry.get_backend(distributed.comm.parse_address(self.address)[0])

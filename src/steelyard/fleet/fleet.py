@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Container, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -79,6 +79,8 @@ class Finding:
     sentence : str
     history : tuple of (str, float)
         Of a drift: the date and the amplitude against the first date, of each later one.
+    ratio : float or None
+        Of a drift: how many times what it was, beyond what changed in the siblings.
     """
 
     kind: Literal["siblings", "drift"]
@@ -89,6 +91,7 @@ class Finding:
     deviation: Deviation = field(repr=False)
     sentence: str
     history: tuple[tuple[str, float], ...] = field(default=(), repr=False)
+    ratio: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -333,7 +336,7 @@ def _finding_row(one: Finding) -> dict[str, Any]:
         "change": scale * deviation.amplitude,
         "lower": scale * deviation.lower,
         "upper": scale * deviation.upper,
-        "ratio": 1.0 + deviation.amplitude if cause.has_ratio else float("nan"),
+        "ratio": (1.0 + deviation.amplitude if one.ratio is None else one.ratio) if cause.has_ratio else float("nan"),
         "standard_deviations": deviation.deviations,
         "probability": deviation.probability,
         "alternatives": ", ".join(other.name for other in deviation.alternatives),
@@ -569,8 +572,10 @@ def _compared(
             since = next((date for date, value in history if abs(value) >= 0.5 * abs(one.amplitude)), history[-1][0])
             row = rows[own[-1]]
             when = rows[own[0]].entry.date
-            told = sentence(one, "drift", when=when, since=since)
-            findings.append(Finding("drift", row.entry.id, name, row.entry.date, since, one, told, history))
+            as_it_was = _beside_own(one, before[one.robot], np.median(before, axis=0), drift.mean)
+            told = sentence(as_it_was, "drift", when=when, since=since)
+            ratio = 1.0 + as_it_was.amplitude
+            findings.append(Finding("drift", row.entry.id, name, row.entry.date, since, one, told, history, ratio))
         for cause, value, lower, upper in _common(drift):
             remarks.append(
                 f"In {called}, {_what(cause)}{' of robots' * bool(alike)}{alike} changed on average by "
@@ -579,8 +584,9 @@ def _compared(
             )
     elif several:
         remarks.append(
-            f"{len(several)} robot{'s' * (len(several) > 1)}{alike} of {called} have several dates, and drift is told "
-            f"from what changes in siblings where there are {FEWEST} or more; compare single ones with steelyard "
+            f"{len(several)} robot{'s' * (len(several) > 1)}{alike} of {called} "
+            f"{'have' if len(several) > 1 else 'has'} several dates, and drift is told from what changes in siblings "
+            f"where there are {FEWEST} or more; compare single ones with steelyard "
             "compare."
         )
     group = RobotGroup(name, model, tuple(latest), tuple(lasts), siblings, drift)
@@ -592,6 +598,23 @@ def _arrays(rows: Sequence[RobotRow], numbers: Iterable[int]) -> tuple[Array, Ar
     chosen = [rows[k].values for k in numbers]
     base, covariance, freedom = (np.array([v[key] for v in chosen]) for key in ("base", "covariance", "freedom"))
     return base, covariance, freedom
+
+
+def _beside_own(one: Deviation, own: Array, siblings: Array, mean: Array) -> Deviation:
+    """A drift whose amplitude is a part of what the robot itself was at the first date, beside the siblings' change.
+
+    The amplitude that was found is a part of what siblings are at the latest date: friction that was 1.5 times theirs,
+    and doubles, grows by 1.5 of it.
+    """
+    if one.weights is None or one.cause.kind not in ("term", "friction") or not one.cause.has_ratio:
+        return one
+    common = float(one.weights @ mean)
+    first = 1.0 - common + float(one.weights @ (own - siblings))
+    if first <= 0.1:  # nearly nothing, of which no multiple is known
+        return one
+    ends = ((1.0 - common) * (1.0 + (value + common) / first) - 1.0 for value in (one.amplitude, one.lower, one.upper))
+    amplitude, lower, upper = ends
+    return replace(one, amplitude=amplitude, lower=lower, upper=upper)
 
 
 def _history(
@@ -632,9 +655,15 @@ def _common(drift: SiblingComparison) -> list[tuple[Cause, float, float, float]]
             break
         _, cause, value, error = best
         reach = float(stdtrit(freedom, 0.975)) * error
-        found.append((cause, value, value - reach, value + reach))
+        low, high = _of_first(cause, value - reach), _of_first(cause, value + reach)
+        found.append((cause, _of_first(cause, value), low, high))
         chosen.append(cause.directions[:, 0])
     return found
+
+
+def _of_first(cause: Cause, change: float) -> float:
+    """A change as a part of what was at the first date, where it is told as a ratio; amplitudes are of the latest."""
+    return change / max(1.0 - change, 1e-6) if cause.has_ratio else change
 
 
 def _what(cause: Cause) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import datetime
 import glob
 import os
@@ -213,11 +214,16 @@ class FleetManifest:
         return cls(path, name, entries, table, rate, intervals)
 
 
-def _beside(file: Path, path: str) -> str:
+def _beside(file: Path, path: str, *, pattern: bool = False) -> str:
     """A path of a file, as an absolute one; it counts from the folder of the file. Addresses stay as they are."""
     if "://" in path:
         return path
-    return os.path.abspath(os.path.join(file.parent, os.path.expanduser(path)))
+    given = os.path.expanduser(path)
+    plain = os.path.abspath(os.path.join(file.parent, given))
+    if not pattern or os.path.exists(plain):
+        return plain
+    # `*`, `?` and `[` in the name of the manifest's own folder belong to no pattern.
+    return os.path.abspath(os.path.join(glob.escape(str(file.parent)), given))
 
 
 def _entry(table: TomlTable, file: Path, shared: str | None) -> FleetEntry:
@@ -230,7 +236,7 @@ def _entry(table: TomlTable, file: Path, shared: str | None) -> FleetEntry:
     robot = table.text("robot", "the path of a robot")
     if robot is None and shared is None:
         raise InputError(f"{table.where} lacks 'robot', and the manifest names none for all; give the path of one.")
-    lists = {key: tuple(_beside(file, one) for one in table.texts(key)) for key in LISTS}
+    lists = {key: tuple(_beside(file, one, pattern=True) for one in table.texts(key)) for key in LISTS}
     if not lists["logs"] and not lists["informations"]:
         raise InputError(f"{table.where} has neither logs nor informations; give the paths of some.")
     if lists["logs"] and lists["informations"]:
@@ -256,7 +262,7 @@ def _date(table: TomlTable) -> str:
         elif isinstance(value, datetime.date):
             return value.isoformat()
         elif isinstance(value, str):
-            if len(value) == 10:
+            with contextlib.suppress(ValueError):  # also 20260301, which is the same day
                 return datetime.date.fromisoformat(value).isoformat()
             found = datetime.datetime.fromisoformat(value)
         else:

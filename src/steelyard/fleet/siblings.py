@@ -570,6 +570,7 @@ class _Tests:
             amplitude, error, _, probability = self.tested(robot, inverse, away, whole)
             squares = self.squares(amplitude, error)
             probability[[k for k, _, _ in parts]] = 1.0
+        parts = self.needed(robot, whole, away, parts)
         taken = np.column_stack([self.directions[k] for k, _, _ in parts])
         seen = whole @ taken
         amplitudes = _inverse(taken.T @ seen) @ (seen.T @ away)
@@ -581,6 +582,29 @@ class _Tests:
             beside = tuple(other for other, _, _ in parts if other != k)
             found.append(_Found(robot, k, chance, likely if index == 0 else (), beside, change))
         return found
+
+    def needed(
+        self, robot: int, whole: Array, away: Array, parts: list[tuple[int, float, tuple[int, ...]]]
+    ) -> list[tuple[int, float, tuple[int, ...]]]:
+        """Leave out, one by one, the parts that the parts found after them explain as well.
+
+        Such as the mass of a link, where the link was then found to be another one in more than its mass: beside that
+        no number of the mass is known.
+        """
+        kept = list(parts)
+        while len(kept) > 1:
+            chances = []
+            for k, _, _ in kept:
+                others = np.column_stack([self.directions[other] for other, _, _ in kept if other != k])
+                inverse = unexplained(whole, others)
+                chances.append(float(self.tested(robot, 0.5 * (inverse + inverse.T), away, whole)[3][k]))
+            worst = int(np.argmax(chances))
+            if chances[worst] <= self.threshold:
+                break
+            del kept[worst], chances[worst]
+        if len(kept) == 1:
+            return [(k, min(chance, float(self.probability[robot, k])), near) for k, chance, near in kept]
+        return kept
 
 
 def _deviation(

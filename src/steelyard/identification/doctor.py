@@ -37,6 +37,7 @@ from steelyard.recording.logged_joints import logged_joints
 from steelyard.recording.recognition import Layout
 from steelyard.recording.survey import LogSurvey
 from steelyard.regression import Estimate, Information, least_squares
+from steelyard.regression.batch_means import BatchSums
 from steelyard.regression.drift import FrictionDrift, drift_sentence, friction_drifts
 from steelyard.regression.reduction import empty_factors
 from steelyard.regression.time_blocks import TimeBlocks
@@ -44,7 +45,8 @@ from steelyard.robot import RobotFile
 from steelyard.robot.description import read_description
 
 from .examination import HARMS, Examination, Finding, Harm, merged, stated_remedy
-from .given import GivenRobot, GivenSamples, One, given_constraints, given_logs, given_robot
+from .given import GivenLog, GivenRobot, GivenSamples, One, given_constraints, given_logs, given_robot
+from .late_logs import LateLog, errors_of, late_hypotheses, late_logs
 from .log_checks import SHORTEST_DRIFT, mistakes_in_logs
 from .log_reader import DrawnRows, LogReader, against_limits
 from .prediction_verdict import said_of
@@ -163,6 +165,14 @@ class _Fit:
     drawn: DrawnRows
     stretches: tuple[Information, ...]
     drifts: tuple[FrictionDrift, ...]
+    sums: BatchSums
+
+    def late(self, log: GivenLog) -> list[LateLog]:
+        """Tell whether the torques are late, as `identify` does."""
+        information = replace(self.information, batch_means=self.sums.factors())
+        estimate, kept = least_squares(information, "joint"), self.drawn.kept
+        errors = [errors_of(self.reader.model, window, estimate.base) for window in kept.windows]
+        return late_logs(self.reader, [log], information, [information], [kept], [errors], estimate)
 
     def overfitting(self) -> float | None:
         """Error on stretches that are left out in turn, over that on the whole log; None where the log is too short."""
@@ -197,6 +207,7 @@ class _Patient:
         self.facts: dict[str, str] = {}
         self.joints = None if self.model is None else list(self.model.robot.joint_names)
         self.sample: LogSample | None = None
+        self.late: list[LateLog] = []
 
     @property
     def columns(self) -> LogColumns:
@@ -565,6 +576,7 @@ class _Patient:
             harm: Harm = "worse" if hypothesis.kind in ("delay", "term", "payload", "terms") else "wrong"
             self.add(Finding(hypothesis.kind, statement, harm, hypothesis.error_before, hypothesis.settings))
         if not found:
+            self.late = fit.late(self.log)
             for finding in unsure:
                 self.add(finding)
             self._beyond_limits(survey)
@@ -589,10 +601,12 @@ class _Patient:
         reader.decide([self.log], self.say)
         blocks = TimeBlocks(empty_factors(self.model))
         drawn = DrawnRows(self.model, DRAWN_ROWS)
-        information, thinned = reader.reduce(self.log, POINTS, None, blocks, drawn=drawn)
+        sums = BatchSums(blocks.empty)
+        information, thinned = reader.reduce(self.log, POINTS, sums, blocks, drawn=drawn)
         stretches = information.stretches(blocks, STRETCHES)
         drifts = friction_drifts(blocks, self.model.base_parameters().names)
-        return _Fit(reader, information, least_squares(information, "joint"), thinned.samples, drawn, stretches, drifts)
+        estimate = least_squares(information, "joint")
+        return _Fit(reader, information, estimate, thinned.samples, drawn, stretches, drifts, sums)
 
     def _better_with(self, finding: Finding, before: _Fit) -> _Fit | None:
         """Fit the model with the remedy of a finding that the motion alone suggests; None where that does not help."""
@@ -691,12 +705,15 @@ class _Patient:
         if told is not None:
             self.findings.remove(told)  # what the estimate does not confirm is not told
         if found is None:
+            self._late(stated)
             return
         here, there = (int(np.argmin(np.abs(found.lags - lag))) for lag in (0.0, found.delay))
         fallen = 1.0 - float(np.mean(found.residuals[there] / np.maximum(found.residuals[here], 1e-300)))
         by = "the signals show" if self.model is None else "the model shows"
         width = f"{1e3 * found.delay:.3g} ± {1e3 * found.standard_deviation:.2g} ms"
         if not found.is_sure or fallen < (BLIND_GAIN if self.model is None else DELAY_GAIN):
+            if self._late(stated):
+                return
             self.facts["delay"] = f"torques are {width} behind the motion, as {by}; that is not significant"
             return
         remedy: Settings = {"processing": {"delay": _significant(np.asarray(stated, dtype=float) + found.delay)}}
@@ -705,6 +722,16 @@ class _Patient:
             f"that they belong to, as {by}: without the delay the unexplained part falls by {fallen:.0%}."
         )
         self.add(Finding("delay", statement, "worse", fallen, remedy))
+
+    def _late(self, stated: Any) -> bool:
+        """Tell of a delay that matters to the numbers of an answer, where the least residual does not tell it."""
+        if not self.late or self.model is None:
+            return False
+        [(one, *_)] = late_hypotheses(self.late, stated, self.model.robot.joint_names).values()
+        statement = f"{one.statement}: without the delay {one.evidence}."
+        weight = 1.0 - one.error_after / max(one.error_before, 1e-300)
+        self.add(Finding("delay", statement, "worse", weight, one.settings))
+        return True
 
     def _transmissions(self, recording: Recording) -> None:
         """Look at ratios and gaps of transmissions whose other side is logged too, and at commands."""

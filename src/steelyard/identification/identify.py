@@ -27,7 +27,17 @@ from steelyard.regression.reduction import empty_factors, narrowed, residuals
 from steelyard.regression.time_blocks import TimeBlocks
 
 from .default_terms import RotorDecision, decide_rotors, wider_model
-from .given import Data, GivenLog, GivenRobot, digests, given_constraints, given_logs, given_robot, given_settings
+from .given import (
+    Data,
+    GivenLog,
+    GivenRobot,
+    digests,
+    given_constraints,
+    given_logs,
+    given_robot,
+    given_settings,
+)
+from .late_logs import LateLog, late_hypotheses, late_logs
 from .log_checks import SHORTEST_DRIFT, copies_among, heavy_ends, implausible_mass, mistakes_in_logs
 from .log_reader import DrawnLog, LogReader, LogReduction, LogTask, Progress, one_by_one
 from .mistakes import POOR, sentence
@@ -345,6 +355,11 @@ def identify(
             few for p, part in zip(predictions, parts, strict=True) for few in _few_rows(p, part[2], model, estimate)
         ],
     )
+    late: list[LateLog] = []
+    if information is measured and prediction.word != "wrong":  # rows that an estimator made have other sums
+        own = [part[2] for part in parts]
+        left = [one.trace.residuals for one in predictions]
+        late = late_logs(reader, logs, information, own, drawn, left, unconstrained)
     table = None
     if estimate.parameters is not None:
         table = parameter_table(
@@ -354,6 +369,7 @@ def identify(
             unconstrained,
             term_scales=None if plausible is None else plausible.term_deviations,
             drifts=all_drifts,
+            errors=[one.change for one in late],
         )
         estimate = replace(estimate, parameter_table=tuple(table.to_list()))
     remarks = dict.fromkeys(reader.remarks)
@@ -364,7 +380,10 @@ def identify(
     errors = _worst_errors(predictions)
     mistakes = mistakes_in_logs(reader, file, limits, by_name, samples, errors, say, well, known)
     prediction = prediction.with_mistakes(mistakes.values())
-    remarks.update(dict.fromkeys(f"{log}: {sentence(found)}" for log, found in mistakes.items()))
+    told = mistakes
+    if all(found[0].kind == "delay" for found in mistakes.values()):  # which it tells by few rows
+        told = mistakes | late_hypotheses(late, reader.processing.delay, model.robot.joint_names)
+    remarks.update(dict.fromkeys(f"{log}: {sentence(found)}" for log, found in told.items()))
     if not mistakes:
         remarks.update(dict.fromkeys(_dear(unconstrained, estimate)))
     if not mistakes and not reader.units_are_suspect:
@@ -393,7 +412,7 @@ def identify(
         plausible=plausible,
         weak=unconstrained.weak,
         remarks=tuple(remarks),
-        mistakes=mistakes,
+        mistakes=told,
         drifts=() if mistakes else tuple(drifts),
         why_no_rotors=why_no_rotors,
         robot_file=file.path if file.path.is_file() else None,

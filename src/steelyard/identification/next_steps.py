@@ -16,6 +16,7 @@ from steelyard.feasibility.constraints import MeasuredMass, TotalMass
 from steelyard.recording.diagnosis import remedy_of
 from steelyard.regression import Information, least_squares
 
+from .mistakes import Hypothesis
 from .parameter_table import parameter_sizes
 from .prediction_verdict import UNTESTED, said_of
 from .result import Identification
@@ -179,6 +180,16 @@ def _carries(identification: Identification, log: str) -> bool:
     return any(one.kind == "payload" for one in identification.mistakes.get(log, ()))
 
 
+def _shares(identification: Identification, log: str, mistake: Hypothesis) -> bool:
+    """Tell whether a log may have a mistake that was found in another one.
+
+    What `[log]` says is of the columns, and false of a log without the mistake; the rest is of the robot, as which all
+    logs are, however little some show of it.
+    """
+    own = identification.mistakes.get(log, ())
+    return "log" not in mistake.settings or any(one.kind == mistake.kind for one in own)
+
+
 def _mistakes(identification: Identification) -> Iterator[NextStep]:
     everything = (*identification.logs, *identification.validation_logs)
     for log, hypotheses in identification.mistakes.items():
@@ -198,6 +209,15 @@ def _mistakes(identification: Identification) -> Iterator[NextStep]:
                 "one robot.",
                 f"steelyard payload {_robot(identification)} {unloaded} {loaded}",
                 "console",
+            )
+        elif without := [one for one in dict.fromkeys(everything) if not _shares(identification, one, first)]:
+            more = f" and {len(without) - MOST_NAMED} more" if len(without) > MOST_NAMED else ""
+            yield NextStep(
+                "Mend that log, or robot.toml if it is so in all logs, and identify again.",
+                f"{reason} It was not found in {', '.join(without[:MOST_NAMED])}{more}, and a line of robot.toml "
+                "counts for every log.",
+                first.toml.strip(),
+                "toml",
             )
         elif first.toml:
             yield NextStep("Mend robot.toml, and identify again.", reason, first.toml.strip(), "toml")

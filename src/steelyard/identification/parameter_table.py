@@ -328,13 +328,14 @@ def parameter_table(
     cad: ArrayLike | None = None,
     term_scales: ArrayLike | None = None,
     drifts: Sequence[FrictionDrift] = (),
+    errors: Sequence[Array] = (),
 ) -> ParameterTable:
     """Tell what every parameter, mass, centre of mass, principal moment and friction of an answer rests on.
 
     Intervals are those of `profile_intervals`: noise, with its correlation in time, and directions that the motion does
     not show, within what is physically possible. They speak of data and physics alone. Where the prior of the answer
     draws a value out of its interval, the interval is widened to hold it; that of friction which drifts is widened to
-    hold it from the begin to the end of the log.
+    hold it from the begin to the end of the log, and all are wider where torques are late.
 
     Parameters
     ----------
@@ -350,6 +351,8 @@ def parameter_table(
         Parameters of terms that would make the whole torque of their joints, such as `term_deviations` tells.
     drifts : sequence of FrictionDrift, optional
         What `friction_drifts` found in the logs.
+    errors : sequence of (n_b,), optional
+        Changes of the base parameters that count as a standard deviation each, beside noise: those of delays.
 
     Returns
     -------
@@ -361,6 +364,8 @@ def parameter_table(
         raise InputError("parameter_table needs an estimate with standard parameters, such as that of fit.")
     asked, about = _quantities(feasible_set, parameters)
     covariance = _of_a_sensor(ParameterCovariance.of(info, unconstrained.base, unconstrained.weights), unconstrained)
+    for change in errors:
+        covariance = covariance.with_error(change)
     values = np.array([quantity.value(parameters) for quantity in asked])
     source = feasible_set.model.robot.parameters if cad is None else cad
     described = _described(feasible_set, np.asarray(source, dtype=float), asked, about)
@@ -437,6 +442,8 @@ def parameter_table(
         if len(changes) > 1:
             hold = "change in the course of a log; intervals hold them from its begin to its end"
         sentences = (*sentences, f"{_first_of(list(changes))} {hold}.")
+    if len(errors) and told is not None:
+        sentences = (*sentences, "Intervals are as wide as the delay of the torques asks for.")
     if at_rest:
         sentences = (
             *sentences,

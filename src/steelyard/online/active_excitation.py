@@ -338,7 +338,8 @@ class ActiveExcitation:
         `measurement.torque` is recorded where it is measured, and otherwise the torques that were commanded.
         """
         t, q = measurement.t, measurement.q
-        dq = self._velocity.velocity(measurement)
+        difference = self._velocity.velocity(measurement)
+        dq = difference if measurement.dq is None else measurement.dq
         self._record(t, q, measurement.torque)
         self._move_on(t)
         reference = self._reference
@@ -392,15 +393,30 @@ class ActiveExcitation:
         -------
         ndarray
             (N,) N·m or N.
+
+        Raises
+        ------
+        InputError
+            If the time, or what was measured, is no finite number for each joint, as of a dead encoder. Nothing is
+            commanded then: stop the drives.
         """
-        place = np.array(q, dtype=np.float64)
-        if place.shape != (self.model.dof,) or not np.isfinite(place).all():
-            raise InputError(f"q must be {self.model.dof} finite numbers, one for each joint, got {q!r}.")
-        given = [None if x is None else np.array(x, dtype=np.float64) for x in (dq, torque)]
-        measurement = Measurement(float(t), place, given[0], given[1])
+        if not np.isfinite(t):
+            raise InputError(f"t must be a finite number of seconds, got {t!r}.")
+        place, speed, measured = (self._measured(x, name) for x, name in ((q, "q"), (dq, "dq"), (torque, "torque")))
+        if place is None:
+            raise InputError(f"q must be {self.model.dof} finite numbers, one for each joint, got None.")
+        measurement = Measurement(float(t), place, speed, measured)
         if self._reference is None:
             self.start(measurement)
         return self.torque(measurement)
+
+    def _measured(self, values: ArrayLike | None, name: str) -> Array | None:
+        if values is None:
+            return None
+        found = np.array(values, dtype=np.float64)
+        if found.shape != (self.model.dof,) or not np.isfinite(found).all():
+            raise InputError(f"{name} must be {self.model.dof} finite numbers, one for each joint, got {values!r}.")
+        return found
 
     # What was learnt
 

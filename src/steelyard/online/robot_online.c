@@ -2,6 +2,10 @@
 #include <stdbool.h>
 #include <stddef.h>
 
+#if defined(__FAST_MATH__) || defined(_M_FP_FAST) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
+#error "Compile without -ffast-math: it removes the tests for what is no number, and the digits of pairs."
+#endif
+
 /*TABLES*/
 
 /* ---------------------------------------------------------------------------------------------
@@ -1244,18 +1248,35 @@ robot_online_status robot_online_update(robot_online_data *data, const double *r
                                         const double *torque, double forget,
                                         robot_online_workspace *work)
 {
-    bool usable = (forget > 0.0) && (forget <= 1.0);
-    for (int32_t i = 0; i < (ROBOT_ONLINE_JOINT_COUNT * ROBOT_ONLINE_BASE_COUNT); ++i) {
-        usable = usable && (fabs(regressor[i]) <= ROBOT_ONLINE_GREATEST);
-    }
+    bool all[ROBOT_ONLINE_JOINT_COUNT];
     for (int32_t j = 0; j < ROBOT_ONLINE_JOINT_COUNT; ++j) {
-        usable = usable && (fabs(torque[j]) <= ROBOT_ONLINE_GREATEST);
+        all[j] = true;
+    }
+    return robot_online_update_joints(data, regressor, torque, all, forget, work);
+}
+
+robot_online_status robot_online_update_joints(robot_online_data *data, const double *regressor,
+                                               const double *torque, const bool *counted,
+                                               double forget, robot_online_workspace *work)
+{
+    bool usable = (forget > 0.0) && (forget <= 1.0);
+    for (int32_t j = 0; j < ROBOT_ONLINE_JOINT_COUNT; ++j) {
+        if (counted[j]) {
+            usable = usable && (fabs(torque[j]) <= ROBOT_ONLINE_GREATEST);
+            for (int32_t i = 0; i < ROBOT_ONLINE_BASE_COUNT; ++i) {
+                usable = usable && (fabs(regressor[(j * ROBOT_ONLINE_BASE_COUNT) + i]) <=
+                                    ROBOT_ONLINE_GREATEST);
+            }
+        }
     }
     if (!usable) {
         return ROBOT_ONLINE_REFUSED;
     }
     const double factor = sqrt(forget);
     for (int32_t j = 0; j < ROBOT_ONLINE_JOINT_COUNT; ++j) {
+        if (!counted[j]) {
+            continue;
+        }
         const int32_t width = joint_start[j + 1] - joint_start[j];
         double *row = work->row;
         double *triangle = &data->triangle[triangle_start[j]];

@@ -89,6 +89,13 @@ robot_online_status robot_online_update(robot_online_data *data, const double *r
                                         const double *torque, double forget,
                                         robot_online_workspace *work);
 
+/* The same with the rows of those joints alone that are marked. The others are not read and forget
+ * nothing. Leave out a joint that is at rest, because its friction then is not that of motion, and
+ * one whose torque is clipped. */
+robot_online_status robot_online_update_joints(robot_online_data *data, const double *regressor,
+                                               const double *torque, const bool *counted,
+                                               double forget, robot_online_workspace *work);
+
 /* The squared residuals of each joint at base parameters; divided by the counts, and after the
  * square root, they are the deviations whose inverses are weights of the joints. */
 void robot_online_squared_residuals(const robot_online_data *data, const double *base,

@@ -28,6 +28,7 @@ Array = NDArray[np.float64]
 
 ENCODER = 2.0 * np.pi / 2**17  # rad or m between two readings, as of the usual encoders of 17 bits
 NOISE = 0.01  # of the root mean square torque of each joint, where nothing else is said
+WEAK = 0.2  # of the time until a limit was exceeded, at the limit of torque, from which on the drive is called too weak
 LAST_MOTION = 15.0
 """s of simulation beyond `longest`: the last plan, of 8 s, is played to its end, and a stop may come in between."""
 
@@ -79,11 +80,19 @@ class SimulatedExcitation:
         for name, part in self._parts.items():
             for joint, most in enumerate(np.nan_to_num(part).max(axis=0)):
                 if most > 1.0:
-                    when = self.result.t[int(np.nanargmax(part[:, joint]))]
+                    index = int(np.nanargmax(part[:, joint]))
+                    pulled = self._parts.get("torque")
+                    weak = pulled is not None and float(np.mean(pulled[: index + 1, joint] > 0.999)) > WEAK
+                    remedy = (
+                        "Its drive was at its limit of torque by then and could not hold it: state the torque that the "
+                        "drive has, or begin where gravity pulls less at that joint."
+                        if weak
+                        else f"Do not move a robot so: state limits of {name} that are lower by as much, or begin "
+                        "where gravity pulls less at that joint."
+                    )
                     found.append(
                         f"The motion exceeds a limit: {self.result.joint_names[joint]} uses {most:.1%} of its limit of "
-                        f"{name}, at {when:.1f} s. Do not move a robot so: state limits of {name} that are lower by as "
-                        "much, or begin where gravity pulls less at that joint."
+                        f"{name}, at {self.result.t[index]:.1f} s. {remedy}"
                     )
         return tuple(found)
 

@@ -231,14 +231,22 @@ class _Structure:
             for i in members:
                 near[i] |= members - {i}
         left, order, below = set(range(count)), [], []
+        fill: dict[int, int] = {}
         while left:
-            fill = {v: sum(len(near[v] - near[u]) - 1 for u in near[v]) for v in left}
+            if all(len(near[v]) == len(left) - 1 for v in left):  # any order will do
+                rest = sorted(left)
+                order += rest
+                below += [set(rest[i + 1 :]) for i in range(len(rest))]
+                break
+            fill |= {v: sum(len(near[v] - near[u]) - 1 for u in near[v]) for v in left - fill.keys()}
             chosen = min(left, key=lambda v: (fill[v], len(near[v]), v))
             order.append(chosen)
             below.append(near[chosen])
             left.discard(chosen)
             for u in near[chosen]:
                 near[u] = (near[u] | near[chosen]) - {u, chosen}
+            for v in {chosen}.union(near[chosen], *(near[u] for u in near[chosen])):  # the only ones that it concerns
+                fill.pop(v, None)
         place = np.argsort(np.array(order, dtype=np.intp))
         starts, rows = [0], []
         for j, under in enumerate(below):
@@ -390,7 +398,7 @@ def _online_files(name: str, tables: _Tables, feasible_set: FeasibleSet) -> dict
         ),
         **CONSTANTS,
     }
-    index = "uint16_t" if max(max(values, default=0) for values in indices.values()) < 2**16 else "uint32_t"
+    index = _index_type(max(max(values, default=0) for values in indices.values()))
     first = f"/* {marker(__version__)} */"
     about = comment_lines([f"The estimator of the robot {model.robot.name!r}, {feasible_set!r}."], " * ")
     header, source = (_template(suffix, name) for suffix in (".h", ".c"))
@@ -440,6 +448,11 @@ def _online_files(name: str, tables: _Tables, feasible_set: FeasibleSet) -> dict
     }
 
 
+def _index_type(greatest: int) -> str:
+    """The type of the tables: half the memory where it suffices, and one that compiles without a warning otherwise."""
+    return "uint16_t" if greatest < 2**16 else "int32_t"
+
+
 def _literal(value: float) -> str:
     return str(value) if isinstance(value, int) else number(value)
 
@@ -485,6 +498,7 @@ static {name}_online_answer answer;
 {name}_online_begin(&data);
 /* for each sample: regressor by {name}_regressor(q, dq, ddq, regressor) */
 {name}_online_update(&data, regressor, torque, 0.9999, &work);
+/* joints at rest or with a clipped torque: {name}_online_update_joints(..., counted, ...) leaves them out */
 /* in a slower task, on a copy of the data */
 if ({name}_online_fit(&data, weights, 1.0, &work, &answer) == {name.upper()}_ONLINE_SOLVED) {{
     /* answer.parameters, answer.base */
@@ -610,6 +624,15 @@ int main(void)
     {name}_online_squared_residuals(&data, truth, found);
     for (int j = 0; j < {upper}_JOINT_COUNT; ++j) {{
         count += check(found[j] <= 1e-18 * squares[j] + 1e-18, "a squared residual", j);
+    }}
+    bool none[{upper}_JOINT_COUNT] = {{ false }};
+    double before[{upper}_JOINT_COUNT];
+    {name}_online_squared_residuals(&data, zero, before);
+    count += check({name}_online_update_joints(&data, regressors[0], torques[0], none, 0.5, &work) ==
+                       {upper}_SOLVED, "an update of no joint", 0);
+    {name}_online_squared_residuals(&data, zero, found);
+    for (int j = 0; j < {upper}_JOINT_COUNT; ++j) {{
+        count += check(!(found[j] < before[j]) && !(found[j] > before[j]), "what is left out", j);
     }}
     double weights[{upper}_JOINT_COUNT];
     for (int j = 0; j < {upper}_JOINT_COUNT; ++j) {{

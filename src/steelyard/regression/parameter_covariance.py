@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -179,6 +179,27 @@ class ParameterCovariance:
         columns[columns == 0.0] = 1.0
         inverse = np.linalg.pinv(both / rows[:, None] / columns) / rows
         return np.asarray((inverse / columns[:, None])[: self.root.shape[1]])
+
+    def with_error(self, change: ArrayLike) -> ParameterCovariance:
+        """Return the covariance with one more error, of which one standard deviation is a change of β.
+
+        Parameters
+        ----------
+        change : array_like
+            (n_b,). What of it the data does not determine is unbounded already, and left out.
+
+        Examples
+        --------
+        >>> ParameterCovariance.of_matrix([[9.0, 0.0], [0.0, 1.0]], 2).with_error([4.0, 0.0]).standard_error.tolist()
+        [5.0, 1.0]
+        """
+        part = np.linalg.lstsq(self.root, np.asarray(change, dtype=np.float64), rcond=None)[0]
+        square = float(part @ part)
+        if not square > 0.0:
+            return self
+        # I + p p' is the square of I + f p p', so that the root keeps its shape.
+        factor = 1.0 / (np.sqrt(1.0 + square) + 1.0)
+        return replace(self, root=self.root + factor * np.outer(self.root @ part, part))
 
     @classmethod
     def of(

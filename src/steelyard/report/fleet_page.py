@@ -320,5 +320,5 @@ def _how(fleet: Fleet) -> Markup:
         "standard error. The largest is kept where it is beyond chance over all robots and causes (Benjamini and "
         f"Hochberg, a rate of false discoveries of {100 * rate:g} %); what is left beside it is tried in turn.</p>"
         "<p>Robots that all differ in the same way differ from no sibling. A cause that is not in the list, such as a "
-        "wrong torque constant, shows as several of the others.</p>"
+        "wrong torque constant, shows as one or several of the others.</p>"
     )

@@ -39,7 +39,7 @@ def test_one_uncertain_parameter(two_links, confidence):
     assert found.confidence == confidence
 
 
-@pytest.mark.parametrize("consistency", ["full", "inertia"])
+@pytest.mark.parametrize("consistency", ["full", pytest.param("inertia", marks=pytest.mark.slow)])
 def test_whole_region_agrees_with_nonlinear_programming(two_links, consistency):
     """The least m2 is that of (lx² + ly²) / b over the ellipsoid, the largest that of a, both with friction ≥ 0."""
     rng = np.random.default_rng(21)
@@ -170,6 +170,7 @@ def test_what_the_data_does_not_determine_is_left_to_physics(two_links, reduced_
     assert found["Lzz1"].upper == np.inf
 
 
+@pytest.mark.slow
 def test_attained_ends_lie_in_the_region_and_in_the_set(two_links, data):
     info, base, covariance = data
     feasible = FeasibleSet(two_links)

@@ -6,7 +6,7 @@ import pytest
 from steelyard.feasibility.bounds import furthest_code
 from steelyard.feasibility.bounds.furthest import Region, furthest
 
-SHAPES = [(2, 3), (3, 6), (4, 10), (7, 28)]
+SHAPES = [(2, 3), pytest.param(3, 6, marks=pytest.mark.slow), (4, 10), (7, 28)]
 
 
 def corner(size: int) -> np.ndarray:
@@ -48,6 +48,7 @@ def test_ends_of_a_ball_and_a_side_of_no_width() -> None:
     np.testing.assert_allclose(reached, [1.5, 2.5, 6.0, 5e-7], rtol=0.02)
 
 
+@pytest.mark.slow
 def test_code_that_the_cache_has_is_not_written_anew(tmp_path, monkeypatch) -> None:
     monkeypatch.setenv("STEELYARD_CACHE_DIR", str(tmp_path))
     write = furthest_code._Method.write

@@ -57,7 +57,8 @@ def length_inside(feasible, point, line):
     return length if length > 1e-9 else 0.0
 
 
-@pytest.mark.parametrize("consistency", ["full", pytest.param("inertia", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("consistency", ["full", "inertia"])
 def test_samples_lie_within(consistency, point_cloud_parameters):
     """Hit and run: from a point of the set along a random line to another one."""
     rng = np.random.default_rng(31)
@@ -73,7 +74,7 @@ def test_samples_lie_within(consistency, point_cloud_parameters):
             assert interval.lower - slack <= value <= interval.upper + slack, interval.name
 
 
-@pytest.mark.parametrize("consistency", ["full", "inertia"])
+@pytest.mark.parametrize("consistency", ["full", pytest.param("inertia", marks=pytest.mark.slow)])
 def test_agrees_with_another_modelling(consistency, point_cloud_parameters):
     """The same bounds from CVXPY, in standard parameters, unscaled."""
     cvxpy = pytest.importorskip("cvxpy", reason="needs CVXPY (pip install cvxpy)")

@@ -4,7 +4,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from steelyard.dynamics import Model
@@ -45,7 +45,6 @@ def test_pseudo_inertia_is_that_of_the_model(two_links):
 
 
 @given(seed=seeds)
-@settings(max_examples=30, deadline=None)
 def test_moments_are_integrals_of_quadratic_functions(point_cloud_parameters, seed):
     rng = np.random.default_rng(seed)
     masses, points = rng.uniform(0.1, 2.0, 7), rng.normal(size=(7, 3))
@@ -57,7 +56,6 @@ def test_moments_are_integrals_of_quadratic_functions(point_cloud_parameters, se
 
 
 @given(seed=seeds)
-@settings(max_examples=30, deadline=None)
 def test_moved_bodies_have_the_parameters_of_moved_points(point_cloud_parameters, seed):
     rng = np.random.default_rng(seed)
     masses, points = rng.uniform(0.1, 2.0, 5), rng.normal(size=(5, 3))
@@ -73,7 +71,6 @@ def test_moved_bodies_have_the_parameters_of_moved_points(point_cloud_parameters
 
 
 @given(seed=seeds, count=st.integers(1, 9))
-@settings(max_examples=60, deadline=None)
 def test_bodies_within_a_box_satisfy_it(two_links, point_cloud_parameters, seed, count):
     rng = np.random.default_rng(seed)
     lower = rng.normal(size=3)
@@ -85,7 +82,6 @@ def test_bodies_within_a_box_satisfy_it(two_links, point_cloud_parameters, seed,
 
 
 @given(seed=seeds)
-@settings(max_examples=60, deadline=None)
 def test_points_beside_a_box_are_refused(two_links, point_cloud_parameters, seed):
     rng = np.random.default_rng(seed)
     lower, upper = np.array([-0.1, -0.2, 0.0]), np.array([0.1, 0.2, 0.7])
@@ -116,7 +112,6 @@ def test_box_tells_more_than_the_centre_of_mass(two_links):
 
 
 @given(seed=seeds)
-@settings(max_examples=60, deadline=None)
 def test_box_implies_the_box_of_the_centre_of_mass(two_links, seed):
     """For moments of no particular body: whatever satisfies the density's conditions."""
     rng = np.random.default_rng(seed)
@@ -166,7 +161,6 @@ def test_largest_moment_in_a_box(two_links, seed):
 
 
 @given(seed=seeds, count=st.integers(1, 9))
-@settings(max_examples=60, deadline=None)
 def test_bodies_within_an_ellipsoid_satisfy_it(two_links, point_cloud_parameters, seed, count):
     rng = np.random.default_rng(seed)
     center, axes, rotation = rng.normal(size=3), rng.uniform(0.05, 1.0, 3), random_rotation(rng)

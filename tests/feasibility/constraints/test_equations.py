@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from steelyard.errors import InputError
@@ -71,7 +71,6 @@ def test_what_follows_is_left_out(two_links):
 
 @given(seed=st.integers(0, 2**32 - 1), rank=st.integers(1, 5), extra=st.integers(0, 5))
 @example(seed=344, rank=3, extra=2)
-@settings(max_examples=60, deadline=None)
 def test_rank_is_that_of_numpy(seed, rank, extra):
     rng = np.random.default_rng(seed)
     rows = rng.normal(size=(rank, 8)) * 10.0 ** rng.uniform(-3, 3, (rank, 1))

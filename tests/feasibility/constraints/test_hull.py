@@ -4,7 +4,7 @@ import sys
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
@@ -36,7 +36,6 @@ def is_mean_of(points, place):
 
 
 @given(seed=seeds, count=st.integers(4, 30))
-@settings(max_examples=40, deadline=None)
 def test_hull_of_random_points_is_their_means(two_links, seed, count):
     rng = np.random.default_rng(seed)
     points = rng.normal(size=(count, 3)) * rng.uniform(0.01, 1.0, 3) + rng.normal(size=3)
@@ -49,6 +48,7 @@ def test_hull_of_random_points_is_their_means(two_links, seed, count):
         assert (value > 0) == is_mean_of(points, place)
 
 
+@pytest.mark.slow
 def test_all_points_are_in_their_hull(two_links):
     points = np.random.default_rng(1).normal(size=(500, 3))
     hull = CenterOfMassHull("forearm", points)
@@ -125,7 +125,7 @@ def test_flat_mesh_in_single_precision_is_flat():
     assert convex_hull(points.astype(np.float32).astype(float)).dimension == 2
 
 
-@pytest.mark.parametrize("tolerance", [1e-3, 1e-2])
+@pytest.mark.parametrize("tolerance", [pytest.param(1e-3, marks=pytest.mark.slow), 1e-2])
 def test_fewer_facets_reach_beyond_by_no_more_than_the_tolerance(tolerance):
     sphere = np.random.default_rng(5).normal(size=(800, 3))
     sphere *= 0.1 / np.linalg.norm(sphere, axis=1, keepdims=True)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from steelyard.dynamics import Coulomb, Model, Viscous
@@ -59,7 +59,6 @@ def test_two_planes_are_both(two_links):
 @given(seed=seeds, named=st.sampled_from([None, "xy", "xz", "yz"]), shifted=st.booleans())
 @example(seed=2001178363, named=None, shifted=False)  # a plane 0.5 degrees off parallel to the axis x
 @example(seed=2001178363, named=None, shifted=True)
-@settings(max_examples=60, deadline=None)
 def test_reflected_points_satisfy_a_plane(two_links, point_cloud_parameters, seed, named, shifted):
     rng = np.random.default_rng(seed)
     normal = rng.normal(size=3) if named is None else np.eye(3)[PLANES[named]]
@@ -78,7 +77,6 @@ def test_reflected_points_satisfy_a_plane(two_links, point_cloud_parameters, see
 @given(seed=seeds, order=st.integers(2, 6), shifted=st.booleans())
 @example(seed=100000, order=2, shifted=False)  # an axis 0.1 degrees off the plane yz
 @example(seed=100000, order=2, shifted=True)
-@settings(max_examples=60, deadline=None)
 def test_turned_points_satisfy_an_axis(two_links, point_cloud_parameters, seed, order, shifted):
     rng = np.random.default_rng(seed)
     axis = rng.normal(size=3)
@@ -109,7 +107,6 @@ def test_symmetry_that_shows_in_the_motion_decides(two_links):
 
 
 @given(seed=seeds, kind=st.sampled_from(["same", "mirrored", "placed", "both"]))
-@settings(max_examples=60, deadline=None)
 def test_equal_bodies_satisfy_the_equations(two_links, point_cloud_parameters, seed, kind):
     rng = np.random.default_rng(seed)
     points, masses = rng.normal(size=(5, 3)), rng.uniform(0.1, 2.0, 5)

@@ -22,7 +22,9 @@ def sine(frequency: float, seconds: float = 12.0) -> tuple[np.ndarray, np.ndarra
     return t, np.sin(2 * np.pi * frequency * t + 0.4)[:, None]
 
 
-@pytest.mark.parametrize("frequency", [0.7, 3.0, 8.0, 13.0])
+@pytest.mark.parametrize(
+    "frequency", [0.7, pytest.param(3.0, marks=pytest.mark.slow), 8.0, pytest.param(13.0, marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize("one", FILTERS, ids=str)
 def test_response_is_what_becomes_of_a_sine(one, frequency):
     t, q = sine(frequency)

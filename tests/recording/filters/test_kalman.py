@@ -78,6 +78,7 @@ def test_steady_gains_change_nothing(random):
     np.testing.assert_allclose(fast.ddq_deviation, slow.ddq_deviation, rtol=1e-5)
 
 
+@pytest.mark.slow
 def test_noise_is_measured_where_it_is_not_given(random):
     t = np.arange(20000) / 1000.0
     q = np.column_stack([np.sin(2 * t), 0.5 * np.cos(3 * t)]) + random.normal(size=(20000, 2)) * (1e-3, 3e-4)
@@ -85,6 +86,7 @@ def test_noise_is_measured_where_it_is_not_given(random):
     np.testing.assert_allclose(found.noise, [1e-3, 3e-4], rtol=0.03)
 
 
+@pytest.mark.slow
 def test_uneven_times_and_gaps_need_no_resampling(random):
     t = np.cumsum(random.uniform(0.5e-3, 1.5e-3, 6000))
     t = np.delete(t, slice(3000, 3040))
@@ -113,6 +115,7 @@ def test_missing_positions_are_bridged_and_not_used():
     assert samples.remarks == ("Rows left out because they are without a position: 60 of joint 1.",)
 
 
+@pytest.mark.slow
 def test_chunks_equal_the_whole(tmp_path, random):
     t = np.arange(6000) / 1000.0
     q = np.column_stack([np.sin(3 * t), np.cos(2 * t)]) + 1e-4 * random.normal(size=(6000, 2))

@@ -109,6 +109,7 @@ def test_processing_averages(wam):
     assert 0 < thresholds.used[0] < 2500
 
 
+@pytest.mark.slow
 def test_known_covariance_gives_generalised_least_squares():
     robot = sy.Robot.from_dh([("pi/2", 0, 0.3, "q"), (0, 0.4, 0, "q")]).with_terms(sy.Viscous())
     model = sy.Model(robot)

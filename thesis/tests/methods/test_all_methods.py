@@ -66,14 +66,14 @@ def test_names_differ():
 
 
 @pytest.mark.parametrize("consistency", ["inertia", "full"])
-@pytest.mark.parametrize("links", [1, 2, 5])
+@pytest.mark.parametrize("links", [1, 2, pytest.param(5, marks=pytest.mark.slow)])
 def test_free_links_with_noise(method, free_links, links, consistency):
     model, _, information = free_links(links, seed=links)
     feasible = FeasibleSet(model, consistency)
     assert_sound(method.fit(information, feasible), information, feasible, optimum(information, feasible))
 
 
-@pytest.mark.parametrize("weights", [None, "joint"])
+@pytest.mark.parametrize("weights", [None, pytest.param("joint", marks=pytest.mark.slow)])
 def test_an_arm_with_noise(method, random_arm, weights):
     model, _, information = random_arm(3, seed=2, noise=0.2)
     feasible = FeasibleSet(model, "inertia")
@@ -104,7 +104,7 @@ def test_free_links_without_noise_are_recovered(kind, free_links, links):
 
 
 @pytest.mark.parametrize("kind", sorted(SEARCHES, key=lambda kind: kind.__name__))
-@pytest.mark.parametrize("links", [1, 2, 3, 4, 5])
+@pytest.mark.parametrize("links", [1, 3, *(pytest.param(count, marks=pytest.mark.slow) for count in (2, 4, 5))])
 def test_the_good_ones_find_the_optimum(kind, free_links, links):
     model, _, information = free_links(links, seed=30 + links)
     consistency = "inertia" if kind is Mata2005 else "full"

@@ -16,7 +16,7 @@ from steelyard_thesis.methods.starting_point import starting_point
 
 
 @pytest.mark.parametrize("kind", [Mata2005, Farhat2008])
-@pytest.mark.parametrize("solver", ["slsqp", "trust-constr", "ipopt"])
+@pytest.mark.parametrize("solver", ["slsqp", pytest.param("trust-constr", marks=pytest.mark.slow), "ipopt"])
 def test_every_solver_finds_the_optimum_of_a_small_problem(free_links, kind, solver):
     if solver == "ipopt":
         pytest.importorskip("cyipopt", reason="cyipopt is not installed")

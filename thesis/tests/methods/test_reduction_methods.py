@@ -43,6 +43,7 @@ def reducible(planar, truth):
     raise AssertionError("no such data")
 
 
+@pytest.mark.slow
 def test_path_says_what_check_and_correct_say(planar, reducible):
     feasible = sy.FeasibleSet(planar)
     path = DiazRodriguez2010().path(reducible, feasible)

@@ -8,7 +8,7 @@ from steelyard.identification.saved import matching_estimate
 from steelyard_thesis import Nakanishi2008, Rucker2022
 
 
-@pytest.mark.parametrize("method", [Rucker2022, Nakanishi2008])
+@pytest.mark.parametrize("method", [pytest.param(Rucker2022, marks=pytest.mark.slow), Nakanishi2008])
 def test_methods_write_what_can_be_read(tmp_path, method):
     robot = sy.Robot.from_dh([("pi/2", 0.1, 0.2, "q"), (0.3, 0.4, 0.1, "q")])
     model = sy.Model(robot)

@@ -33,7 +33,7 @@ def test_reduced_regression_is_the_regression():
     assert W.std() == pytest.approx(1.0, abs=0.01)
 
 
-@pytest.mark.parametrize("kind", ["inertia", "full"])
+@pytest.mark.parametrize("kind", [pytest.param("inertia", marks=pytest.mark.slow), "full"])
 def test_nobody_is_better_and_the_optimum_is_that_of_cvxpy(results, kind):
     cvxpy = pytest.importorskip("cvxpy", reason="CVXPY is not installed")
     for count in LINKS:
@@ -57,6 +57,7 @@ def test_nobody_is_better_and_the_optimum_is_that_of_cvxpy(results, kind):
         assert runs[OURS].relative_error == pytest.approx(least, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_numbers_are_the_same_twice(results):
     again = scaling(LINKS[:1])
     for kind, (runs, verdicts) in again.items():

@@ -126,6 +126,7 @@ def test_skew_symmetry_and_the_potential_say_nothing(arm, gross):
     assert max(identities(arm, gross.estimate, States.random(arm, 30))) < 1e-6
 
 
+@pytest.mark.slow
 def test_released_the_estimate_runs_away_at_constant_energy_and_its_correction_does_not(arm, gross):
     starts = np.random.default_rng(8).uniform(-np.pi, np.pi, (3, arm.model.dof))
     result = released(arm, [gross.estimate, gross.corrected], starts, 2.0)
@@ -140,6 +141,7 @@ def test_released_the_estimate_runs_away_at_constant_energy_and_its_correction_d
     assert np.linalg.norm(result.final_dq[:3][diverged[:3]], axis=-1).min() > 100.0 * fastest
 
 
+@pytest.mark.slow
 def test_computed_torque_is_positive_feedback_where_the_matrix_is_not_positive_definite(arm, gross):
     """The closed loop about rest, by NumPy: e'' + M⁻¹ M̂ (Kd e' + Kp e) = 0."""
     n = arm.model.dof

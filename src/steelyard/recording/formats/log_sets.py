@@ -118,7 +118,8 @@ def _objects_in(text: str) -> list[str]:
     except Exception as error:
         reason = " ".join(str(error).split())[:200] or type(error).__name__
         raise InputError(f"{text} cannot be listed ({reason}); check the address and who may read it.") from None
-    return [str(system.unstrip_protocol(name)) for name in names if _is_log(str(name), below)]
+    _, chained, outer = text.partition("::")  # such as an archive, zip://run*.csv::file:///logs.zip
+    return [f"{system.unstrip_protocol(name)}{chained}{outer}" for name in names if _is_log(str(name), below)]
 
 
 def _fixed(pattern: str) -> str:

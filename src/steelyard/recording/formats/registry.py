@@ -327,6 +327,8 @@ def open_log(path: Path, columns: LogColumns | None = None) -> LogFile:
 
 
 def _neighbour(path: Path) -> str:
+    if path.is_symlink():
+        return f", as it is a link to {os.readlink(path)}"
     if not path.parent.is_dir():
         return f" (nor does its folder {path.parent})"
     near = None

@@ -1,0 +1,274 @@
+"""Logs whose torques are late or early: whether that matters to the numbers of an answer, and what is said of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from steelyard.dynamics import Model
+from steelyard.errors import InputError
+from steelyard.recording import Samples
+from steelyard.recording.correction import Correction, Settings
+from steelyard.recording.diagnosis.late_torques import SURE, LateTorques, is_certain, late_torques
+from steelyard.recording.filters.zero_phase import low_pass
+from steelyard.regression import Estimate, Information
+from steelyard.regression.parameter_covariance import NORMAL, inverse_root
+from steelyard.regression.reduction import residuals
+
+from .given import GivenLog, GivenSamples
+from .log_reader import DrawnLog, LogReader
+from .mistakes import Hypothesis
+
+__all__ = ["LateLog", "errors_of", "late_hypotheses", "late_log", "late_logs"]
+
+Array = NDArray[np.float64]
+MATTERS = 0.5
+"""Half-widths of the interval of a base parameter by which a delay must move it to be told."""
+LOWER = 0.5
+"""Part of the cutoff of the positions at which the motion is filtered once more before a delay is told: what noise of
+the encoders, and friction that the model lacks, look like depends on the cutoff, and a delay does not."""
+DENSE_ROWS = 20_000
+"""Rows that are read again of a long log, of which no stretch is kept that is long enough."""
+ENOUGH_ROWS, FEWEST_ROWS = 4096, 100
+"""Rows of stretches together that are enough, and of one that count at all."""
+MOST_LOGS = 4
+"""Logs that are looked at, the first of the fit: those of one robot have the same delay mostly."""
+
+
+@dataclass(frozen=True, eq=False)
+class LateLog:
+    """A log whose torques are logged later or earlier than the motion, so much that it matters.
+
+    Attributes
+    ----------
+    name : str
+    delays, deviations : ndarray
+        (N,) s, of each joint, and their standard deviations; zero of joints that are not late.
+    change : ndarray
+        (n_b,) by how much the base parameters of a regression over all logs are off because of it.
+    largest : float
+        The largest of it, in half-widths of the interval of 95 % of the parameter.
+    errors : (float, float)
+        Relative error of the torques of the log, and what is left of it without the delay.
+    """
+
+    name: str
+    delays: Array
+    deviations: Array
+    change: Array
+    largest: float
+    errors: tuple[float, float]
+
+
+def late_logs(
+    reader: LogReader,
+    logs: Sequence[GivenLog],
+    information: Information,
+    own: Sequence[Information],
+    drawn: Sequence[DrawnLog],
+    errors: Sequence[Sequence[Array]],
+    unconstrained: Estimate,
+) -> list[LateLog]:
+    """Return those of the first logs whose torques are late; none where `delay` is found by the logs anyway.
+
+    Parameters
+    ----------
+    reader : LogReader
+        That has read them.
+    logs : sequence of GivenLog
+    information : Information
+        Of all logs together.
+    own : sequence of Information
+        Of each.
+    drawn : sequence of DrawnLog
+        Likewise.
+    errors : sequence of sequence of (L, N)
+        What is left of the torques in the stretches of each, see `errors_of`.
+    unconstrained : Estimate
+        Least squares of all logs.
+    """
+    model, processing, found = reader.model, reader.processing, []
+    if isinstance(processing.delay, str):
+        return []
+    for log, one, kept, left in zip(logs[:MOST_LOGS], own, drawn, errors, strict=False):
+        if isinstance(log, GivenSamples) and log.samples.t is None:
+            continue
+        stretches = list(zip(kept.windows, left, strict=True))
+        if sum(window.count for window in kept.windows) < min(kept.seen, ENOUGH_ROWS):
+            try:
+                dense = reader.dense(log, DENSE_ROWS)
+            except InputError:  # a stretch by itself, which may be at rest
+                dense = None
+            stretches = [] if dense is None else [(dense, errors_of(model, dense, unconstrained.base))]
+        late = late_log(str(log), model, information, one, unconstrained, stretches, processing.cutoff)
+        if late is not None:
+            found.append(late)
+    return found
+
+
+def late_log(
+    name: str,
+    model: Model,
+    information: Information,
+    own: Information,
+    unconstrained: Estimate,
+    stretches: Sequence[tuple[Samples, Array]],
+    cutoff: object = None,
+) -> LateLog | None:
+    """Tell whether the torques of a log are late, so much that the numbers of the answer say something else.
+
+    Parameters
+    ----------
+    name : str
+    model : Model
+    information, own : Information
+        Of all logs together, and of this one, in the base parameters of the model.
+    unconstrained : Estimate
+        Least squares of all logs.
+    stretches : sequence of (Samples, ndarray)
+        Neighbouring rows of the log, and what is left of their torques, see `errors_of`.
+    cutoff : float, optional
+        Hz, of the filter of the positions, where that is known.
+    """
+    stretches = [(samples, errors) for samples, errors in stretches if samples.count >= FEWEST_ROWS]
+    predicted = [(samples, samples.torque - errors) for samples, errors in stretches]
+    found = late_torques(model, predicted)
+    if found is None or not found.told.any():
+        return None
+    change = _change(found, found.told, model, information, own, unconstrained)
+    if not _largest(change, unconstrained) >= MATTERS:
+        return None
+    delays, deviations = found.told, found.told_deviations
+    if isinstance(cutoff, int | float):
+        slower = [_slower(samples, LOWER * cutoff) for samples, _ in stretches]
+        again = late_torques(model, [(one, one.torque - errors_of(model, one, unconstrained.base)) for one in slower])
+        if again is None:
+            return None
+        whole = len(set(delays.tolist())) == 1
+        others = np.full_like(delays, again.delay) if whole else again.joint_delays
+        of_others = np.full_like(delays, again.standard_deviation) if whole else again.joint_deviations
+        deviations = np.where(delays != 0.0, np.hypot(deviations, others - delays), 0.0)
+        # Neither is certain where a joint does not tell.
+        certain = is_certain(delays, deviations) & (np.abs(others) >= SURE * of_others)
+        delays, deviations = np.where(certain, delays, 0.0), np.where(certain, deviations, 0.0)
+        change = _change(found, np.hypot(delays, deviations) * np.sign(delays), model, information, own, unconstrained)
+    largest = _largest(change, unconstrained)
+    if not largest >= MATTERS:
+        return None
+    counts, powers = (np.array([getattr(one, key) for one in own.factors]) for key in ("count", "norm2"))
+    before = own.relative_error(unconstrained.base)
+    fallen = float(counts @ (delays**2 * found.unexplained) / max(powers.sum(), 1e-300))
+    errors = before, float(np.sqrt(max(before**2 - fallen, 0.0)))
+    return LateLog(name, delays, deviations, change, largest, errors)
+
+
+def errors_of(model: Model, samples: Samples, base: Array) -> Array:
+    """Return what base parameters leave of the torques of samples, (S, N); NaN where a row is not used."""
+    errors = np.concatenate([part for _, part in residuals(model, samples, base)])
+    return errors if samples.mask is None else np.where(samples.mask, errors, np.nan)
+
+
+def _change(
+    found: LateTorques,
+    delays: Array,
+    model: Model,
+    information: Information,
+    own: Information,
+    unconstrained: Estimate,
+) -> Array:
+    """Return by how much delays (N,) move base parameters, to first order: each joint with its weight and its rows."""
+    weights = information.joint_weights(unconstrained.weights)
+    sums = np.zeros(information.base_count)
+    for k, columns in enumerate(model.base_columns.joints):
+        sums[columns] += weights[k] ** 2 * own.factors[k].count * delays[k] * found.changes[k]
+    problem = information.reduced(weights)
+    inverse, _, unknown = information.remembered(("inverse root", weights.tobytes()), lambda: inverse_root(problem.R))
+    return np.where(unknown, 0.0, inverse @ (inverse.T @ sums))
+
+
+def _largest(change: Array, unconstrained: Estimate) -> float:
+    halves = NORMAL * np.asarray(unconstrained.standard_error)
+    told = np.isfinite(halves) & (halves > 0.0)
+    return float(np.max(np.abs(change[told]) / halves[told], initial=0.0))
+
+
+def _slower(samples: Samples, cutoff: float) -> Samples:
+    """Return samples whose motion is filtered once more."""
+    assert samples.t is not None
+    rate = 1.0 / float(np.median(np.diff(samples.t)))
+    if not 2.0 * cutoff < rate:
+        return samples
+    motion = (low_pass(one, rate, cutoff, 3, "the samples") for one in (samples.q, samples.dq, samples.ddq))
+    q, dq, ddq = motion
+    return replace(samples, q=q, dq=dq, ddq=ddq, regressor=None, regressor_model=None)
+
+
+def late_hypotheses(
+    late: Iterable[LateLog], stated: Any, joint_names: Sequence[str]
+) -> dict[str, tuple[Hypothesis, ...]]:
+    """Say it of each log as a mistake in it, with one line of robot.toml that mends them all.
+
+    Parameters
+    ----------
+    late : iterable of LateLog
+    stated : float or sequence of float
+        The delay that robot.toml states, s.
+    joint_names : sequence of str
+    """
+    logs = tuple(late)
+    if not logs:
+        return {}
+    settings = _settings(logs, stated)
+    told: dict[str, tuple[Hypothesis, ...]] = {}
+    for one in logs:
+        delay = float(one.delays[np.argmax(np.abs(one.delays))])
+        deviation = float(one.deviations[np.argmax(np.abs(one.delays))])
+        evidence = (
+            f"numbers of the answer move by up to {one.largest:.2g} times the half-width that noise alone gives their "
+            "intervals of 95 %"
+        )
+        gain = 0.5 * (delay / max(deviation, 1e-9)) ** 2
+        told[one.name] = (
+            Hypothesis(
+                "delay",
+                _statement(one, joint_names),
+                Correction(delay=delay),
+                gain,
+                *one.errors,
+                None,
+                evidence,
+                settings,
+            ),
+        )
+    return told
+
+
+def _statement(late: LateLog, joint_names: Sequence[str]) -> str:
+    """Say by how much the torques of which joints are late, a sentence without a full stop."""
+    delays = late.delays
+    if len(set(delays.tolist())) == 1:
+        return f"The torques look to be logged {_said(delays[0], late.deviations[0])}"
+    parts = [
+        f"{name}'s {_said(delay, deviation)}"
+        for name, delay, deviation in zip(joint_names, delays, late.deviations, strict=True)
+        if delay
+    ]
+    return f"Torques look to be logged later or earlier than the motion: {', '.join(parts)}"
+
+
+def _said(delay: float, deviation: float) -> str:
+    when = "later" if delay > 0.0 else "earlier"
+    return f"{1e3 * abs(delay):.2g} ± {2e3 * deviation:.1g} ms {when} than the motion"
+
+
+def _settings(late: Sequence[LateLog], stated: Any) -> Settings:
+    """Return what robot.toml must say: the delay of these logs on average, beside the one that it states."""
+    weights = np.array([np.where(one.deviations > 0.0, one.deviations, np.inf) ** -2.0 for one in late])
+    sums = weights.sum(axis=0)
+    mean = np.sum(weights * [one.delays for one in late], axis=0) / np.where(sums > 0.0, sums, 1.0)
+    whole = [float(f"{value:.3g}") for value in np.asarray(stated, dtype=float) + mean]
+    return {"processing": {"delay": whole[0] if len(set(whole)) == 1 else whole}}

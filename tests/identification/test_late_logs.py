@@ -1,0 +1,87 @@
+"""A delay of the torques that matters to the numbers is told with the line that mends it; sound logs have none."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import steelyard as sy
+from steelyard.identification import examine
+from steelyard.identification.next_steps import next_steps
+from steelyard.identification.wam import robot_toml, simulated_log, true_parameters, wam_model
+from steelyard.recording.diagnosis import advanced
+
+
+@pytest.fixture(scope="module")
+def arm(tmp_path_factory):
+    """The robot file of the simulated WAM, and a sound log of it."""
+    path = tmp_path_factory.mktemp("wam") / "robot.toml"
+    path.write_text(robot_toml())
+    return path, simulated_log(wam_model(), "A", 2014)
+
+
+def late(log, delay, joints=slice(None)):
+    torque = log.torque.copy()
+    torque[:, joints] = advanced(log.torque, -delay * log.rate)[0][:, joints]
+    return replace(log, torque=torque)
+
+
+def missed(result):
+    """Numbers that are called measured, and how many of their intervals do not hold the truth."""
+    truth = dict(zip(map(str, wam_model().parameter_names), true_parameters(), strict=True))
+    told = [row for row in result.parameters if row.basis == "measured" and row.name in truth]
+    return len(told), sum(not row.lower <= truth[row.name] <= row.upper for row in told)
+
+
+def test_a_sound_log_is_not_told_to_be_late(arm):
+    result = sy.identify(*arm)
+    assert result.mistakes == {}
+    assert "delay" not in " ".join(result.remarks)
+
+
+@pytest.mark.parametrize("delay", [0.012, pytest.param(-0.012, marks=pytest.mark.slow)])
+def test_a_late_log_is_told_with_the_line_that_mends_it(arm, delay):
+    path, log = arm
+    result = sy.identify(path, late(log, delay))
+    assert result.prediction.word == "good"  # errors alone do not show it
+    ((found,),) = result.mistakes.values()
+    assert found.kind == "delay"
+    stated = found.settings["processing"]["delay"]
+    assert stated == pytest.approx(delay, abs=0.004)
+    assert ("later" if delay > 0 else "earlier") in found.statement
+    first = next_steps(result)[0]
+    assert (first.language, first.code) == ("toml", f"[processing]\ndelay = {stated}")
+    assert any("logged" in remark and f"`delay = {stated}`" in remark for remark in result.remarks)
+    sound, mended = sy.identify(path, log), sy.identify(path, late(log, delay), processing={"delay": stated})
+    assert mended.mistakes == {}
+    # What the delay moves is not called measured any more, and what is left holds.
+    assert missed(result)[0] < missed(sound)[0]
+    assert missed(result)[1] <= 1
+
+
+@pytest.mark.slow
+def test_the_doctor_tells_the_same(arm):
+    path, log = arm
+    found = [one for one in examine(late(log, 0.012), path).findings if one.kind == "delay"]
+    assert found[0].remedy["processing"]["delay"] == pytest.approx(0.012, abs=0.002)
+
+
+@pytest.mark.slow
+def test_rows_of_a_long_log_are_read_again(arm, tmp_path):
+    """Of the rows that are drawn of it no stretch is long enough."""
+    path, _ = arm
+    log = simulated_log(wam_model(), "A", 2014, periods=20.0)
+    file = late(log, 0.012).save(tmp_path / "log.npz")
+    reader_rows = sy.identify(path, file, chunk_rows=20_000)
+    ((found,),) = reader_rows.mistakes.values()
+    assert found.settings["processing"]["delay"] == pytest.approx(0.012, abs=0.004)
+
+
+def test_one_joint_that_is_late_is_named():
+    from steelyard.identification.late_logs import LateLog, late_hypotheses
+
+    one = LateLog("a.csv", np.array([0.0, 0.012]), np.array([0.0, 0.001]), np.zeros(3), 1.7, (0.05, 0.04))
+    ((found,),) = late_hypotheses([one], (0.001, 0.002), ["shoulder", "elbow"]).values()
+    assert "elbow's 12 ± 2 ms later" in found.statement
+    assert found.settings == {"processing": {"delay": [0.001, 0.014]}}
+    assert late_hypotheses([], 0.0, ["shoulder", "elbow"]) == {}
