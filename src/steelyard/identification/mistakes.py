@@ -27,6 +27,7 @@ from steelyard.estimators.physical_prior import nonnegative_terms
 from steelyard.files import tell
 from steelyard.recording import Samples
 from steelyard.recording.correction import Correction, Settings, toml_inline, toml_text
+from steelyard.recording.diagnosis.detectors import saturation_levels
 
 __all__ = ["Hypothesis", "find_mistakes", "sentence"]
 
@@ -239,6 +240,7 @@ def find_mistakes(
     >>> [(found.kind, found.statement) for found in find_mistakes(model, wrong)]
     [('torque sign', 'The sign of the torque of joint2 looks wrong')]
     """
+    samples = _without_clipped(samples)
     memory = _Memory.of(model, samples)
     model = model.without_channels  # a mistake is larger than what a temperature changes
     if memory is not None:
@@ -301,6 +303,17 @@ class _Memory(NamedTuple):
             return None if samples is None else self.taken_off(samples)
 
         return found
+
+
+def _without_clipped(samples: Samples) -> Samples:
+    """Mask rows of clipped torques: what no model explains looks like friction of a motor that moves two joints."""
+    levels = saturation_levels(samples.torque)
+    clipped = (samples.torque <= levels[:, 0]) | (samples.torque >= levels[:, 1])
+    if not clipped.any():
+        return samples
+    clipped[1:] |= clipped[:-1]
+    clipped[:-1] |= clipped[1:]
+    return replace(samples, mask=~clipped if samples.mask is None else samples.mask & ~clipped)
 
 
 def _some(samples: Samples, among: NDArray[np.bool_] | None = None) -> Samples:
