@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import steelyard as sy
+from steelyard.identification import examine
 from steelyard.identification.log_checks import heavy_ends
 from steelyard.identification.next_steps import found, next_steps
 
@@ -180,3 +181,30 @@ def test_errors_that_print_alike_are_not_said_to_differ(before, said):
     )
     (told,) = found(result)
     assert told.endswith(said)
+
+
+def test_a_body_that_is_picked_up_within_a_log_is_told_before_all_else(arm, simulation, tmp_path):
+    path, model, log = arm
+    t, q, dq, ddq = simulation.trajectory(11).sample(RATE, 1.2)
+    body = np.zeros(model.parameter_count)
+    box = sy.Inertia.from_com(2.0, [0.0, 0.02, 0.08], 0.004 * np.eye(3))
+    body[np.asarray(model.link_columns[-1])] = box.parameters
+    pick = 0.4 * t[-1]
+    loaded = log.torque + (t > pick)[:, None] * model.inverse_dynamics(q, dq, ddq, body)
+    recorded = replace(log, torque=loaded).save(tmp_path / "log.npz")
+    result = sy.identify(path, [recorded])
+    (change,) = result.changes.values()
+    assert change.mass == pytest.approx(2.0, abs=3.0 * change.standard_error)
+    assert change.earliest - 0.2 < pick < change.latest + 0.2
+    first = next_steps(result)[0]
+    assert "looks to pick up a body of" in first.reason
+    assert first.code == f"[processing]\ntrim = {change.trim}"
+    assert not any("friction" in step.code for step in next_steps(result))
+    (finding,) = [one for one in examine(recorded, path).findings if one.kind == "robot changes"]
+    assert finding.toml.strip() == first.code
+    robot = tmp_path / "robot.toml"
+    robot.write_text(simulation.robot_file.replace("trim = 0.5", f"trim = {change.trim}"))
+    again = sy.identify(robot, [recorded])
+    assert str(change.trim) in robot.read_text()
+    assert not again.changes
+    assert again.estimate.relative_error < 0.5 * result.estimate.relative_error

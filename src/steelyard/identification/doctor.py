@@ -38,6 +38,7 @@ from steelyard.recording.recognition import Layout
 from steelyard.recording.survey import LogSurvey
 from steelyard.regression import Estimate, Information, least_squares
 from steelyard.regression.batch_means import BatchSums
+from steelyard.regression.body_change import BodyChange
 from steelyard.regression.drift import FrictionDrift, drift_sentence, friction_drifts
 from steelyard.regression.reduction import empty_factors
 from steelyard.regression.time_blocks import TimeBlocks
@@ -47,7 +48,7 @@ from steelyard.robot.description import read_description
 from .examination import HARMS, Examination, Finding, Harm, merged, stated_remedy
 from .given import GivenLog, GivenRobot, GivenSamples, One, given_constraints, given_logs, given_robot
 from .late_logs import LateLog, errors_of, late_hypotheses, late_logs
-from .log_checks import SHORTEST_DRIFT, mistakes_in_logs
+from .log_checks import SHORTEST_DRIFT, change_in_log, mistakes_in_logs
 from .log_reader import DrawnRows, LogReader, against_limits
 from .prediction_verdict import said_of
 from .unlogged_torques import told_by_unlogged_torques
@@ -164,6 +165,7 @@ class _Fit:
     samples: Samples
     drawn: DrawnRows
     stretches: tuple[Information, ...]
+    change: BodyChange | None
     drifts: tuple[FrictionDrift, ...]
     sums: BatchSums
 
@@ -564,7 +566,31 @@ class _Patient:
             statement = f"The log leaves {information.count} rows for {information.base_count} base parameters."
             self.add(Finding("too few rows", statement, "refused", 1.0, advice="Record a longer motion."))
             return None
-        name, file = str(self.log), self._file()
+        name = str(self.log)
+        if fit.change is not None:
+            statement = (
+                f"{fit.change.sentence(name)} The line below keeps the longer part; from both, in files of their own, "
+                "`steelyard payload ROBOT UNLOADED LOADED` tells what was carried."
+            )
+            remedy: Settings = {"processing": {"trim": fit.change.trim}}
+            self.add(Finding("robot changes", statement, "wrong", 1.0, remedy), used=False)
+            for finding in unsure:
+                self.add(finding)
+        else:
+            self._mistakes(name, fit, recording, survey, unsure)
+        self.facts["model"] = (
+            f"least squares leave {estimate.relative_error:.2%} of the torques; condition number "
+            f"{information.condition_number:.4g} with {information.base_count} base parameters"
+        )
+        self._noise(recording, reader.processing)
+        return information
+
+    def _mistakes(
+        self, name: str, fit: _Fit, recording: Recording, survey: LogSurvey, unsure: Sequence[Finding]
+    ) -> None:
+        """Look for mistakes in the log of one robot, and without them at what the motion shows."""
+        assert self.model is not None
+        reader, information, estimate, file = fit.reader, fit.information, fit.estimate, self._file()
         worst = float(np.nanmax(information.joint_relative_error(estimate.base), initial=estimate.relative_error))
         limits, samples = given_constraints(file), {name: fit.samples}
         found = mistakes_in_logs(reader, file, limits, {name: self.log}, samples, {name: worst}, self.say).get(name, ())
@@ -587,12 +613,6 @@ class _Patient:
                 told = drift_sentence(name, fit.drifts, self.model.robot.joint_names)
                 weight = abs(largest.last - largest.first)
                 self.add(Finding("friction drift", told, "worse", weight, advice=WARM_UP))
-        self.facts["model"] = (
-            f"least squares leave {estimate.relative_error:.2%} of the torques; condition number "
-            f"{information.condition_number:.4g} with {information.base_count} base parameters"
-        )
-        self._noise(recording, reader.processing)
-        return information
 
     def _fit(self, further: Settings | None = None) -> _Fit:
         """Fit the model to the log with the remedies so far, and further settings."""
@@ -604,9 +624,10 @@ class _Patient:
         sums = BatchSums(blocks.empty)
         information, thinned = reader.reduce(self.log, POINTS, sums, blocks, drawn=drawn)
         stretches = information.stretches(blocks, STRETCHES)
-        drifts = friction_drifts(blocks, self.model.base_parameters().names)
+        change = change_in_log(self.model, blocks, drawn.kept.samples)
+        drifts = () if change else friction_drifts(blocks, self.model.base_parameters().names)
         estimate = least_squares(information, "joint")
-        return _Fit(reader, information, estimate, thinned.samples, drawn, stretches, drifts, sums)
+        return _Fit(reader, information, estimate, thinned.samples, drawn, stretches, change, drifts, sums)
 
     def _better_with(self, finding: Finding, before: _Fit) -> _Fit | None:
         """Fit the model with the remedy of a finding that the motion alone suggests; None where that does not help."""

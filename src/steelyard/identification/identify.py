@@ -38,7 +38,7 @@ from .given import (
     given_settings,
 )
 from .late_logs import LateLog, late_hypotheses, late_logs
-from .log_checks import SHORTEST_DRIFT, copies_among, heavy_ends, implausible_mass, mistakes_in_logs
+from .log_checks import SHORTEST_DRIFT, change_in_log, copies_among, heavy_ends, implausible_mass, mistakes_in_logs
 from .log_reader import DrawnLog, LogReader, LogReduction, LogTask, Progress, one_by_one
 from .mistakes import POOR, sentence
 from .parameter_table import parameter_table
@@ -46,6 +46,7 @@ from .prediction_verdict import FewRows, few_rows, prediction_verdict
 from .result import Identification, Prediction, Trace
 
 if TYPE_CHECKING:
+    from steelyard.regression.body_change import BodyChange
     from steelyard.regression.drift import FrictionDrift
 
     from .chosen_friction import FrictionChoice
@@ -243,6 +244,7 @@ def identify(
     feasible_set = FeasibleSet(model, consistency, limits)
     parts: list[tuple[str, str, Information, Samples]] = []
     drawn: list[DrawnLog] = []
+    changes: dict[str, BodyChange] = {}
     drifts: list[str] = []
     all_drifts: list[FrictionDrift] = []
     wider = wider_model(file, model)
@@ -261,7 +263,11 @@ def identify(
             if fitted:
                 own_blocks = TimeBlocks.of_held(blocks.empty, one.blocks)
                 kept = one.drawn.samples.t
-                if kept is not None and np.ptp(kept) >= SHORTEST_DRIFT:
+                changed = change_in_log(reduced_by, own_blocks, one.drawn.samples)
+                if changed is not None:  # whose friction seems to change, too
+                    changes[one.name] = changed
+                    drifting: tuple[FrictionDrift, ...] = ()
+                elif kept is not None and np.ptp(kept) >= SHORTEST_DRIFT:
                     from steelyard.regression.drift import drift_sentence, friction_drifts  # short logs need none
 
                     drifting = friction_drifts(own_blocks, reduced_by.base_parameters().names)
@@ -377,7 +383,8 @@ def identify(
     # Of a model that predicts well, only cheap explanations are tried on the logs that it predicts.
     well = {p.name for p in predictions if prediction.word == "good" and p.feasible_error <= POOR}
     by_name = {str(log): log for log in (*validation, *logs)}
-    errors = _worst_errors(predictions)
+    # Half of a log with a body looks like many a mistake.
+    errors = {name: error for name, error in _worst_errors(predictions).items() if name not in changes}
     mistakes = mistakes_in_logs(reader, file, limits, by_name, samples, errors, say, well, known)
     prediction = prediction.with_mistakes(mistakes.values())
     told = mistakes
@@ -413,6 +420,7 @@ def identify(
         weak=unconstrained.weak,
         remarks=tuple(remarks),
         mistakes=told,
+        changes=changes,
         drifts=() if mistakes else tuple(drifts),
         why_no_rotors=why_no_rotors,
         robot_file=file.path if file.path.is_file() else None,

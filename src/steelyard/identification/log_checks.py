@@ -20,14 +20,16 @@ from steelyard.recording.correction import correction_settings
 from steelyard.recording.formats import LogFiles
 from steelyard.recording.recognition import Layout
 from steelyard.regression import Estimate, Information
+from steelyard.regression.body_change import BodyChange, body_change
+from steelyard.regression.time_blocks import TimeBlocks
 from steelyard.robot import RobotFile
 
 from .given import GivenLog, GivenSamples
 from .log_reader import LogReader
 from .mistakes import MOTION_UNITS, TOO_MANY_JOINTS, Hypothesis, find_mistakes
-from .parameter_table import ParameterTable
+from .parameter_table import MANY_PARAMETERS, ParameterTable
 
-__all__ = ["copies_among", "heavy_ends", "implausible_mass", "mistakes_in_logs"]
+__all__ = ["change_in_log", "copies_among", "heavy_ends", "implausible_mass", "mistakes_in_logs"]
 
 SHORTEST_DRIFT = 60.0
 """s of a log below which no drift of friction is looked for: gears warm up in minutes, and what changes in seconds is
@@ -201,6 +203,28 @@ def heavy_ends(model: Model, table: ParameterTable) -> tuple[str, ...]:
             f"{few_digits(described[k])} kg: if it carried a gripper or a tool, put that into the description."
         )
     return tuple(found)
+
+
+def change_in_log(model: Model, blocks: TimeBlocks, kept: Samples) -> BodyChange | None:
+    """Tell whether a link at the end of a chain picks up or puts down a body in the course of a log.
+
+    Parameters
+    ----------
+    model : Model
+    blocks : TimeBlocks
+        Of the rows of the log, with the base parameters of the model.
+    kept : Samples
+        Rows of all the log.
+    """
+    if kept.t is None or not len(kept.t) or model.parameter_count > MANY_PARAMETERS:
+        return None
+    base, carrying = model.base_parameters(), {joint.parent for joint in model.robot.joints}
+    ends = {
+        model.robot.link_names[k]: base.K[:, np.asarray(columns)]
+        for k, columns in enumerate(model.link_columns)
+        if k not in carrying
+    }
+    return body_change(blocks, base.names, ends, float(np.min(kept.t)), float(np.max(kept.t)))
 
 
 def implausible_mass(model: Model, estimate: Estimate, samples: Samples) -> tuple[str, ...]:

@@ -142,14 +142,15 @@ def next_steps(identification: Identification) -> tuple[NextStep, ...]:
 def _steps(identification: Identification) -> Iterator[NextStep]:
     other = list(_other_estimator(identification))
     yield from other
+    yield from _changes(identification)
     yield from _mistakes(identification)
     yield from _clipped(identification)
     yield from _events(identification)
     yield from _drifts(identification)
-    if identification.prediction.word == "wrong":
-        if not identification.mistakes and not other:
+    if identification.prediction.word == "wrong" or identification.changes:
+        if not identification.mistakes and not identification.changes and not other:
             yield _doctor(identification)
-        return  # what the motion shows, and what is assumed, means nothing of a wrong model
+        return  # what the motion shows, and what is assumed, means nothing of a wrong model, or of two robots
     weak = list(_weak(identification))
     yield from _unseen(identification, weak)
     yield from _missing_terms(identification)
@@ -188,6 +189,28 @@ def _shares(identification: Identification, log: str, mistake: Hypothesis) -> bo
     """
     own = identification.mistakes.get(log, ())
     return "log" not in mistake.settings or any(one.kind == mistake.kind for one in own)
+
+
+def _changes(identification: Identification) -> Iterator[NextStep]:
+    """A body that is there in one part of a log only, so that the answer is that of no robot."""
+    for log, change in identification.changes.items():
+        robot = _robot(identification)
+        reason = f"{change.sentence(log)} The answer is that of neither part, whose friction it distorts as well."
+        if len(identification.logs) + len(identification.validation_logs) == 1:
+            yield NextStep(
+                "Identify the part of the log before or after that by itself.",
+                f"{reason} These lines keep the longer one; from both, in files of their own, "
+                f"`steelyard payload {robot} UNLOADED LOADED` tells what was carried.",
+                f"[processing]\ntrim = {change.trim}",
+                "toml",
+            )
+        else:
+            yield NextStep(
+                "Cut that log there, and identify logs with and without the body apart.",
+                f"{reason} The two parts, in files of their own, tell what was carried.",
+                f"steelyard payload {robot} UNLOADED LOADED",
+                "console",
+            )
 
 
 def _mistakes(identification: Identification) -> Iterator[NextStep]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import importlib
 import os
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,6 +27,7 @@ from .prediction_verdict import PredictionVerdict
 
 if TYPE_CHECKING:
     from steelyard.estimators import JointStiffness
+    from steelyard.regression.body_change import BodyChange
 
     from .chosen_friction import FrictionChoice
     from .elastic.elastic_model import ElasticModel
@@ -140,6 +141,8 @@ class Identification:
     mistakes : dict from str to tuple of Hypothesis
         What is probably wrong with a log, or with the robot file, by log: the likeliest mistake first, then those that
         the log cannot tell from it. Nothing is changed silently.
+    changes : mapping from str to BodyChange
+        The body that the robot picks up or puts down in the course of a log, by log.
     drifts : tuple of str
         A sentence for each log in which friction grows or falls steadily with time, as it does while gears warm up.
     cutoff_choices : tuple of (str, CutoffChoice)
@@ -176,6 +179,7 @@ class Identification:
     validation_logs: tuple[str, ...]
     options: dict[str, object]
     mistakes: Mapping[str, tuple[Hypothesis, ...]] = field(default_factory=dict)
+    changes: Mapping[str, BodyChange] = field(default_factory=dict)
     drifts: tuple[str, ...] = ()
     cutoff_choices: tuple[tuple[str, CutoffChoice], ...] = ()
     in_memory: Mapping[str, str] = field(default_factory=dict)
@@ -349,6 +353,7 @@ class Identification:
                 | {key: getattr(one, key).tolist() for key in arrays}
                 for one in self.predictions
             ],
+            "changes": [{"log": log} | asdict(one) for log, one in self.changes.items()],
             "drifts": self.drifts,
             "mistakes": [
                 {"log": log, "kind": one.kind, "statement": one.statement, "evidence": one.evidence, "toml": one.toml}
