@@ -362,7 +362,8 @@ def identify(
         ],
     )
     late: list[LateLog] = []
-    if information is measured and prediction.word != "wrong":  # rows that an estimator made have other sums
+    # Rows that an estimator made have other sums, and the numbers of a robot that changes are those of none.
+    if information is measured and prediction.word != "wrong" and not changes:
         own = [part[2] for part in parts]
         left = [one.trace.residuals for one in predictions]
         late = late_logs(reader, logs, information, own, drawn, left, unconstrained)
