@@ -76,13 +76,14 @@ class BodyChange:
         Examples
         --------
         >>> BodyChange("flange", 11.8, 13.0, 0.0, 40.0, -0.52, 0.02).sentence("a.csv")
-        'In a.csv the robot changes at about 12.4 s: flange looks to put down a body of 0.52 ± 0.04 kg.'
+        'In a.csv the robot changes between 11.8 and 13.0 s: flange looks to put down a body of 0.52 ± 0.04 kg.'
         """
         what = "put down" if self.mass < 0.0 else "pick up"
-        when, half = 0.5 * (self.earliest + self.latest), 2.0 * self.standard_error
+        half = 2.0 * self.standard_error
         places = max(0, -int(np.floor(np.log10(max(half, 1e-9)))))
         weighs = f"{abs(self.mass):.{places}f} ± {half:.{places}f} kg"
-        return f"In {log} the robot changes at about {when:.4g} s: {self.link} looks to {what} a body of {weighs}."
+        when = f"between {self.earliest:.1f} and {self.latest:.1f} s"
+        return f"In {log} the robot changes {when}: {self.link} looks to {what} a body of {weighs}."
 
 
 def body_change(
@@ -128,7 +129,7 @@ def body_change(
     >>> blocks, base = TimeBlocks(empty_factors(model)), model.base_parameters()
     >>> _ = sy.Information.from_chunks(model, [samples], blocks=blocks)
     >>> body_change(blocks, base.names, {"link2": base.K[:, 10:]}, 0.0, 10.0).sentence("a.csv")
-    'In a.csv the robot changes at about 6.08 s: link2 looks to pick up a body of 2.00 ± 0.03 kg.'
+    'In a.csv the robot changes between 5.8 and 6.4 s: link2 looks to pick up a body of 2.00 ± 0.03 kg.'
     """
     found = []
     held = blocks.held
