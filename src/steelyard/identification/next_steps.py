@@ -198,7 +198,7 @@ def _changes(identification: Identification) -> Iterator[NextStep]:
         reason = f"{change.sentence(log)} The answer is that of neither part, whose friction it distorts as well."
         if len(identification.logs) + len(identification.validation_logs) == 1:
             yield NextStep(
-                "Identify the part of the log before or after that by itself.",
+                "Identify the part of the log before or after the change by itself.",
                 f"{reason} These lines keep the longer one; from both, in files of their own, "
                 f"`steelyard payload {robot} UNLOADED LOADED` tells what was carried.",
                 f"[processing]\ntrim = {change.trim}",
@@ -206,7 +206,7 @@ def _changes(identification: Identification) -> Iterator[NextStep]:
             )
         else:
             yield NextStep(
-                "Cut that log there, and identify logs with and without the body apart.",
+                "Cut the log where the robot changes, and identify logs with and without the body apart.",
                 f"{reason} The two parts, in files of their own, tell what was carried.",
                 f"steelyard payload {robot} UNLOADED LOADED",
                 "console",
