@@ -429,7 +429,7 @@ def test_mistakes_of_six_arms_are_found(planted):
 @pytest.mark.slow
 @pytest.mark.parametrize("number", [25, 92, 155, 175, 239])
 def test_mistakes_that_leave_little_error_are_found(planted, number):
-    """Wrists that are coupled, rotors that are missing, zeros, and currents whose factors nearly make up for it."""
+    """Cases of the benchmark in which links and friction make up for most of it."""
     mistake, name, motion, cad, seed = list(planted.cases(number + 1))[number]
     arm = planted.Arm.named(name)
     log = planted.plant(arm, mistake, seed, motion)

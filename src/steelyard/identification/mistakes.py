@@ -44,9 +44,10 @@ coupled wrists and zeros of a weak motion leave no more. About half of the sound
 them is accused of anything."""
 GAIN = 10.0
 """Least gain (logarithm of the odds) of a hypothesis that is told: the best of hundreds on a sound log gains 6."""
-PAYLOAD_GAIN = 30.0
-"""The least gain of the hypothesis of a payload: much that a model lacks looks like another mass at the end of a chain.
-On a real Kinova Gen3 it gained 13, where the description leaves out a gripper."""
+GAINS = {"payload": 30.0, "coupled motors": 30.0}
+"""Least gains of some kinds in its place: much that a model lacks looks like another mass at the end of a chain, or
+like friction of another kind. On a real Kinova Gen3 a payload gained 13, where the description leaves out a gripper,
+and a coupled motor that it does not have 12; 130 and more where arms have one."""
 FALLEN = 0.75
 """Share of the error, of all torques or of one joint, that is left at most."""
 HEAVIER = 4.0
@@ -938,7 +939,7 @@ class _Search:
         told: list[Hypothesis] = []
         for candidate in sorted(self.found, key=lambda candidate: candidate.cost):
             gain = self.base.cost - candidate.cost
-            if gain < (PAYLOAD_GAIN if candidate.kind == "payload" else GAIN) and gain >= GAIN:
+            if GAIN <= gain < GAINS.get(candidate.kind, GAIN):
                 continue
             if gain < GAIN or (told and gain < told[0].gain - EQUAL):
                 break
