@@ -143,6 +143,11 @@ class Model:
         return self._layout.names
 
     @property
+    def described_as(self) -> tuple[str, ...]:
+        """As what a robot description holds each of the n parameters, such as friction; empty where it has no place."""
+        return self._layout.described_as
+
+    @property
     def parameter_count(self) -> int:
         """Number n of parameters."""
         return len(self.parameter_names)

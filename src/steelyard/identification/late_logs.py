@@ -16,7 +16,7 @@ from steelyard.recording.correction import Correction, Settings
 from steelyard.recording.diagnosis.late_torques import SURE, LateTorques, is_certain, late_torques
 from steelyard.recording.filters.zero_phase import low_pass
 from steelyard.regression import Estimate, Information
-from steelyard.regression.parameter_covariance import NORMAL, inverse_root
+from steelyard.regression.parameter_covariance import NORMAL, inverse_root_of
 from steelyard.regression.reduction import residuals
 
 from .given import GivenLog, GivenSamples
@@ -185,8 +185,7 @@ def _change(
     sums = np.zeros(information.base_count)
     for k, columns in enumerate(model.base_columns.joints):
         sums[columns] += weights[k] ** 2 * own.factors[k].count * delays[k] * found.changes[k]
-    problem = information.reduced(weights)
-    inverse, _, unknown = information.remembered(("inverse root", weights.tobytes()), lambda: inverse_root(problem.R))
+    inverse, _, unknown = inverse_root_of(information, weights)
     return np.where(unknown, 0.0, inverse @ (inverse.T @ sums))
 
 
@@ -225,8 +224,8 @@ def late_hypotheses(
     settings = _settings(logs, stated)
     told: dict[str, tuple[Hypothesis, ...]] = {}
     for one in logs:
-        delay = float(one.delays[np.argmax(np.abs(one.delays))])
-        deviation = float(one.deviations[np.argmax(np.abs(one.delays))])
+        largest = int(np.argmax(np.abs(one.delays)))
+        delay, deviation = float(one.delays[largest]), float(one.deviations[largest])
         evidence = (
             f"numbers of the answer move by up to {one.largest:.2g} times the half-width that noise alone gives their "
             "intervals of 95 %"

@@ -27,7 +27,7 @@ from steelyard.estimators.physical_prior import nonnegative_terms
 from steelyard.files import tell
 from steelyard.recording import Samples
 from steelyard.recording.correction import Correction, Settings, toml_inline, toml_text
-from steelyard.recording.diagnosis.detectors import saturation_levels
+from steelyard.recording.diagnosis.detectors import clipped_rows, saturation_levels
 
 __all__ = ["Hypothesis", "find_mistakes", "sentence"]
 
@@ -308,12 +308,9 @@ class _Memory(NamedTuple):
 
 def _without_clipped(samples: Samples) -> Samples:
     """Mask rows of clipped torques: what no model explains looks like friction of a motor that moves two joints."""
-    levels = saturation_levels(samples.torque)
-    clipped = (samples.torque <= levels[:, 0]) | (samples.torque >= levels[:, 1])
+    _, clipped = clipped_rows(samples.torque, saturation_levels(samples.torque))
     if not clipped.any():
         return samples
-    clipped[1:] |= clipped[:-1]
-    clipped[:-1] |= clipped[1:]
     return replace(samples, mask=~clipped if samples.mask is None else samples.mask & ~clipped)
 
 
@@ -786,7 +783,7 @@ class _Search:
 
     def _couplings(self) -> None:
         n = self.count
-        for j, k in [pair for i in range(n - 1) for pair in ((i, i + 1), (i + 1, i))]:
+        for j, k in _neighbors(n):
             for factor in (-1.0, 1.0):
                 matrix = np.eye(n)
                 matrix[j, k] = factor
@@ -811,11 +808,9 @@ class _Search:
         s, n, kinds = self.samples, self.count, {term.kind for term in self.model.robot.terms}
         if not set(FRICTION) <= kinds <= set(TERMS):
             return
-        drags = [
-            k for k, name in enumerate(self.model.parameter_names) if name.rstrip("0123456789") in ("Fvj", "Fcj", "Ia")
-        ]
-        own = np.reshape(drags, (n, -1))  # of each joint
-        for k, other in [pair for i in range(n - 1) for pair in ((i + 1, i), (i, i + 1))]:
+        drags = ("damping", "friction", "rotor_inertia")
+        own = np.reshape([k for k, kind in enumerate(self.model.described_as) if kind in drags], (n, -1))
+        for other, k in _neighbors(n):
             if self.turning[k] != self.turning[other]:
                 continue
             for sign in (-1.0, 1.0):
@@ -999,6 +994,13 @@ class _Search:
             return "all joints move within their limits"
         unit = "rad" if self.turning[k] else "m"
         return f"{self.names[k]} moves through {spans[1][k]:.3g} {unit} and not {spans[0][k]:.3g} {unit}"
+
+
+def _neighbors(count: int) -> Iterator[tuple[int, int]]:
+    """Yield each two neighbouring joints, in both orders."""
+    for k in range(count - 1):
+        yield k, k + 1
+        yield k + 1, k
 
 
 def _family(kind: str) -> str:

@@ -491,14 +491,13 @@ def _offsets_at_rest(info: Information, feasible_set: FeasibleSet) -> list[str]:
     if not isinstance(model, Model):
         return []
     hidden, K = info.unidentifiable_mask, np.asarray(model.base_parameters().K, dtype=float)
-    described = {one.symbol: one.described_as for term in model.robot.terms for one in term.parameters}
     offsets, shown = dict[str, str](), dict[str, bool]()
-    for column, name in enumerate(map(str, model.parameter_names)):
+    for column, (name, kind) in enumerate(zip(model.parameter_names, model.described_as, strict=True)):
         symbol = name.rstrip("0123456789")
         of_joint = name[len(symbol) - 1 :]  # "j3" of a joint, "m3" of a motor
-        if described.get(symbol) == "offset":
+        if kind == "offset":
             offsets[of_joint] = name
-        elif described.get(symbol) == "friction":
+        elif kind == "friction":
             shown[of_joint] = shown.get(of_joint, False) or not K[hidden, column].any()
     return [name for of_joint, name in offsets.items() if not shown.get(of_joint, True)]
 

@@ -34,7 +34,9 @@ RINGING = 0.5
 STEPS, LIGHTEST = 8, 1e-3
 """Steps from the linear answer to a point mass, and kg below which nothing is sought."""
 _UPPER = np.triu_indices(3)
-_TERMS, _FRICTION = re.compile(r"F\w+j\d+$"), re.compile(r"F(v|c)j\d+$")
+FRICTION = re.compile(r"F(v|c)j\d+$")
+"""Base parameters that are the friction of a joint, by their names."""
+_TERMS = re.compile(r"F\w+j\d+$")
 
 
 @dataclass(frozen=True)
@@ -151,7 +153,7 @@ class _Log:
         self.ends, self.squares = ends, [block[:-1, :-1] for block in squares]
         self.torques = [block[:-1, -1] for block in squares]
         unit = np.eye(len(names))
-        self.friction = unit[:, [k for k, name in enumerate(names) if _FRICTION.match(name)]]
+        self.friction = unit[:, [k for k, name in enumerate(names) if FRICTION.match(name)]]
         self.terms = unit[:, [k for k, name in enumerate(names) if _TERMS.match(name)]]
         middle = ends - 0.5 * np.diff(ends, prepend=0.0)
         shapes = np.column_stack([middle, np.exp(-DRIFTS * middle)])

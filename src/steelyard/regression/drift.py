@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from .body_change import FRICTION
 from .time_blocks import TimeBlocks
 
 __all__ = ["FrictionDrift", "drift_sentence", "friction_drifts"]
@@ -29,7 +29,6 @@ WORTH = 0.02
 """Part of the error of the joint, white noise included, that must vanish with the drift: half and more where
 friction falls by a third, up to 0.7 % on sound logs, real ones among them."""
 MOST_SAID = 3
-_FRICTION = re.compile(r"F(v|c)j\d+$")
 
 
 @dataclass(frozen=True)
@@ -91,7 +90,7 @@ def friction_drifts(blocks: TimeBlocks, base_names: Sequence[str]) -> tuple[Fric
     found = []
     held = blocks.held
     for joint, factor in enumerate(blocks.empty):
-        friction = [place for place, column in enumerate(factor.columns) if _FRICTION.match(base_names[column])]
+        friction = [place for place, column in enumerate(factor.columns) if FRICTION.match(base_names[column])]
         parts = [(int(counts[joint]), kept[joint]) for counts, kept in held if counts[joint] > 0]
         if not friction or len(parts) < FEWEST_BLOCKS:
             continue

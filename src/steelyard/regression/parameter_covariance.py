@@ -15,7 +15,7 @@ from .batch_means import BATCH_LENGTHS
 from .factor import RANK, Factor, Reduced, column_lengths, eigenvectors, solve
 from .information import Information
 
-__all__ = ["ParameterCovariance", "ResidualCorrelation", "inverse_root"]
+__all__ = ["ParameterCovariance", "ResidualCorrelation", "inverse_root", "inverse_root_of"]
 
 Array = NDArray[np.float64]
 
@@ -257,8 +257,7 @@ class ParameterCovariance:
 
     @classmethod
     def _of(cls, info: Information, problem: Reduced, beta: Array, used: Array) -> ParameterCovariance:
-        root_of_data = info.remembered(("inverse root", used.tobytes()), lambda: inverse_root(problem.R))
-        inverse, unidentifiable, unknown = root_of_data
+        inverse, unidentifiable, unknown = inverse_root_of(info, used)
         unknown = unknown | info.unidentifiable_mask
         if not info.batch_means:
             root = np.sqrt(_residual_variance(problem, beta)) * inverse
@@ -326,6 +325,15 @@ class ParameterCovariance:
         kept = values > 1e-14 * max(values[-1], 0.0)
         root = scale[:, None] * vectors[:, kept] * np.sqrt(values[kept])
         return cls(root, np.zeros((count, 0)), np.zeros(count, dtype=bool))
+
+
+def inverse_root_of(info: Information, weights: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Return `inverse_root` of the regression with weights of the joints (N,), which the Information remembers."""
+
+    def found() -> tuple[Array, Array, NDArray[np.bool_]]:
+        return inverse_root(info.reduced(weights).R)
+
+    return info.remembered(("inverse root", weights.tobytes()), found)
 
 
 def inverse_root(R: Array) -> tuple[Array, Array, NDArray[np.bool_]]:

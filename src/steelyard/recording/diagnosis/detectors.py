@@ -18,6 +18,7 @@ __all__ = [
     "DETECTORS",
     "Interval",
     "Intervals",
+    "clipped_rows",
     "fault",
     "faulty_rows",
     "find_missing",
@@ -258,15 +259,21 @@ def find_saturation(recording: Measurements, levels: ArrayLike | None = None) ->
         bounds = np.column_stack([-np.abs(bounds), np.abs(bounds)])
     if bounds.shape != (joints, 2):
         raise InputError(f"{recording.source} has {joints} joints; give one level of saturation, or one for each.")
-    slack = 1e-6 * np.ptp(recording.torque, axis=0)
-    at = (recording.torque <= bounds[:, 0] + slack) | (recording.torque >= bounds[:, 1] - slack)
-    flags = at.copy()
-    flags[1:] |= at[:-1]
-    flags[:-1] |= at[1:]
+    at, flags = clipped_rows(recording.torque, bounds)
     if levels is None:
         flags[:, _resting_throughout(recording, at)] = False
     names = recording.joint_names
     return Intervals("at a level where the torque is clipped", flags, recording.t, np.abs(bounds).min(axis=1), names)
+
+
+def clipped_rows(torque: Array, levels: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Tell which torques (S, N) are at levels (N, 2), and which of them are or have a neighbour that is."""
+    slack = 1e-6 * np.ptp(torque, axis=0)
+    at = (torque <= levels[:, 0] + slack) | (torque >= levels[:, 1] - slack)
+    near = at.copy()
+    near[1:] |= at[:-1]
+    near[:-1] |= at[1:]
+    return at, near
 
 
 def _resting_throughout(recording: Measurements, at: NDArray[np.bool_]) -> NDArray[np.bool_]:
