@@ -7,6 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from simulated_arm import simulated_arm
 
+import steelyard as sy
 from steelyard.regression import Information
 from steelyard.regression.drift import FrictionDrift, friction_drifts
 from steelyard.regression.reduction import empty_factors
@@ -15,11 +16,11 @@ from steelyard.regression.time_blocks import TimeBlocks
 ARM = simulated_arm(1, seconds=60.0)
 
 
-def drifts(extra: NDArray[np.float64]) -> tuple[FrictionDrift, ...]:
+def drifts(extra: NDArray[np.float64], model: sy.Model = ARM.model) -> tuple[FrictionDrift, ...]:
     samples = replace(ARM.samples, torque=ARM.samples.torque + extra)
-    blocks = TimeBlocks(empty_factors(ARM.model))
-    Information.from_chunks(ARM.model, [samples], blocks=blocks)
-    return friction_drifts(blocks, ARM.model.base_parameters().names)
+    blocks = TimeBlocks(empty_factors(model))
+    Information.from_chunks(model, [samples], blocks=blocks)
+    return friction_drifts(blocks, model.base_parameters().names)
 
 
 def friction(joint: int) -> NDArray[np.float64]:
@@ -29,11 +30,14 @@ def friction(joint: int) -> NDArray[np.float64]:
     return np.asarray(total)
 
 
-def test_friction_that_falls_while_a_joint_warms_up() -> None:
+@pytest.mark.parametrize("of_motors", [False, True])
+def test_friction_that_falls_while_a_joint_warms_up(of_motors: bool) -> None:
+    count = ARM.model.dof
+    model = sy.Model(ARM.model.robot.with_terms(sy.MotorSide(np.eye(count)))) if of_motors else ARM.model
     extra = np.zeros_like(ARM.samples.torque)
     time = np.linspace(0.0, 3.0, len(extra))
     extra[:, 1] = 0.5 * np.exp(-time) * friction(1)
-    (drift,) = drifts(extra)
+    (drift,) = drifts(extra, model)
     assert drift.joint == 1
     # Of 1 + exp(-t) / 2 over three time constants the mean is 1.158; the best line goes from 1.367 to 0.950.
     assert drift.first == pytest.approx(1.367 / 1.158, abs=0.05)

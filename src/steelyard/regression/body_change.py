@@ -34,9 +34,9 @@ RINGING = 0.5
 STEPS, LIGHTEST = 8, 1e-3
 """Steps from the linear answer to a point mass, and kg below which nothing is sought."""
 _UPPER = np.triu_indices(3)
-FRICTION = re.compile(r"F(v|c)j\d+$")
-"""Base parameters that are the friction of a joint, by their names."""
-_TERMS = re.compile(r"F\w+j\d+$")
+FRICTION = re.compile(r"F(v|c)[jm]\d+$")
+"""Base parameters that are the friction of a joint or of a motor, by their names."""
+_TERMS = re.compile(r"F\w+[jm]\d+$")
 
 
 @dataclass(frozen=True)

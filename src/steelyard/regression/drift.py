@@ -66,7 +66,7 @@ def friction_drifts(blocks: TimeBlocks, base_names: Sequence[str]) -> tuple[Fric
     blocks : TimeBlocks
         Of one log.
     base_names : sequence of str
-        Of the base parameters of the blocks; friction is known by the names ``Fvj1``, ``Fcj1`` and so on.
+        Of the base parameters of the blocks; friction is known by the names ``Fvj1``, ``Fcj1``, ``Fvm1`` and so on.
 
     Returns
     -------
