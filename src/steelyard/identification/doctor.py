@@ -51,6 +51,7 @@ from .late_logs import LateLog, errors_of, late_hypotheses, late_logs
 from .log_checks import SHORTEST_DRIFT, change_in_log, mistakes_in_logs
 from .log_reader import DrawnRows, LogReader, against_limits
 from .prediction_verdict import said_of
+from .torque_scale import gravity_scale
 from .unlogged_torques import told_by_unlogged_torques
 from .validation import DRAWN_ROWS, few_rows_of
 
@@ -594,6 +595,10 @@ class _Patient:
         worst = float(np.nanmax(information.joint_relative_error(estimate.base), initial=estimate.relative_error))
         limits, samples = given_constraints(file), {name: fit.samples}
         found = mistakes_in_logs(reader, file, limits, {name: self.log}, samples, {name: worst}, self.say).get(name, ())
+        layout = reader.layouts.get(name)
+        scale = gravity_scale(self.model, information, estimate, [fit.samples], self._file(), layout)
+        if scale is not None and found and scale.outweighs(found[0]):
+            found = ()
         for hypothesis in found[:1]:
             others = "".join(
                 f" Or: {one.statement} ({one.evidence}): {toml_inline(one.settings)}." for one in found[1:]
@@ -606,6 +611,10 @@ class _Patient:
             for finding in unsure:
                 self.add(finding)
             self._beyond_limits(survey)
+            if scale is not None:
+                weight = abs(float(np.log(scale.ratio)))
+                advice = f"If these masses are right, {toml_inline(scale.settings)} mends it." if scale.settings else ""
+                self.add(Finding("torque scale", scale.sentence, "wrong", weight, advice=advice))
             self._excitation(fit)
             self._events(name, fit)
             if fit.drifts and recording.duration >= SHORTEST_DRIFT:

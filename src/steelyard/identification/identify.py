@@ -29,12 +29,13 @@ from steelyard.regression.time_blocks import TimeBlocks
 from .default_terms import RotorDecision, decide_rotors, wider_model
 from .given import Data, GivenLog, GivenRobot, digests, given_constraints, given_logs, given_robot, given_settings
 from .late_logs import LateLog, late_hypotheses, late_logs
-from .log_checks import SHORTEST_DRIFT, change_in_log, copies_among, heavy_ends, implausible_mass, mistakes_in_logs
+from .log_checks import SHORTEST_DRIFT, change_in_log, copies_among, heavy_ends, mistakes_in_logs
 from .log_reader import DrawnLog, LogReader, LogReduction, LogTask, Progress, one_by_one
 from .mistakes import POOR, sentence
 from .parameter_table import parameter_table
 from .prediction_verdict import FewRows, few_rows, prediction_verdict
 from .result import Identification, Prediction, Trace
+from .torque_scale import TorqueScale, torque_scale
 
 if TYPE_CHECKING:
     from steelyard.regression.body_change import BodyChange
@@ -378,6 +379,23 @@ def identify(
     # Half of a log with a body looks like many a mistake.
     errors = {name: error for name, error in _worst_errors(predictions).items() if name not in changes}
     mistakes = mistakes_in_logs(reader, file, limits, by_name, samples, errors, say, well, known)
+    scale: TorqueScale | None = None
+    if not changes and not reader.units_are_suspect:
+
+        def free() -> Estimate | None:
+            # Within the masses of the prior torques in wrong units find no robot; without, one of another weight.
+            if mistakes:
+                return None
+            wrong = plausible is not None and prediction.word == "wrong"
+            return fit(information, feasible_set, weights=weights) if wrong else estimate
+
+        seen = [part[3] for part in parts if part[1] == "identification"]
+        layout = reader.layouts.get(parts[0][0])
+        scale = torque_scale(model, information, unconstrained, free, seen, file, layout)
+    # Of several logs, one alone may have another unit than all the others.
+    if scale is not None and (len(logs) == 1 or len(mistakes) > 1):
+        mistakes = {name: found for name, found in mistakes.items() if not scale.outweighs(found[0])}
+    scale = None if mistakes else scale
     prediction = prediction.with_mistakes(mistakes.values())
     told = mistakes
     if all(found[0].kind == "delay" for found in mistakes.values()):  # which it tells by few rows
@@ -385,14 +403,10 @@ def identify(
     remarks.update(dict.fromkeys(f"{log}: {sentence(found)}" for log, found in told.items()))
     if not mistakes:
         remarks.update(dict.fromkeys(_dear(unconstrained, estimate)))
-    if not mistakes and not reader.units_are_suspect:
-        # Within the masses of the prior torques in wrong units find no robot; without, they find one of another weight.
-        free = estimate
-        if plausible is not None and prediction.word == "wrong":
-            free = fit(information, feasible_set, weights=weights)
-        remarks.update(dict.fromkeys(implausible_mass(model, free, parts[0][3])))
-        if table is not None:
-            remarks.update(dict.fromkeys(heavy_ends(model, table)))
+    if scale is not None:
+        remarks[scale.sentence] = None
+    if not mistakes and not reader.units_are_suspect and table is not None:
+        remarks.update(dict.fromkeys(heavy_ends(model, table)))
     remarks.update(dict.fromkeys(model.robot.remarks))
     if model.robot.source is not None:
         from .missed_terms import missed_terms  # there is no description otherwise
@@ -413,6 +427,7 @@ def identify(
         remarks=tuple(remarks),
         mistakes=told,
         changes=changes,
+        scale=scale,
         drifts=() if mistakes else tuple(drifts),
         why_no_rotors=why_no_rotors,
         robot_file=file.path if file.path.is_file() else None,

@@ -7,11 +7,9 @@ from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from steelyard.display import few_digits
 from steelyard.dynamics import Model
-from steelyard.estimators.kinematic_bodies import reach_of
 from steelyard.estimators.marginal_likelihood import body_priors
 from steelyard.estimators.physical_prior import PhysicalPrior
 from steelyard.feasibility.constraints import Constraint
@@ -19,7 +17,7 @@ from steelyard.recording import LogColumns, Samples
 from steelyard.recording.correction import correction_settings
 from steelyard.recording.formats import LogFiles
 from steelyard.recording.recognition import Layout
-from steelyard.regression import Estimate, Information
+from steelyard.regression import Information
 from steelyard.regression.body_change import BodyChange, body_change
 from steelyard.regression.time_blocks import TimeBlocks
 from steelyard.robot import RobotFile
@@ -28,8 +26,9 @@ from .given import GivenLog, GivenSamples
 from .log_reader import LogReader
 from .mistakes import MOTION_UNITS, TOO_MANY_JOINTS, Hypothesis, find_mistakes
 from .parameter_table import MANY_PARAMETERS, ParameterTable
+from .torque_scale import masses
 
-__all__ = ["change_in_log", "copies_among", "heavy_ends", "implausible_mass", "mistakes_in_logs"]
+__all__ = ["change_in_log", "copies_among", "heavy_ends", "mistakes_in_logs"]
 
 SHORTEST_DRIFT = 60.0
 """s of a log below which no drift of friction is looked for: gears warm up in minutes, and what changes in seconds is
@@ -159,18 +158,6 @@ def _layout(log: GivenLog, columns: LogColumns, model: Model) -> Layout | None:
     return LogFiles(log, columns).layout(list(model.robot.joint_names))
 
 
-_OF_DESCRIPTION = 8.0
-"""Largest ratio of the masses of the answer and of the description that CAD without drives or cables explains."""
-_LIGHTEST, _HEAVIEST = 1.0, 1500.0
-"""kg per m³ of the longest reach, cubed. Robots have 20 to 100 (a servo with a horn, a dog's leg, arms of 0.8 to 3 m);
-the lightest possible answer may have a few times less, where the motion does not show all the masses."""
-_GRAVITY_SEEN = 0.05
-"""Share of the torques that gravity must have before a small mass is called implausible: without gravity (a vertical
-axis, a balanced arm) torques hardly show masses, and the lightest answer is light."""
-_SHORTEST = 0.05
-"""m of reach below which the description does not show the robot's size."""
-
-
 _HEAVY_END, _NOTICEABLE = 2.0, 0.05
 """Ratio of the mass of a link that carries no other to the description's, and how much more that is of the mass of all
 links, from which it is told: of none of 72 simulated answers of twelve arms, with CAD wrong by 30 % a link."""
@@ -190,7 +177,7 @@ def heavy_ends(model: Model, table: ParameterTable) -> tuple[str, ...]:
     tuple of str
         A sentence for each.
     """
-    described = _masses(model, model.robot.parameters)
+    described = masses(model, model.robot.parameters)
     carrying = {joint.parent for joint in model.robot.joints}
     found = []
     for k, link in enumerate(table.links):
@@ -225,50 +212,3 @@ def change_in_log(model: Model, blocks: TimeBlocks, kept: Samples) -> BodyChange
         if k not in carrying
     }
     return body_change(blocks, base.names, ends, float(np.min(kept.t)), float(np.max(kept.t)))
-
-
-def implausible_mass(model: Model, estimate: Estimate, samples: Samples) -> tuple[str, ...]:
-    """Compare the total mass of an estimate with the description's, or else with what a robot of its reach has.
-
-    Parameters
-    ----------
-    model : Model
-    estimate : Estimate
-        With parameters of every link.
-    samples : Samples
-        Of the motion that it comes from.
-
-    Returns
-    -------
-    tuple of str
-        One sentence at most.
-    """
-    parameters = estimate.parameters
-    assert parameters is not None
-    mass = float(_masses(model, parameters).sum())
-    described = _masses(model, model.robot.parameters)
-    if np.all(described > 0.0):
-        expected = float(described.sum())
-        low, high = expected / _OF_DESCRIPTION, expected * _OF_DESCRIPTION
-        what = f"the description's {expected:.4g} kg"
-    else:
-        reach = reach_of(model.robot)
-        if reach < _SHORTEST:
-            return ()
-        low, high = _LIGHTEST * reach**3, _HEAVIEST * reach**3
-        what = f"the {low:.2g} to {high:.2g} kg of robots that reach {reach:.3g} m"
-    if low <= mass <= high:
-        return ()
-    if mass < low:
-        gravity = model.gravity(samples.q, parameters)
-        if np.linalg.norm(gravity) < _GRAVITY_SEEN * np.linalg.norm(samples.torque):
-            return ()
-    return (
-        f"The links weigh {mass:.4g} kg together by these torques, far from {what}: check `torque_unit`, `gain` and "
-        "gear ratios in [log].",
-    )
-
-
-def _masses(model: Model, parameters: ArrayLike) -> NDArray[np.float64]:
-    """Return the masses of the links in kg among all parameters."""
-    return np.asarray(parameters, dtype=np.float64)[[int(link[9]) for link in model.link_columns]]

@@ -351,6 +351,7 @@ class _Search:
         self.nonnegative = nonnegative_terms(model)
         self.found: list[_Candidate] = []
         self.tried: set[str] = set()
+        self.whole = 0.0  # logarithm of the likeliest factor of all torques, as far as it was looked for
         self.given = moments(model, samples)
         self.best = np.inf
         self.base = self._fit(self.given)
@@ -453,7 +454,10 @@ class _Search:
         poor = poor or self.strangeness > 0.5 * GAIN or base.torque_surprise.max() > 0.5 * GAIN
         for attempt in (self._whole_scales, self._payloads, *([self._delays] if poor else [])):
             self._once(attempt)
-        found = any(self.base.cost - candidate.cost > GAIN for candidate in self.found)
+        gaining = [candidate.kind for candidate in self.found if self.base.cost - candidate.cost > GAIN]
+        if "torque unit" in gaining:  # any smaller factor makes torques fit that are too large, too
+            self._once(self._whole_factor)
+        found = bool(gaining)
         if found:  # rotors behind gears make torques as large as a wrong unit or a payload would
             self._once(self._missing_terms)
         return poor or found
@@ -620,8 +624,23 @@ class _Search:
             statement = f"The torques look a thousand times too {how}"
             self._try("torque unit", statement, correction, 2.0, self.given, anywhere=True)
 
+    def _whole_factor(self) -> None:
+        """One factor of all the torques."""
+        if len(self.priors) > 1:
+            return  # the mass is not known, and no such factor either
+        ones = np.ones(self.count)
+        starts = np.arange(-8.0, 9.0, 2.0)
+        self.whole = whole = _least(
+            lambda log: self._fit(self.given, _scales(log * ones), refine=False).cost, starts, 8
+        )
+        # Close to a thousand it is the unit: masses of descriptions are wrong by tens of per cent, and more.
+        if abs(abs(whole) - np.log(THOUSAND)) > np.log(HEAVIER):
+            statement = f"All torques look {_times(whole)} too {_small(whole)}"
+            correction = Correction(torques=_scales(whole * ones))
+            self._try("torque scale", statement, correction, 1e4, self.given, anywhere=True)
+
     def _torque_scales(self) -> None:
-        n, ones = self.count, np.ones(self.count)
+        n = self.count
 
         def attempt(kind: str, statement: str, logs: Array, choices: float) -> None:
             self._try(kind, statement, Correction(torques=_scales(logs)), choices, self.given, anywhere=True)
@@ -629,12 +648,7 @@ class _Search:
         def cost(logs: Array) -> float:
             return self._fit(self.given, _scales(logs), refine=False).cost
 
-        whole = 0.0
-        if len(self.priors) == 1:  # otherwise the mass is not known, and no factor of all the torques either
-            whole = _least(lambda log: cost(log * ones), np.arange(-8.0, 9.0, 2.0), 8)
-            # Close to a thousand it is the unit: masses of descriptions are wrong by tens of per cent, and more.
-            if abs(abs(whole) - np.log(THOUSAND)) > np.log(HEAVIER):
-                attempt("torque scale", f"All torques look {_times(whole)} too {_small(whole)}", whole * ones, 1e4)
+        self._once(self._whole_factor)
         for k, own in enumerate(np.eye(n)):
             name = self.names[k]
             for log in (-np.log(THOUSAND), np.log(THOUSAND)):
@@ -649,7 +663,7 @@ class _Search:
 
             log = _least(of_one, start, 5)
             attempt("torque scale", f"The torque of {name} looks {_times(log)} too {_small(log)}", log * own, 1e3 * n)
-        logs = min(self._likely_scales(whole), key=cost)
+        logs = min(self._likely_scales(self.whole), key=cost)
         for own in np.eye(n):
 
             def of_one_more(log: float, others: Array = logs, own: Array = own) -> float:

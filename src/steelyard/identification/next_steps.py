@@ -144,13 +144,14 @@ def _steps(identification: Identification) -> Iterator[NextStep]:
     yield from other
     yield from _changes(identification)
     yield from _mistakes(identification)
+    yield from _scale(identification)
     yield from _clipped(identification)
     yield from _events(identification)
     yield from _drifts(identification)
-    if identification.prediction.word == "wrong" or identification.changes:
-        if not identification.mistakes and not identification.changes and not other:
+    if identification.prediction.word == "wrong" or identification.changes or identification.scale:
+        if not (identification.mistakes or identification.changes or identification.scale or other):
             yield _doctor(identification)
-        return  # what the motion shows, and what is assumed, means nothing of a wrong model, or of two robots
+        return  # what the motion shows, and what is assumed, means nothing of a wrong model, or of none
     weak = list(_weak(identification))
     yield from _unseen(identification, weak)
     yield from _missing_terms(identification)
@@ -247,6 +248,16 @@ def _mistakes(identification: Identification) -> Iterator[NextStep]:
         else:
             command = _doctor_command(identification, [log])
             yield NextStep("See whether it is so, and identify again.", reason, command, "console")
+
+
+def _scale(identification: Identification) -> Iterator[NextStep]:
+    """Torques of another size than the weight of the robot needs, so that all masses are wrong by one factor."""
+    scale = identification.scale
+    if scale is not None:
+        mends = "With the line below the two agree." if scale.settings else "GAIN is N·m per unit of the columns."
+        yield NextStep(
+            "Check the scale of the torques, and identify again.", f"{scale.sentence} {mends}", scale.toml, "toml"
+        )
 
 
 def _clipped(identification: Identification) -> Iterator[NextStep]:

@@ -1,0 +1,123 @@
+"""Torques of another size than the robot's weight needs leave no error, and every mass is wrong by one factor."""
+
+import numpy as np
+import pytest
+
+import steelyard as sy
+from steelyard.dynamics import Spring
+from steelyard.identification import examine
+from steelyard.identification.next_steps import next_steps
+from steelyard.identification.torque_scale import measured_gravity
+
+ROWS = [("pi/2", 0, 0.3, "q"), (0, 0.4, 0, "q"), (0, 0.35, 0, "q"), ("pi/2", 0, 0, "q")]
+NAMES = ("link1", "link2", "link3", "link4")
+CAD = {
+    name: sy.Inertia.from_com(mass, com, np.diag([0.02, 0.03, 0.03]))
+    for name, mass, com in zip(
+        NAMES, (4.0, 3.0, 2.0, 1.0), ((0, 0, -0.1), (-0.2, 0, 0), (-0.15, 0, 0), (0, 0, 0.08)), strict=True
+    )
+}
+TERMS = (sy.Viscous(), sy.Coulomb(), sy.Offset())
+TOOL = sy.Inertia.from_com(4.0, (0.0, 0.02, 0.15), 0.01 * np.eye(3))
+
+
+def robot_of(inertias):
+    return sy.Robot.from_dh(ROWS, inertias=inertias, gravity=(0, 0, -9.81)).with_terms(*TERMS)
+
+
+@pytest.fixture(scope="module")
+def motion():
+    t = np.arange(3000) / 200.0
+    w = np.array([[1.1, 1.7, 2.3, 2.9]])
+    phase = w * t[:, None] + [0.3, 1.1, 2.0, 0.1]
+    return t, 0.9 * np.sin(phase), 0.9 * w * np.cos(phase), -0.9 * w**2 * np.sin(phase)
+
+
+def samples_of(motion, factor=1.0, tool=None):
+    """What an arm whose masses are off those of CAD by up to 20 % shows, with its torques times a factor."""
+    t, q, dq, ddq = motion
+    parts = zip(CAD.items(), (0.9, 1.2, 0.8, 1.1), strict=True)
+    deviating = {name: sy.Inertia.from_parameters(part * body.parameters) for (name, body), part in parts}
+    if tool is not None:
+        deviating["link4"] = deviating["link4"] + tool
+    model = sy.Model(robot_of(CAD))
+    truth = np.array(model.robot.parameters, dtype=float)
+    for columns, body in zip(model.link_columns, deviating.values(), strict=True):
+        truth[columns] = body.parameters
+    truth[np.isnan(truth)] = 0.3
+    torque = model.inverse_dynamics(q, dq, ddq, truth)
+    torque += 0.05 * np.random.default_rng(3).normal(size=q.shape)
+    return sy.Samples(q=q, dq=dq, ddq=ddq, torque=factor * torque, t=t)
+
+
+@pytest.mark.parametrize("factor", [0.01, pytest.param(0.3, marks=pytest.mark.slow), 5.0])
+def test_one_factor_of_all_torques_is_the_first_thing_to_check(motion, factor):
+    result = sy.identify(robot_of(CAD), samples_of(motion, factor))
+    assert result.scale is not None
+    assert result.scale.ratio == pytest.approx(factor, rel=0.25)
+    assert result.scale.sentence in result.remarks
+    first, *others = next_steps(result)
+    assert first.reason.startswith(result.scale.sentence)
+    assert not others
+    # The line mends it: masses are those of the description within what these are wrong by.
+    (line,) = [float(one.strip(" []")) for one in first.code.split("gain = ")[1].split(",")][:1]
+    assert line == pytest.approx(1.0 / factor, rel=0.25)
+    assert result.to_dict()["torque_scale"]["ratio"] == result.scale.ratio
+
+
+@pytest.mark.parametrize("factor", [0.7, 1.0, pytest.param(1.5, marks=pytest.mark.slow)])
+def test_masses_as_far_off_as_those_of_cad_are_no_scale(motion, factor):
+    assert sy.identify(robot_of(CAD), samples_of(motion, factor)).scale is None
+
+
+def gravity(motion, inertias, **made):
+    model, samples = sy.Model(robot_of(inertias)), samples_of(motion, **made)
+    information = sy.Information.from_samples(model, samples)
+    return measured_gravity(model, information, sy.least_squares(information), samples.q[::20])
+
+
+def test_ratios_are_those_of_gravity_at_the_joints_that_carry_something(motion):
+    """With the centres of CAD they lie between the least and the largest ratio of masses, here 0.8 to 1.2."""
+    found = gravity(motion, CAD, factor=3.0)
+    assert 1 <= len(found.ratios) <= 3  # nothing of the first axis, which is vertical
+    assert np.all((found.ratios > 0.79 * 3) & (found.ratios < 1.21 * 3))
+    assert found.left_by_scale < found.left_by_tool
+
+
+def test_a_tool_is_no_scale(motion):
+    found = gravity(motion, CAD, tool=TOOL)
+    assert found.ratios.min() > 2.0
+    assert found.left_by_tool < found.left_by_scale
+    assert sy.identify(robot_of(CAD), samples_of(motion, tool=TOOL)).scale is None
+
+
+def test_links_without_masses_may_explain_what_is_too_large_only(motion):
+    partly = {name: CAD[name] for name in NAMES[:3]}
+    assert sy.identify(robot_of(partly), samples_of(motion, 20.0)).scale is None
+    assert sy.identify(robot_of(partly), samples_of(motion, 0.05)).scale.ratio < 0.1
+
+
+def test_a_motion_that_hardly_shows_gravity_tells_no_scale(motion):
+    t, *rest = motion
+    q, dq, ddq = (0.002 * one for one in rest)
+    assert gravity((t, q, dq, ddq), CAD, factor=0.05) is None
+
+
+def test_gravity_that_a_spring_may_take_is_not_told_from_it(motion):
+    """A counterweight by a term of the model has the columns of gravity: a factor of these is no scale."""
+    model = sy.Model(robot_of(CAD).with_terms(*TERMS, Spring()))
+    samples = samples_of(motion, 0.05)
+    information = sy.Information.from_samples(model, samples)
+    found = measured_gravity(model, information, sy.least_squares(information), samples.q[::20])
+    assert found is None or found.ratios == pytest.approx(0.05, rel=0.25)
+
+
+def test_doctor_tells_it_and_states_nothing_of_it(motion, tmp_path):
+    """As torques of motors in front of gears of 1:50 are."""
+    t, q, *_ = motion
+    log = sy.Recording(t=t, q=q, torque=samples_of(motion, 0.02).torque).save(tmp_path / "log.csv")
+    (finding,) = [one for one in examine(log, robot_of(CAD)).findings if one.kind == "torque scale"]
+    assert finding.harm == "wrong"
+    assert "Gravity takes 0.019 times" in finding.statement
+    assert "`gain = [" in finding.advice
+    assert not finding.remedy  # the masses may be wrong instead
