@@ -39,7 +39,7 @@ from steelyard.regression import Information
 from steelyard.regression.batch_means import BatchMeans, BatchMeansTree, BatchSums
 from steelyard.regression.factor import solve
 from steelyard.regression.reduction import FEWEST_EXACT, empty_factors, narrowed, reduce_by_joint, residuals
-from steelyard.regression.time_blocks import MOST, TimeBlocks
+from steelyard.regression.time_blocks import FOLDS, MOST, TimeBlocks
 from steelyard.robot import Robot, RobotFile
 
 from .given import GivenLog, GivenSamples
@@ -576,7 +576,9 @@ def _kept_of(
     empty = empty_factors(model)
     drawn = DrawnRows(model, max(task.rows // sections, 1), total)
     sums = BatchSums(empty)
-    blocks = TimeBlocks(empty, -(-MOST // (task.logs * sections))) if task.fitted else None
+    # Of many logs one may be longer than all the others, and is then to be cut into folds by itself.
+    most = max(-(-MOST // (task.logs * sections)), FOLDS if sections == 1 else 1)
+    blocks = TimeBlocks(empty, most) if task.fitted else None
     information = _information_of(stream, model, [drawn, thinned], sums, blocks, exact, lead)
     # Of a log that is only predicted the shortest batches do, which tell its white noise.
     information = replace(information, batch_means=sums.factors()[: None if task.fitted else 1])
