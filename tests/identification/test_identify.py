@@ -1,6 +1,7 @@
 """The main job on simulated robots with known parameters, in chunks, and with columns mixed up."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -181,3 +182,15 @@ def test_a_long_log_among_many_short_ones_is_cut_into_folds(elbow, simulation):
         logs.append(folder / f"short{number}.csv")
         sy.Recording(t=whole.t[rows], q=whole.q[rows], torque=whole.torque[rows]).save(logs[-1])
     assert sy.identify(path, logs).prediction.source == "5 stretches of the logs, each left out in turn"
+
+
+@pytest.mark.parametrize("processing", [None, {"cutoff": 5.0, "velocity_threshold": 0.01}])
+def test_what_is_wrong_with_a_partition_names_its_path(elbow, simulation, processing):
+    path, model, folder = elbow
+    for day in (1, 2):
+        (folder / f"day={day}").mkdir()
+        log = simulation.record(model, folder / f"day={day}" / "part-0.csv", seed=day)
+    lines = log.read_text().splitlines()
+    log.write_text("\n".join([*lines[:500], lines[500].rpartition(",")[0] + ",", *lines[501:]]))
+    with pytest.raises(InputError, match=f"^{re.escape(str(log))} has no finite number in column .* on line 501"):
+        sy.identify(path, str(folder / "day=*/part-0.csv"), processing=processing)

@@ -247,7 +247,10 @@ class LogReader:
         chosen = [logs[int(i)] for i in np.linspace(0, len(logs) - 1, count).round()]
         rows = min(DECISION_ROWS, max(_FEWEST_ROWS, _DECIDING_ROWS // count))
         say(f"choosing the filter by {count} log{'s' * (count > 1)}")
-        recordings = [chunks.middle_of(self._open(log), self.stated, rows) for log in chosen]
+        recordings = []
+        for log in chosen:
+            with _told_where(log):
+                recordings.append(chunks.middle_of(self._open(log), self.stated, rows))
         if not any(one.torque.size and np.ptp(one.torque, axis=0).any() for one in recordings):
             raise InputError(
                 f"{recordings[0].source}: no torque changes within {recordings[0].count} rows; check `torque` in "
@@ -312,7 +315,8 @@ class LogReader:
         """
         log = self.opened(task, model)
         if log is None:
-            return self._reduced_whole(task, model)
+            with _told_where(task.log):
+                return self._reduced_whole(task, model)
         joined = JoinedSections(log, model)
         with contextlib.closing(self._sections(log, model)) as sections:
             for section in sections:
@@ -378,7 +382,8 @@ class LogReader:
         if isinstance(task.log, GivenSamples) or self.processing.needs_whole_log:
             return None
         own = self._unwritten()
-        opened = chunks.OpenedLog(self._open(task.log), self.processing, model, partial(own._look, task.log))
+        with _told_where(task.log):
+            opened = chunks.OpenedLog(self._open(task.log), self.processing, model, partial(own._look, task.log))
         return SectionedLog(task, opened, tuple(own.remarks), next(iter(own.layouts.values()), None))
 
     def reduced_section(
@@ -394,7 +399,8 @@ class LogReader:
         seen, thinned = chunks.SeenRows(), ThinnedSamples(task.points, opened.count(), before)
         exact = None if section == 0 else FEWEST_EXACT
         stream = _until(stop, opened.samples(section, seen, lead))
-        kept = _kept_of(stream, task, model, thinned, opened.sections, behind - before, exact, lead)
+        with _told_where(task.log):
+            kept = _kept_of(stream, task, model, thinned, opened.sections, behind - before, exact, lead)
         if opened.sections > 1:
             from steelyard.graph.large_arrays import return_free_memory  # only long logs need it
 
@@ -541,6 +547,18 @@ class LogReader:
             # Of the pieces that are processed together none is joined with the next, which costs time and memory only.
             rows = min(self.chunk_rows, chunks.PIECE_ROWS)
             yield from process_chunks(log, self.columns, self.processing, rows, joints, model, look, survey)
+
+
+@contextlib.contextmanager
+def _told_where(log: GivenLog) -> Iterator[None]:
+    """Let what is wrong with a log name its path: partitions of a data set have files of one name."""
+    try:
+        yield
+    except InputError as error:
+        path, told = str(log), str(error)
+        if path in told or not told.startswith(name := Path(path).name):
+            raise
+        raise InputError(path + told.removeprefix(name)) from None
 
 
 def _until(stop: Event | None, stream: Iterator[Samples]) -> Iterator[Samples]:
