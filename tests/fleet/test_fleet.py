@@ -20,7 +20,8 @@ from dask_cluster import dask_workers, disturbed
 
 import steelyard as sy
 from steelyard.cli import main
-from steelyard.fleet import Checkpoints, FleetManifest, identify_fleet
+from steelyard.fleet import Checkpoints, FleetManifest, identify_fleet, robot_estimate
+from steelyard.fleet.checkpoints import checkpoint_key
 from steelyard.report import fleet_html, save_fleet
 
 from .sibling_arms import Arms
@@ -408,3 +409,32 @@ def test_the_manifest_is_not_replaced_by_results(arms: Arms, called: Called) -> 
     assert code == 2
     assert "is read, and the results would replace it" in said
     assert (arms.folder / "robots.parquet").read_bytes() == before
+
+
+@pytest.mark.parametrize("element", ["visual", "collision", "constraint"])
+def test_what_was_kept_is_not_that_of_other_meshes(tmp_path: Path, element: str) -> None:
+    def key(size: float) -> str:
+        corners = size * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+        faces = "".join(
+            "facet normal 0 0 0\nouter loop\n"
+            + "".join(f"vertex {x} {y} {z}\n" for x, y, z in np.delete(corners, k, axis=0))
+            + "endloop\nendfacet\n"
+            for k in range(4)
+        )
+        (tmp_path / "link.stl").write_text(f"solid link\n{faces}endsolid link\n")
+        for cached in (robot_estimate._known_by_files, robot_estimate._file_and_models):
+            cached.cache_clear()  # as in the next run
+        task = {"label": "A", "intervals": "base", "robot": str(tmp_path / "robot.toml"), "logs": []}
+        return checkpoint_key(*robot_estimate.inputs_of({**task, "informations": [], "validate": []}))
+
+    shape = f'<{element}><geometry><mesh filename="link.stl"/></geometry></{element}>'
+    (tmp_path / "arm.urdf").write_text(
+        f'<robot name="arm"><link name="base"/><link name="upper">{shape if element != "constraint" else ""}</link>'
+        '<joint name="one" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 0 1"/>'
+        '<limit lower="-3" upper="3" effort="9" velocity="9"/></joint></robot>'
+    )
+    hull = '[[constraints.center_of_mass_hull]]\nlink = "upper"\nmesh = "link.stl"\n'
+    (tmp_path / "robot.toml").write_text(
+        f'[description]\nurdf = "arm.urdf"\n{hull if element == "constraint" else ""}', encoding="utf-8"
+    )
+    assert key(0.1) == key(0.1) != key(0.2)

@@ -81,7 +81,21 @@ def test_times_with_zones_are_ordered_as_they_follow_each_other(tmp_path: Path) 
     dates = ("2026-03-01T12:00:00+02:00", "2026-03-01T11:00:00Z")
     entries = [f'[[robots]]\nid = "A"\nlogs = ["a"]\ndate = {date}\n' for date in dates]
     manifest = FleetManifest.load(written(tmp_path, 'robot = "x"\n' + "".join(entries)))
-    assert [one.date for one in manifest.entries] == ["2026-03-01T10:00:00", "2026-03-01T11:00:00"]
+    assert [one.date for one in manifest.entries] == ["2026-03-01T10:00:00+00:00", "2026-03-01T11:00:00+00:00"]
+
+
+@pytest.mark.parametrize(
+    ("dates", "message"),
+    [
+        (["2026-03-01T12:00:00+02:00", "2026-03-01T11:00:00"], "has no time zone, and one in .*; give all or none"),
+        (["2026-03-01T11:00:00", "2026-03-01T12:00:00+02:00"], "has a time zone, and none in .*; give all or none"),
+        (["0001-01-01T00:00:00+14:00"], "a date such as 2026-03-01"),
+    ],
+)
+def test_times_that_cannot_be_ordered_are_refused(tmp_path: Path, dates: list[str], message: str) -> None:
+    entries = [f'[[robots]]\nid = "A"\nlogs = ["a"]\ndate = {date}\n' for date in dates]
+    with pytest.raises(sy.errors.InputError, match=message):
+        FleetManifest.load(written(tmp_path, 'robot = "x"\n' + "".join(entries)))
 
 
 def test_a_column_that_is_unknown_is_named(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """The main job on simulated robots with known parameters, in chunks, and with columns mixed up."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -151,3 +152,45 @@ def test_same_inputs_same_answer(elbow, simulation):
     log = simulation.record(model, folder / "log.csv", seed=10, noise=1.0)
     a, b = sy.identify(path, [log]), sy.identify(path, [log])
     assert a.estimate.to_dict() == b.estimate.to_dict()
+
+
+@pytest.mark.parametrize("removed", [False, True])
+def test_a_log_that_is_written_while_it_is_read_is_refused(elbow, simulation, removed):
+    path, model, folder = elbow
+    log = simulation.record(model, folder / "log.csv", seed=1)
+
+    def meanwhile(step):
+        if step == "least squares" and removed:
+            log.unlink()
+        elif step == "least squares":
+            log.write_text(log.read_text().replace("0.1", "0.2"))
+
+    if removed:  # all of it was read
+        assert sy.identify(path, [log], progress=meanwhile).prediction.word == "good"
+        return
+    with pytest.raises(InputError, match=r"log.csv was written while it was read.*; wait until it is complete"):
+        sy.identify(path, [log], progress=meanwhile)
+
+
+@pytest.mark.slow
+def test_a_long_log_among_many_short_ones_is_cut_into_folds(elbow, simulation):
+    path, model, folder = elbow
+    logs = [simulation.record(model, folder / "long.csv", seed=1, periods=3.0)]
+    whole = sy.Recording.read(simulation.record(model, folder / "whole.csv", seed=2))
+    for number in range(24):
+        rows = slice(70 * number, 70 * number + 300)
+        logs.append(folder / f"short{number}.csv")
+        sy.Recording(t=whole.t[rows], q=whole.q[rows], torque=whole.torque[rows]).save(logs[-1])
+    assert sy.identify(path, logs).prediction.source == "5 stretches of the logs, each left out in turn"
+
+
+@pytest.mark.parametrize("processing", [None, {"cutoff": 5.0, "velocity_threshold": 0.01}])
+def test_what_is_wrong_with_a_partition_names_its_path(elbow, simulation, processing):
+    path, model, folder = elbow
+    for day in (1, 2):
+        (folder / f"day={day}").mkdir()
+        log = simulation.record(model, folder / f"day={day}" / "part-0.csv", seed=day)
+    lines = log.read_text().splitlines()
+    log.write_text("\n".join([*lines[:500], lines[500].rpartition(",")[0] + ",", *lines[501:]]))
+    with pytest.raises(InputError, match=f"^{re.escape(str(log))} has no finite number in column .* on line 501"):
+        sy.identify(path, str(folder / "day=*/part-0.csv"), processing=processing)

@@ -11,7 +11,9 @@ import steelyard as sy
 from steelyard.errors import InputError
 from steelyard.identification import validate_estimate
 from steelyard.identification.next_steps import next_steps
+from steelyard.identification.saved_result import SavedResult
 from steelyard.recording import Recording
+from steelyard.recording.formats import remote
 
 SETTINGS = "[processing]\ncutoff = 5.0\nvelocity_threshold = 0.005\n"
 
@@ -166,3 +168,19 @@ def test_bad_input_is_one_sentence(logs, run, tmp_path):
         assert told.startswith("steelyard: ")
         assert expected in told
         assert "Traceback" not in err
+
+
+def test_a_result_of_logs_in_an_object_store_is_judged(logs, tmp_path, monkeypatch):
+    fsspec = pytest.importorskip("fsspec")
+    folder, _ = logs
+    system, known = fsspec.filesystem("memory"), remote._known
+    for name in ("one", "two"):
+        system.put(str(folder / f"{name}.csv"), f"/judged/{name}.csv")
+    # A store such as S3 tells the content of an object by a tag, from which no hash follows.
+    monkeypatch.setattr(remote, "_known", lambda *given: {**known(*given), "etag": f"of {given[2]}"})
+    sy.identify(folder / "robot.toml", "memory://judged/one.csv").save(tmp_path / "result")
+    result = SavedResult.load(tmp_path / "result")
+    assert result.has_seen("memory://judged/one.csv")
+    assert not result.has_seen("memory://judged/two.csv")
+    found = validate_estimate(folder / "robot.toml", tmp_path / "result", ["memory://judged/two.csv"])
+    assert found.prediction.word == "good"

@@ -205,6 +205,32 @@ def test_a_window_holds_the_newest_samples_alone(model: sy.Model, motion: tuple[
         assert np.allclose(gram(a), gram(b), rtol=1e-10, atol=1e-10 * np.abs(gram(b)).max())
 
 
+@pytest.mark.parametrize("together", [1, 3000])
+@pytest.mark.parametrize("options", [{"forget": 0.5}, {"window": 0.8}, {"forget": 0.5, "window": 0.8}])
+def test_samples_count_alike_one_by_one_and_together(
+    model: sy.Model, motion: tuple[Array, ...], options: dict[str, float], together: int
+) -> None:
+    # The least squares of NumPy, with a weight for each row; every third torque of the first joint is missing.
+    t, q, dq, ddq, torque = (array[:3000] for array in motion)
+    torque = np.where(np.arange(3000)[:, None] % 3 > [0, -1], torque, np.nan)
+    estimator = sy.OnlineEstimator(model, least_speed=0.0, weights=None, **options)
+    for k in range(0, 3000, together):
+        rows = slice(k, k + together) if together > 1 else k
+        estimator.update(t[rows], q[rows], torque[rows], dq[rows], ddq[rows])
+    shown = np.isfinite(torque)
+    after = np.cumsum(shown[::-1], axis=0)[::-1] - shown
+    keep = np.exp(-1.0 / (0.5 * 1000.0)) if "forget" in options else 1.0
+    weights = np.sqrt(keep**after) * shown
+    if "window" in options:
+        weights[:-800] = 0.0  # eight parts of 100 samples each
+    regressor = np.asarray(model.kernel("regressor", base=True)(q, dq, ddq)).reshape(3000, 2, -1)
+    W = (weights[:, :, None] * regressor).reshape(6000, -1)
+    expected = np.linalg.lstsq(W, (weights * np.nan_to_num(torque)).ravel(), rcond=None)[0]
+    information = estimator.information
+    np.testing.assert_allclose(sy.least_squares(information, weights=None).base, expected, rtol=1e-8, atol=1e-9)
+    np.testing.assert_allclose([f.count for f in information.factors], np.sum(weights**2, axis=0), atol=0.51)
+
+
 def test_a_search_that_is_stopped_gives_a_possible_answer(model: sy.Model, motion: tuple[Array, ...]) -> None:
     t, q, _, _, torque = motion
     estimator = sy.OnlineEstimator(model)

@@ -97,6 +97,31 @@ def test_a_set_without_logs_is_refused(tmp_path: Path, text: str) -> None:
         logs_in(str(tmp_path / text))
 
 
+@pytest.mark.parametrize("text", ["bags", "bags/**", "bags/**/*"])
+def test_what_is_in_a_bag_that_was_found_does_not_count_again(tmp_path: Path, text: str) -> None:
+    (tmp_path / "bags" / "bag").mkdir(parents=True)
+    (tmp_path / "bags" / "bag" / "metadata.yaml").write_text("")
+    (tmp_path / "bags" / "bag" / "bag_0.mcap").write_text("")
+    assert logs_in(str(tmp_path / text)) == [str(tmp_path / "bags" / "bag")]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="links need rights elsewhere")
+@pytest.mark.parametrize("text", ["day", "day/**", "day/**/*.csv", "d*/**/run.csv", "**/run.csv"])
+def test_links_to_folders_are_followed_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str) -> None:
+    for name in ("day/one/run.csv", "elsewhere/run.csv"):
+        (tmp_path / name).parent.mkdir(parents=True)
+        (tmp_path / name).write_text(LOG)
+    (tmp_path / "day" / "two").symlink_to(tmp_path / "elsewhere")
+    for place in ("day", "day/one"):
+        for number in range(3):
+            (tmp_path / place / f"up{number}").symlink_to(tmp_path)  # endless with one, and hours with three
+    if text.startswith("**"):
+        monkeypatch.chdir(tmp_path / "day")
+        assert logs_in(text) == ["one/run.csv", "two/run.csv"]
+        return
+    assert logs_in(str(tmp_path / text)) == [str(tmp_path / "day" / place / "run.csv") for place in ("one", "two")]
+
+
 @pytest.fixture
 def store(request: pytest.FixtureRequest) -> str:
     """Return the address of a folder of objects in memory."""

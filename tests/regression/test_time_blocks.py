@@ -81,3 +81,17 @@ def test_many_logs_stay_few_blocks() -> None:
     folds = total.folds()
     assert sum(f.count for fold in folds for f in fold) == 9000
     np.testing.assert_allclose([f.norm2 for f in total.factors()], np.sum(ARM.samples.torque**2, axis=0), rtol=1e-12)
+
+
+@pytest.mark.parametrize("count", [41, 162, 500])
+def test_folds_of_many_short_logs_are_of_about_equal_length(count: int) -> None:
+    total = TimeBlocks(empty_factors(ARM.model))
+    for first in range(count):
+        own = TimeBlocks(empty_factors(ARM.model), 1)
+        Information.from_chunks(ARM.model, [ARM.samples.rows(first, first + 5)], blocks=own)
+        total.append(own)
+    assert 20 <= len(total._blocks) <= 40
+    sizes = [sum(factor.count for factor in fold) for fold in total.folds()]
+    assert len(sizes) == 5
+    assert sum(sizes) == 15 * count
+    assert max(sizes) <= 1.5 * min(sizes)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
@@ -23,7 +24,7 @@ from .shapes import Box, Capsule, Cylinder, Mesh, PlacedShape, Shape, Sphere
 if TYPE_CHECKING:
     from lxml import etree
 
-__all__ = ["RobotGeometry", "described_shapes", "shapes_of_moving_links", "visual_shapes"]
+__all__ = ["RobotGeometry", "described_shapes", "files_of_meshes", "shapes_of_moving_links", "visual_shapes"]
 
 Array = NDArray[np.float64]
 
@@ -207,6 +208,19 @@ def shapes_of_moving_links(
     read = MeshShapes(path, "hull", (), largest)
     elements, _ = _elements(robot, path, read) or ([], None)
     return _placed(robot, elements, read, ("visual", "collision"), skipped, moving=True)
+
+
+def files_of_meshes(robot: Robot, path: Path) -> list[Path]:
+    """Return the files of the meshes of a description, those that can be found, and the files that name them."""
+    from .mesh_files import find_mesh  # what is not asked for is not loaded
+
+    elements, _ = _elements(robot, path, MeshShapes(path, "hull", ())) or ([], None)
+    files: dict[Path, None] = {}
+    for mesh in dict.fromkeys(one.mesh for one in elements if one.mesh is not None):
+        files[mesh[1]] = None
+        with contextlib.suppress(InputError):
+            files[find_mesh(*mesh, ())] = None
+    return list(files)
 
 
 def visual_shapes(robot: Robot, path: Path, skipped: list[tuple[str, str]], largest: int) -> list[PlacedShape]:

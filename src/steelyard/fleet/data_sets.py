@@ -13,7 +13,7 @@ from steelyard.identification.default_terms import wider_model
 from steelyard.identification.given import GivenLog, given_logs, given_robot, given_settings
 from steelyard.identification.log_reader import LogReader, LogTask, ReducedLog, one_by_one
 from steelyard.identification.validation import DRAWN_ROWS
-from steelyard.recording.formats import content_hash, hashed_log
+from steelyard.recording.formats import content_hash, hashed_log, require_unwritten, written_states
 from steelyard.regression import Information
 from steelyard.regression.batch_means import BatchMeansTree
 from steelyard.regression.reduction import empty_factors
@@ -96,6 +96,7 @@ def reduced_logs(
 
     `each` is given each log by itself, with the rows in which short events show.
     """
+    written = written_states(logs)
     reader = LogReader(file, model, CHUNK_ROWS)
     reader.decide(logs, lambda _: None)
     tree, blocks, parts = BatchMeansTree(), TimeBlocks(empty_factors(model)), []
@@ -107,6 +108,7 @@ def reduced_logs(
         tree.add(means)
         blocks.append(TimeBlocks.of_held(blocks.empty, one.blocks))
         parts.append(one.information)
+    require_unwritten(written)
     total = replace(Information.total(parts), batch_means=tree.total())
     names, remarks = tuple(map(str, logs)), tuple(dict.fromkeys(reader.remarks))
     decided = {name: plain(value) for name, value in reader.decided.items()}

@@ -39,7 +39,8 @@ class FleetEntry:
     group : str
         Robots of one group are siblings: built alike, so that they should be alike.
     date : str
-        In the form of ISO 8601, so that the order of texts is that of time; empty where there is none.
+        In the form of ISO 8601, so that the order of texts is that of time; with a time zone in UTC, as ``+00:00``
+        says; empty where there is none.
     robot : Path
         The description, or the robot.toml.
     logs, informations, validate : tuple of str
@@ -189,6 +190,7 @@ class FleetManifest:
         taken: dict[tuple[str, str], FleetEntry] = {}
         groups: dict[str, FleetEntry] = {}
         undated: dict[str, FleetEntry] = {}
+        zoned: dict[tuple[str, bool], FleetEntry] = {}
         for one in entries:
             before = taken.setdefault((one.id, one.date), one)
             if before is not one:
@@ -199,6 +201,15 @@ class FleetManifest:
                 )
             if not one.date:
                 undated[one.id] = one
+            if "T" in one.date:
+                zoned[one.id, _has_zone(one.date)] = one
+                other = zoned.get((one.id, not _has_zone(one.date)))
+                if other is not None:
+                    here, there = ("a", "none") if _has_zone(one.date) else ("no", "one")
+                    raise InputError(
+                        f"{one.where}: the time of robot {shown(one.id)} has {here} time zone, and {there} in "
+                        f"{other.where}, so that nobody knows which was first; give all or none of them a zone."
+                    )
             first = groups.setdefault(one.id, one)
             if first.group != one.group:
                 raise InputError(
@@ -267,13 +278,16 @@ def _date(table: TomlTable) -> str:
             found = datetime.datetime.fromisoformat(value)
         else:
             raise table.refuse("date", expected)
-    except ValueError as error:
-        if isinstance(error, InputError):
-            raise
+        # Times of different zones follow each other as their texts do, which say that they are in UTC.
+        return (found if found.tzinfo is None else found.astimezone(datetime.UTC)).isoformat()
+    except InputError:
+        raise
+    except (OverflowError, ValueError):  # a zone may lead beyond the years that there are
         raise table.refuse("date", expected) from None
-    if found.tzinfo is not None:
-        found = found.astimezone(datetime.UTC).replace(tzinfo=None)
-    return found.isoformat()
+
+
+def _has_zone(date: str) -> bool:
+    return date.endswith("+00:00")
 
 
 def _rows(path: Path, shared: str | None) -> Iterator[FleetEntry]:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from steelyard.collision.robot_geometry import files_of_meshes
 from steelyard.display import shortened
 from steelyard.dynamics import Model
 from steelyard.errors import InputError, SteelyardError
@@ -20,7 +21,7 @@ from steelyard.estimators.cross_validation import FEWEST_FOLDS
 from steelyard.estimators.physical_prior import PhysicalPrior, physical_prior
 from steelyard.estimators.plausible_fit import plausible_fit, tried_prior
 from steelyard.feasibility import FeasibleSet, check
-from steelyard.files import file_hash
+from steelyard.files import file_hash, plain
 from steelyard.identification.default_terms import wider_model
 from steelyard.identification.given import given_constraints, given_logs
 from steelyard.identification.log_checks import copies_among
@@ -264,13 +265,23 @@ def inputs_of(task: dict[str, Any]) -> list[Any]:
     """Return what the result of a task follows from, as plain data: hashes of files, and the robot."""
     file, _ = _file_and_models(task["robot"])
     sections = [file.section(name) for name in ("log", "processing", "constraints")]
-    # The shapes of links, which decide what is known of them, stand in the description alone.
+    # The shapes of links, which decide what is known of them, stand in the description and in meshes alone.
     described = [file_hash(path) for path in (file.path, file.robot.source) if path is not None and path.is_file()]
+    known = _known_by_files(task["robot"], *described)
     logs = [str(log) for log in given_logs(task["logs"], None)[0]] if task["logs"] else []
     files = [*logs, *task["informations"], *task["validate"]]
     # Remarks name the files, and a log is read by its suffix: one with the same content is another one.
     contents = [[path, *_content(path)] for path in files]
-    return [task["label"], task["intervals"], sections, described, robot_content(file.robot), contents]
+    return [task["label"], task["intervals"], sections, described, known, robot_content(file.robot), contents]
+
+
+@lru_cache(maxsize=64)  # as `_file_and_models`
+def _known_by_files(robot: str, *described: str) -> tuple[Any, ...]:
+    """What is known of the robots of a description with these hashes by meshes and constraints, as plain data."""
+    file, _ = _file_and_models(robot)
+    source = file.robot.source
+    meshes = [] if source is None or not source.is_file() else files_of_meshes(file.robot, source)
+    return [file_hash(path) for path in meshes], plain(given_constraints(file))
 
 
 def _content(log: str) -> tuple[str, ...]:

@@ -21,10 +21,11 @@ from steelyard.feasibility import FeasibleSet, check
 from steelyard.feasibility.constraints import Constraint
 from steelyard.files import shown
 from steelyard.recording import LogColumns, Processing, Samples
+from steelyard.recording.formats import require_unwritten, written_states
 from steelyard.regression import Estimate, Information, least_squares
 from steelyard.regression.batch_means import BatchMeansTree
 from steelyard.regression.reduction import empty_factors, narrowed, residuals
-from steelyard.regression.time_blocks import TimeBlocks
+from steelyard.regression.time_blocks import FOLDS, TimeBlocks
 
 from .default_terms import RotorDecision, decide_rotors, wider_model
 from .given import Data, GivenLog, GivenRobot, digests, given_constraints, given_logs, given_robot, given_settings
@@ -164,6 +165,7 @@ def identify(
         raise InputError(
             "At least one log is needed to identify a robot; give the path of one, such as a CSV or a bag."
         )
+    written = written_states((*logs, *validation))
     # An unknown estimator is refused before logs are read; some make rows of their own.
     found = find_estimator(estimator)
     own_rows, motion_rows = (getattr(found, name, None) for name in ("rows", "rows_of_motion"))
@@ -275,7 +277,7 @@ def identify(
     reader.remarks.extend(copies.values())
     information = Information.total([p[2] for p in parts if p[1] == "identification"])
     information = replace(information, batch_means=means.total())
-    folds = FEWEST_FOLDS if model.parameter_count > MANY_PARAMETERS else 5
+    folds = FEWEST_FOLDS if model.parameter_count > MANY_PARAMETERS else FOLDS
     stretches = information.stretches(blocks, folds)
     rotors: RotorDecision | None = None
     why_no_rotors = ""
@@ -412,6 +414,7 @@ def identify(
         from .missed_terms import missed_terms  # there is no description otherwise
 
         remarks.update(dict.fromkeys(missed_terms(model, estimate, samples.values())))
+    require_unwritten(written)
     return Identification(
         model=model,
         information=information,

@@ -39,7 +39,7 @@ from steelyard.regression import Information
 from steelyard.regression.batch_means import BatchMeans, BatchMeansTree, BatchSums
 from steelyard.regression.factor import solve
 from steelyard.regression.reduction import FEWEST_EXACT, empty_factors, narrowed, reduce_by_joint, residuals
-from steelyard.regression.time_blocks import MOST, TimeBlocks
+from steelyard.regression.time_blocks import FOLDS, MOST, TimeBlocks
 from steelyard.robot import Robot, RobotFile
 
 from .given import GivenLog, GivenSamples
@@ -247,7 +247,10 @@ class LogReader:
         chosen = [logs[int(i)] for i in np.linspace(0, len(logs) - 1, count).round()]
         rows = min(DECISION_ROWS, max(_FEWEST_ROWS, _DECIDING_ROWS // count))
         say(f"choosing the filter by {count} log{'s' * (count > 1)}")
-        recordings = [chunks.middle_of(self._open(log), self.stated, rows) for log in chosen]
+        recordings = []
+        for log in chosen:
+            with _told_where(log):
+                recordings.append(chunks.middle_of(self._open(log), self.stated, rows))
         if not any(one.torque.size and np.ptp(one.torque, axis=0).any() for one in recordings):
             raise InputError(
                 f"{recordings[0].source}: no torque changes within {recordings[0].count} rows; check `torque` in "
@@ -312,7 +315,8 @@ class LogReader:
         """
         log = self.opened(task, model)
         if log is None:
-            return self._reduced_whole(task, model)
+            with _told_where(task.log):
+                return self._reduced_whole(task, model)
         joined = JoinedSections(log, model)
         with contextlib.closing(self._sections(log, model)) as sections:
             for section in sections:
@@ -378,7 +382,8 @@ class LogReader:
         if isinstance(task.log, GivenSamples) or self.processing.needs_whole_log:
             return None
         own = self._unwritten()
-        opened = chunks.OpenedLog(self._open(task.log), self.processing, model, partial(own._look, task.log))
+        with _told_where(task.log):
+            opened = chunks.OpenedLog(self._open(task.log), self.processing, model, partial(own._look, task.log))
         return SectionedLog(task, opened, tuple(own.remarks), next(iter(own.layouts.values()), None))
 
     def reduced_section(
@@ -394,7 +399,8 @@ class LogReader:
         seen, thinned = chunks.SeenRows(), ThinnedSamples(task.points, opened.count(), before)
         exact = None if section == 0 else FEWEST_EXACT
         stream = _until(stop, opened.samples(section, seen, lead))
-        kept = _kept_of(stream, task, model, thinned, opened.sections, behind - before, exact, lead)
+        with _told_where(task.log):
+            kept = _kept_of(stream, task, model, thinned, opened.sections, behind - before, exact, lead)
         if opened.sections > 1:
             from steelyard.graph.large_arrays import return_free_memory  # only long logs need it
 
@@ -543,6 +549,18 @@ class LogReader:
             yield from process_chunks(log, self.columns, self.processing, rows, joints, model, look, survey)
 
 
+@contextlib.contextmanager
+def _told_where(log: GivenLog) -> Iterator[None]:
+    """Let what is wrong with a log name its path: partitions of a data set have files of one name."""
+    try:
+        yield
+    except InputError as error:
+        path, told = str(log), str(error)
+        if path in told or not told.startswith(name := Path(path).name):
+            raise
+        raise InputError(path + told.removeprefix(name)) from None
+
+
 def _until(stop: Event | None, stream: Iterator[Samples]) -> Iterator[Samples]:
     try:
         for samples in stream:
@@ -576,7 +594,9 @@ def _kept_of(
     empty = empty_factors(model)
     drawn = DrawnRows(model, max(task.rows // sections, 1), total)
     sums = BatchSums(empty)
-    blocks = TimeBlocks(empty, -(-MOST // (task.logs * sections))) if task.fitted else None
+    # Of many logs one may be longer than all the others, and is then to be cut into folds by itself.
+    most = max(-(-MOST // (task.logs * sections)), FOLDS if sections == 1 else 1)
+    blocks = TimeBlocks(empty, most) if task.fitted else None
     information = _information_of(stream, model, [drawn, thinned], sums, blocks, exact, lead)
     # Of a log that is only predicted the shortest batches do, which tell its white noise.
     information = replace(information, batch_means=sums.factors()[: None if task.fitted else 1])

@@ -162,7 +162,7 @@ class SavedResult:
         """The robot file of the record, where it is still there and the same."""
         for entry in [] if self.record is None else self.record["robot"][:1]:
             path = Path(entry["path"])
-            if path.is_file() and file_hash(path) == entry["sha256"]:
+            if path.is_file() and file_hash(path) == entry.get("sha256"):
                 return path
         return None
 
@@ -205,4 +205,8 @@ def _record(path: Path) -> Mapping[str, Any]:
 
 
 def _is_hashed(entry: object) -> bool:
-    return isinstance(entry, dict) and all(isinstance(entry.get(key), str) for key in ("path", "sha256"))
+    """Whether an entry tells a file by its hash, or an object by the entity tag of its store."""
+    if not isinstance(entry, dict):
+        return False
+    content = "etag" if "etag" in entry and "sha256" not in entry else "sha256"
+    return all(isinstance(entry.get(key), str) for key in ("path", content))

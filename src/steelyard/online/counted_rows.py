@@ -43,14 +43,24 @@ class CountedRows:
 
     def add(self, rows: Sequence[Array], used: NDArray[np.bool_]) -> None:
         """Add rows ``[W omega]`` of every joint; see `RunningInformation.add`."""
-        self._current.add(rows, used, self.keep)
-        self._filled += len(used)
-        if self._length is not None and self._filled >= self._length:
-            self._parts = [*self._parts, self._current.ended()][-PARTS:]
-            self._current, self._filled = RunningInformation(self.model), 0
-            self._older = self._parts[0].copy()
-            for part in self._parts[1:]:
-                self._older.merge(part)
+        start, count = 0, len(used)
+        while start < count:
+            stop = count if self._length is None else min(count, start + self._length - self._filled)
+            part, shown = [own[start:stop] for own in rows], used[start:stop]
+            self._current.add(part, shown, self.keep)
+            if self.keep < 1.0 and self._older is not None:
+                for earlier in (*self._parts, self._older):
+                    earlier.forget(shown.sum(axis=0), self.keep)
+            self._filled, start = self._filled + stop - start, stop
+            if self._filled == self._length:
+                self._end_part()
+
+    def _end_part(self) -> None:
+        self._parts = [*self._parts, self._current.ended()][-PARTS:]
+        self._current, self._filled = RunningInformation(self.model), 0
+        self._older = self._parts[0].copy()
+        for part in self._parts[1:]:
+            self._older.merge(part)
 
     def information(self, batch_means: bool = True) -> Information:
         """All of it, with sums of neighbouring rows or, at once, without."""

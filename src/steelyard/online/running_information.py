@@ -76,22 +76,32 @@ class RunningInformation:
                 new = own[part]
                 if not mask.all():
                     new = new * mask[:, None]
-                shown = int(mask.sum())
                 self._block[k][self._filled : self._filled + size] = new
-                if not shown:
+                if not mask.any():
                     continue
+                weights = mask.astype(float)
                 if keep < 1.0:
-                    left = keep**shown
-                    self._triangles[k] *= np.sqrt(left)
-                    self._weights[k] *= left
-                    for level in range(len(BATCH_LENGTHS)):
-                        self._levels[level][k] *= np.sqrt(left)
-                    self._level_weights[:, k] *= left
+                    self._forget(k, keep ** int(mask.sum()))
+                    # Rows that come together count as if they had come one by one.
+                    weights *= keep ** (np.cumsum(weights[::-1])[::-1] - weights)
+                    new = new * np.sqrt(weights)[:, None]
                 self._triangles[k] = stacked(self._triangles[k], new)
-                self._weights[k] += shown
+                self._weights[k] += weights.sum()
             self._filled, start = self._filled + size, part.stop
             if self._filled == LONGEST:
                 self._end_block()
+
+    def forget(self, shown: NDArray[np.intp], keep: float) -> None:
+        """Let the rows of each joint count less, as so many of it (N,) that are added elsewhere make them do."""
+        for joint, left in enumerate(keep**shown):
+            self._forget(joint, float(left))
+
+    def _forget(self, joint: int, left: float) -> None:
+        self._triangles[joint] *= np.sqrt(left)
+        self._weights[joint] *= left
+        for level in self._levels:
+            level[joint] *= np.sqrt(left)
+        self._level_weights[:, joint] *= left
 
     def _end_block(self) -> None:
         self._drain()

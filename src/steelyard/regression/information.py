@@ -23,7 +23,7 @@ from steelyard.recording.samples import regrouped
 from .batch_means import BATCH_LENGTHS, BatchMeans, BatchSums, added
 from .factor import LARGEST, Factor, Reduced, combined, solve, triangular, unidentifiable_columns
 from .reduction import CHUNK, JointReduction, WhitenedReduction, as_covariance, empty_factors, narrowing, require_joints
-from .time_blocks import TimeBlocks
+from .time_blocks import FOLDS, TimeBlocks
 
 if TYPE_CHECKING:
     from steelyard.dynamics import Model
@@ -321,7 +321,7 @@ class Information:
             filtered_torque=self.filtered_torque or other.filtered_torque,
         )
 
-    def stretches(self, blocks: TimeBlocks, count: int = 5) -> tuple[Information, ...]:
+    def stretches(self, blocks: TimeBlocks, count: int = FOLDS) -> tuple[Information, ...]:
         """The Informations of contiguous parts of this data, which together are the whole.
 
         Parameters

@@ -12,12 +12,15 @@ from steelyard.dynamics.threads import in_threads
 
 from .factor import Factor, extended, most_held, triangular
 
-__all__ = ["TimeBlocks"]
+__all__ = ["FOLDS", "MOST", "TimeBlocks"]
 
 Array = NDArray[np.float64]
 
 MOST = 20
 """Blocks that are kept: enough that five folds of them differ in length by a third at most."""
+
+FOLDS = 5
+"""Folds of a cross-validation."""
 
 SHORTEST = 64
 """Samples in a block of the shortest logs: 320 samples make five folds."""
@@ -69,8 +72,8 @@ class _Block:
 class TimeBlocks:
     """A bounded number of blocks of data, each a contiguous stretch, however long the data is.
 
-    When there are too many, neighbours are merged. What the blocks are follows from the data alone, not from the
-    chunks in which it was read.
+    When there are too many, the shortest neighbours are merged. What the blocks are follows from the data alone, not
+    from the chunks in which it was read.
 
     Parameters
     ----------
@@ -137,7 +140,10 @@ class TimeBlocks:
         """Add the blocks of data that follows, such as the next log."""
         self._blocks.extend(other._blocks)
         while len(self._blocks) > 2 * self.most:
-            self._halve()
+            # Were all merged in pairs, as blocks of one length are, the first would hold half of a thousand logs.
+            sizes = [int(block.counts.sum()) for block in self._blocks]
+            first = int(np.argmin(np.add(sizes[:-1], sizes[1:])))
+            self._blocks[first].merge(self._blocks.pop(first + 1))
         self._reduce()
 
     @property
@@ -161,7 +167,7 @@ class TimeBlocks:
         """One for each joint, of all the data."""
         return self._factors(self._blocks)
 
-    def folds(self, count: int = 5) -> tuple[tuple[Factor, ...], ...]:
+    def folds(self, count: int = FOLDS) -> tuple[tuple[Factor, ...], ...]:
         """The factors of so many stretches of about equal length, one after the other; fewer where data is short."""
         sizes = np.cumsum([int(block.counts.sum()) for block in self._blocks])
         if not len(sizes) or not sizes[-1]:

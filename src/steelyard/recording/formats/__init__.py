@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from .log_file import flattened as flattened
     from .registry import LogFiles as LogFiles
     from .registry import Source as Source
+    from .registry import require_unwritten as require_unwritten
     from .registry import write_log as write_log
+    from .registry import written_states as written_states
 
 __all__ = import_at_first_use(__name__, __file__)

@@ -17,7 +17,7 @@ from steelyard.files.advance import ahead
 
 from .log_file import Columns, column_length, regrouped_columns
 
-__all__ = ["DecodedColumns", "decoded_once", "large_files"]
+__all__ = ["DecodedColumns", "decoded_once", "large_files", "written_state"]
 
 IN_MEMORY = 32_000_000
 """Bytes of decoded columns that stay in memory; a longer log goes to a temporary file."""
@@ -58,7 +58,7 @@ def decoded_once(path: Path, options: Hashable, decode: Callable[[], Decoded]) -
     5
     """
     # A forked process decodes anew: it would share the places at which files of its parent are read.
-    key = (os.getpid(), str(path), options, _state(path))
+    key = (os.getpid(), str(path), options, written_state(path))
     found = _DECODED.get(key)
     if found is None:
         found = _DECODED[key] = decode()
@@ -67,7 +67,7 @@ def decoded_once(path: Path, options: Hashable, decode: Callable[[], Decoded]) -
     return cast("Decoded", found)
 
 
-def _state(path: Path) -> Hashable:
+def written_state(path: Path) -> Hashable:
     """Return what changes when a file, or one in a folder, is written again."""
     files = sorted(path.iterdir()) if path.is_dir() else [path]
     return tuple((file.name, status.st_size, status.st_mtime_ns) for file in files for status in [file.stat()])

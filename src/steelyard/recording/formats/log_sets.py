@@ -5,6 +5,7 @@ from __future__ import annotations
 import glob
 import os
 import re
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from steelyard.errors import InputError
@@ -16,6 +17,7 @@ __all__ = ["is_log_set", "logs_in"]
 
 _ADDRESS = re.compile(r"([a-z][a-z0-9+.-]*)://(.*)", re.DOTALL)
 _MAGIC = re.compile(r"[*?\[]")
+_DEEP = re.compile(rf"(?:^|(?<=[{re.escape('/' + os.sep)}]))\*\*(?:[{re.escape('/' + os.sep)}]+|$)")
 MOST = 1_000_000
 """Logs of a set; a pattern that finds more was not meant."""
 
@@ -75,30 +77,65 @@ def logs_in(text: str) -> list[str]:
 
 def _files_in(text: str) -> list[str]:
     if os.path.isdir(text):
-        return [str(path) for path in _inside(Path(text))]
+        return [name for place, names in _folders(text) for name in _logs_at(place, names)]
     found: list[str] = []
-    for name in glob.glob(text, recursive=True):
+    below = os.path.dirname(_fixed(text))
+    for name in dict.fromkeys(_matching(text)):
         if os.path.isdir(name) and not _is_bag(name):
             # `logs/*` means what is in a folder; `logs/**` finds each folder, and the files in it, by itself.
             continue
-        if _is_log(name, below=os.path.dirname(_fixed(text))):
+        if _is_log(name, below):
             found.append(name)
-    return found
+    bags = {name for name in found if os.path.isdir(name)}
+    return [name for name in found if os.path.dirname(name) not in bags]
 
 
-def _inside(folder: Path) -> list[Path]:
+def _matching(pattern: str) -> Iterator[str]:
+    """Find files as `glob` does, but enter each folder once: links may make a folder endless."""
+    deep = _DEEP.search(pattern)
+    if deep is None:
+        yield from glob.iglob(pattern)
+        return
+    before, behind = pattern[: deep.start()], pattern[deep.end() :]
+    for top in glob.iglob(before) if before else [os.curdir]:
+        for place, names in _folders(top):
+            own = os.path.join(place, "")
+            if not before:
+                own = own.removeprefix(os.path.join(os.curdir, ""))
+            if behind:
+                yield from _matching(glob.escape(own) + behind)
+            else:
+                yield from (os.path.dirname(own), *(own + name for name in names))
+
+
+def _folders(top: str) -> Iterator[tuple[str, list[str]]]:
+    """Yield a folder and those inside it, also behind links, each once, with the names of what is in them but folders.
+
+    A link to a folder that holds it is not followed. A bag counts as a folder with nothing inside.
+    """
+
     def refuse(error: OSError) -> None:  # what is left out silently is missing in the answer
         raise InputError(f"{error.filename}: cannot be listed ({error.strerror}); give the right to read it.")
 
-    found = []
-    for place, folders, names in os.walk(folder, onerror=refuse):
+    seen: set[str] = set()
+    for place, folders, names in os.walk(top, onerror=refuse, followlinks=True):
+        real = os.path.realpath(place)
+        holding = os.path.realpath(os.path.dirname(place)) if os.path.islink(place) and place != top else ""
+        if real in seen or f"{holding}{os.sep}".startswith(f"{real.rstrip(os.sep)}{os.sep}"):
+            folders.clear()
+            continue
+        seen.add(real)
         folders[:] = sorted(name for name in folders if not name.startswith((".", "_")))
         if _is_bag(place):
             folders.clear()
-            found.append(Path(place))
-            continue
-        found += [Path(place, name) for name in names if _is_log(name)]
-    return found
+        yield place, names
+
+
+def _logs_at(place: str, names: Sequence[str]) -> list[str]:
+    """Return the logs right in a folder, which may be one itself."""
+    if _is_bag(place):
+        return [str(Path(place))]
+    return [str(Path(place, name)) for name in names if _is_log(name)]
 
 
 def _objects_in(text: str) -> list[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,17 @@ from ..columns import LogColumns
 from ..recognition import Layout, find_columns
 from .log_file import Columns, DataFrame, LogFile, column_length
 
-__all__ = ["LOG_FORMATS", "LogFiles", "Source", "Table", "log_format", "open_log", "write_log"]
+__all__ = [
+    "LOG_FORMATS",
+    "LogFiles",
+    "Source",
+    "Table",
+    "log_format",
+    "open_log",
+    "require_unwritten",
+    "write_log",
+    "written_states",
+]
 
 Table = LogFile | DataFrame | Mapping[str, Any] | NDArray[Any]
 """A log in memory."""
@@ -282,6 +292,45 @@ def split_source(source: Source) -> list[Path | LogFile]:
     from .memory import memory_log  # what is not asked for is not loaded
 
     return [memory_log(source, "data")]
+
+
+def written_states(logs: Iterable[object]) -> dict[str, Hashable]:
+    """Return for each log that is files of this machine what changes when one of them is written."""
+    return {log: _written(log) for log in logs if isinstance(log, str) and "://" not in log}
+
+
+def require_unwritten(before: Mapping[str, Hashable]) -> None:
+    """Make sure that no log was written since `written_states` was asked; what was removed meanwhile, was read.
+
+    Logs are read several times: rows of two contents would come together, and the hash of the second would be recorded.
+
+    Raises
+    ------
+    InputError
+        If one was.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "log.csv"
+    >>> _ = path.write_text("t,q1,tau1")
+    >>> require_unwritten(written_states([str(path)]))
+    """
+    for log, state in before.items():
+        if _written(log) not in (state, None):
+            raise InputError(
+                f"{log} was written while it was read, as are logs of a robot that still moves; wait until it is "
+                "complete, or copy it, and run again."
+            )
+
+
+def _written(log: str) -> Hashable:
+    from .decoded import written_state  # what is not asked for is not loaded
+
+    try:
+        return tuple(written_state(path) for path in split_source(log) if isinstance(path, Path))
+    except OSError:
+        return None
 
 
 def open_log(path: Path, columns: LogColumns | None = None) -> LogFile:
