@@ -8,7 +8,7 @@ from .assignments import Listing, Syntax
 from .c_family import SIGN, CFamily, c_self_test, cmake
 from .documentation import elements_lines, function_lines, readme
 from .naming import C_RESERVED, NamedFunction, naming, shared_arguments
-from .text import comment_lines, marker, number
+from .text import comment_lines, marker
 
 if TYPE_CHECKING:
     from steelyard.graph import Output
@@ -16,16 +16,6 @@ if TYPE_CHECKING:
     from .project import Project
 
 __all__ = ["write"]
-
-
-def write(project: Project) -> dict[str, str]:
-    """Return the files of a C99 project by relative path.
-
-    Parameters
-    ----------
-    project : Project
-    """
-    return _Source(project).files()
 
 
 class _Source(CFamily):
@@ -89,7 +79,7 @@ class _Source(CFamily):
         ]
         lines = [*self._first(), *self._comment(introduction), f"#ifndef {self.guard}", f"#define {self.guard}", ""]
         for size in self.sizes.declared:
-            value = number(size.value) if isinstance(size.value, float) else str(size.value)
+            value = size.literal
             text = comment_lines([size.description], "") if size.description else []
             lines += [f"/* {line} */" for line in text if line]
             lines.append(f"#define {size.name} {value}" if size.value >= 0 else f"#define {size.name} ({value})")
@@ -170,3 +160,6 @@ class _Source(CFamily):
             "inputs or each other.",
         ]
         return self.use("c", f"{self.name}.h", outputs, call, text)
+
+
+write = _Source.write

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, ClassVar
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from .assignments import Listing, Part, Partition, Store, Syntax, listing, partition
 from .naming import PROJECT_RESERVED, NamedFunction, Naming, project_name
 from .reference import Reference
+from .source_writer import SourceWriter
 from .text import Names, marker, number, number_lines
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ __all__ = ["SIGN", "CFamily", "c_self_test", "cmake", "cpp_self_test"]
 SIGN = "steelyard_sign"
 
 
-class CFamily(ABC):
+class CFamily(SourceWriter):
     """Writes the functions of a project in C or C++.
 
     Parameters
@@ -38,7 +39,7 @@ class CFamily(ABC):
     nothing: ClassVar[str]  # in the place of no parameters
 
     def __init__(self, project: Project, reserved: frozenset[str]) -> None:
-        self.project = project
+        super().__init__(project)
         self.name = project_name(project, PROJECT_RESERVED)
         self.scope = Names(reserved | {SIGN})
 

@@ -17,7 +17,7 @@ from .naming import (
     shadowing,
     shared_arguments,
 )
-from .text import comment_lines, marker, number
+from .text import comment_lines, marker
 
 if TYPE_CHECKING:
     from steelyard.graph import Output
@@ -28,16 +28,6 @@ __all__ = ["write"]
 
 # Robots stand inside a namespace of their own, so that none has the name of a function of the C library.
 _OUTER = "steelyard"
-
-
-def write(project: Project) -> dict[str, str]:
-    """Return the files of a C++17 project by relative path.
-
-    Parameters
-    ----------
-    project : Project
-    """
-    return _Source(project).files()
 
 
 class _Source(CFamily):
@@ -105,7 +95,8 @@ class _Source(CFamily):
         lines += ["#include <array>", "#include <cstddef>", "", f"namespace {self.namespace} {{", ""]
         for size in self.sizes.declared:
             lines += self._comment([size.description]) if size.description else []
-            lines.append(f"inline constexpr {_typed(size.name, size.value)};")
+            kind = "double" if isinstance(size.value, float) else "std::size_t" if size.value >= 0 else "int"
+            lines.append(f"inline constexpr {kind} {size.name} = {size.literal};")
         lines.append("")
         shared = shared_arguments(project)
         text = elements_lines(project, self.functions, self.syntax.element)
@@ -165,7 +156,4 @@ class _Source(CFamily):
         return self.use("cpp", f"{self.name}.hpp", outputs, call, text)
 
 
-def _typed(name: str, value: int | float) -> str:
-    if isinstance(value, float):
-        return f"double {name} = {number(value)}"
-    return f"{'std::size_t' if value >= 0 else 'int'} {name} = {value}"
+write = _Source.write

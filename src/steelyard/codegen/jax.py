@@ -272,16 +272,6 @@ jax jnp np ArrayLike Callable _columns _stacked _require_double_precision _OPERA
 """
 
 
-def write(project: Project) -> dict[str, str]:
-    """Return the files of a JAX project by relative path.
-
-    Parameters
-    ----------
-    project : Project
-    """
-    return _JaxProject(project).files()
-
-
 class _JaxProject(PythonProject):
     title = "Python for JAX"
     requirements = ("jax>=0.4.30",)
@@ -379,6 +369,9 @@ class _JaxProject(PythonProject):
             "apply. The derivative of a sign is 0. Functions with many operations are tables of vector operations,",
             "which XLA compiles much sooner than thousands of single ones. XLA takes numbers below 2.2e-308 for 0.",
         ]
+
+
+write = _JaxProject.write
 
 
 def _tables(index: int, plan: Schedule) -> list[str]:

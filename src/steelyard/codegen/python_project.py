@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import keyword
 import sys
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, ClassVar
 
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from .assignments import CALLS, Listing, Syntax, listing
 from .documentation import elements_lines, operations_line, readme, shape_text
 from .naming import NamedFunction, naming, project_name, shadowing, shared_arguments
+from .source_writer import SourceWriter
 from .text import Names, comment_lines, comment_text, marker, number, number_lines
 
 if TYPE_CHECKING:
@@ -104,7 +105,7 @@ EVALUATED_ON_ARRAYS = (
 """How a self-test calls a function of arrays, with NumPy as np."""
 
 
-class PythonProject(ABC):
+class PythonProject(SourceWriter):
     """Writes a project of one flavour of Python: with NumPy, JAX or CasADi.
 
     Parameters
@@ -120,7 +121,7 @@ class PythonProject(ABC):
     batches: ClassVar[bool] = True  # whether arguments have any leading axes
 
     def __init__(self, project: Project) -> None:
-        self.project = project
+        super().__init__(project)
         self.name = project_name(project, _PROJECT_RESERVED)
         reserved = _RESERVED | self.reserved
         found = naming(project, Names(reserved), style=str.upper)
@@ -262,8 +263,7 @@ class PythonProject(ABC):
         lines += ["__all__ = [", *(f'    "{name}",' for name in exported), "]", ""]
         for size in self.sizes.declared:
             lines += comment_lines([size.description], "# ") if size.description else []
-            value = number(size.value) if isinstance(size.value, float) else str(size.value)
-            lines.append(f"{size.name} = {value}")
+            lines.append(f"{size.name} = {size.literal}")
         for index, named in enumerate(self.functions):
             lines += ["", "", *self.definition(index, named)]
         return "\n".join(lines) + "\n"
@@ -316,16 +316,6 @@ def _columns(name: str, values: ArrayLike, size: int) -> Array:
         raise ValueError(f"{name} must have shape (..., {size}), got {array.shape}")
     return np.moveaxis(array, -1, 0)
 '''
-
-
-def write(project: Project) -> dict[str, str]:
-    """Return the files of a Python project by relative path.
-
-    Parameters
-    ----------
-    project : Project
-    """
-    return _NumPyProject(project).files()
 
 
 class _NumPyProject(PythonProject):
@@ -391,3 +381,6 @@ class _NumPyProject(PythonProject):
             "so that parameters may be given once for all. A function with several outputs returns a tuple. Very long",
             "recordings are best computed in parts of some thousand samples, which stay in the processor's cache.",
         ]
+
+
+write = _NumPyProject.write
