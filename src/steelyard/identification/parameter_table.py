@@ -464,9 +464,7 @@ def _shares_of_rotors(feasible_set: FeasibleSet) -> tuple[Array, list[str]]:
     """
     model = feasible_set.model
     nothing: tuple[Array, list[str]] = (np.zeros((feasible_set.parameter_count, 0)), [])
-    if not isinstance(model, Model) or any(
-        parameter.described_as == "rotor_inertia" for term in model.robot.terms for parameter in term.parameters
-    ):
+    if not isinstance(model, Model) or "rotor_inertia" in model.described_as:
         return nothing
     from .default_terms import with_rotors  # of robots without rotors alone
 

@@ -503,8 +503,8 @@ def prediction_verdict(
             for joint in np.flatnonzero(shown & (errors > limit))
         ]
         if beyond and word in ("poor", "wrong"):
-            told = listed(beyond, MOST_NAMED)
-            sentences.insert(1, f"Above {limit:.0%} of the torque of a joint, noise aside, on {data}: {told}.")
+            above = listed(beyond, MOST_NAMED)
+            sentences.insert(1, f"Above {limit:.0%} of the torque of a joint, noise aside, on {data}: {above}.")
             break
     if few_rows:
         sentences.append(said_of(few_rows))
