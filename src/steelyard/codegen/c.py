@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from .assignments import Listing, Syntax
 from .c_family import SIGN, CFamily, c_self_test, cmake
-from .documentation import elements_lines, function_lines, readme
-from .naming import C_RESERVED, NamedFunction, naming, shared_arguments
+from .documentation import readme
+from .naming import C_RESERVED, NamedFunction, naming
 from .text import comment_lines, marker
 
 if TYPE_CHECKING:
@@ -47,7 +48,8 @@ class _Source(CFamily):
             "README.md": readme(self.project, "C99", described, self._use(), self.functions, self.syntax.element),
         }
 
-    def _comment(self, lines: list[str]) -> list[str]:
+    def comment(self, lines: Sequence[str]) -> list[str]:
+        """Return lines as a comment."""
         return ["/*", *comment_lines(lines, " * "), " */"]
 
     def _first(self) -> list[str]:
@@ -77,7 +79,7 @@ class _Source(CFamily):
             "Every function reads arrays and writes arrays; it allocates nothing and keeps nothing. Outputs must not "
             "overlap inputs or each other. A number is an array of one element; matrices are stored row by row.",
         ]
-        lines = [*self._first(), *self._comment(introduction), f"#ifndef {self.guard}", f"#define {self.guard}", ""]
+        lines = [*self._first(), *self.comment(introduction), f"#ifndef {self.guard}", f"#define {self.guard}", ""]
         for size in self.sizes.declared:
             value = size.literal
             text = comment_lines([size.description], "") if size.description else []
@@ -97,12 +99,7 @@ class _Source(CFamily):
             "#endif",
             "",
         ]
-        shared = shared_arguments(project)
-        text = elements_lines(project, self.functions, self.syntax.element)
-        lines += [*self._comment(text), ""] if text else []
-        for named in self.functions:
-            text = function_lines(named.function, named.names, self.syntax.element, shared)
-            lines += [*self._comment(text), f"{self.prototype(named.name, self.parameters(named).values())};", ""]
+        lines += self.declarations()
         lines += ["#ifdef __cplusplus", "}", "#endif", "", f"#endif /* {self.guard} */"]
         return "\n".join(lines) + "\n"
 

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .assignments import Listing, Part, Partition, Store, Syntax, listing, partition
-from .naming import PROJECT_RESERVED, NamedFunction, Naming, project_name
+from .documentation import elements_lines, function_lines
+from .naming import PROJECT_RESERVED, NamedFunction, Naming, project_name, shared_arguments
 from .reference import Reference
 from .source_writer import SourceWriter
 from .text import Names, marker, number, number_lines
@@ -63,6 +64,20 @@ class CFamily(SourceWriter):
     @abstractmethod
     def element(self, output: Output, name: str, index: int) -> str:
         """Return an element of an output."""
+
+    @abstractmethod
+    def comment(self, lines: Sequence[str]) -> list[str]:
+        """Return lines as a comment."""
+
+    def declarations(self) -> list[str]:
+        """Return the heads of all the functions, each behind its documentation."""
+        shared = shared_arguments(self.project)
+        text = elements_lines(self.project, self.functions, self.syntax.element)
+        lines = [*self.comment(text), ""] if text else []
+        for named in self.functions:
+            text = function_lines(named.function, named.names, self.syntax.element, shared)
+            lines += [*self.comment(text), f"{self.prototype(named.name, self.parameters(named).values())};", ""]
+        return lines
 
     def prototype(self, name: str, parameters: Iterable[str]) -> str:
         """Return the head of a function."""

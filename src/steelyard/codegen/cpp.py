@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from .assignments import Listing, Syntax
 from .c_family import SIGN, CFamily, cmake, cpp_self_test
-from .documentation import elements_lines, function_lines, readme
+from .documentation import readme
 from .naming import (
     C_RESERVED,
     PROJECT_RESERVED,
@@ -15,7 +16,6 @@ from .naming import (
     naming,
     project_name,
     shadowing,
-    shared_arguments,
 )
 from .text import comment_lines, marker
 
@@ -60,7 +60,8 @@ class _Source(CFamily):
             "README.md": readme(project, "C++17", described, self._use(), self.functions, self.syntax.element),
         }
 
-    def _comment(self, lines: list[str]) -> list[str]:
+    def comment(self, lines: Sequence[str]) -> list[str]:
+        """Return lines as a comment."""
         return comment_lines(lines, "// ")
 
     def _first(self) -> list[str]:
@@ -91,19 +92,14 @@ class _Source(CFamily):
             "Every function reads arrays and writes arrays; it allocates nothing and keeps nothing. An output must not "
             "be one of the inputs or of the other outputs. Matrices are stored row by row.",
         ]
-        lines = [*self._first(), *self._comment(introduction), "#pragma once", ""]
+        lines = [*self._first(), *self.comment(introduction), "#pragma once", ""]
         lines += ["#include <array>", "#include <cstddef>", "", f"namespace {self.namespace} {{", ""]
         for size in self.sizes.declared:
-            lines += self._comment([size.description]) if size.description else []
+            lines += self.comment([size.description]) if size.description else []
             kind = "double" if isinstance(size.value, float) else "std::size_t" if size.value >= 0 else "int"
             lines.append(f"inline constexpr {kind} {size.name} = {size.literal};")
         lines.append("")
-        shared = shared_arguments(project)
-        text = elements_lines(project, self.functions, self.syntax.element)
-        lines += [*self._comment(text), ""] if text else []
-        for named in self.functions:
-            text = function_lines(named.function, named.names, self.syntax.element, shared)
-            lines += [*self._comment(text), f"{self.prototype(named.name, self.parameters(named).values())};", ""]
+        lines += self.declarations()
         lines.append(f"}}  // namespace {self.namespace}")
         return "\n".join(lines) + "\n"
 

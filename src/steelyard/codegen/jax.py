@@ -304,12 +304,7 @@ class _JaxProject(PythonProject):
         lines = ["@jax.jit", *self.signature(named, "ArrayLike", kind), *self.documentation(named, "jax.Array")]
         lines.append("    _require_double_precision()")
         leading = named.scope.inner().take("leading")
-        shapes = []
-        for argument in named.function.arguments:
-            name = names[argument.name]
-            lines.append(f'    {name} = _columns("{name}", {name}, {self.size(named, argument.name)})')
-            shapes.append(f"{name}.shape[1:]")
-        lines.append(f"    {leading} = jnp.broadcast_shapes({', '.join(shapes)})")
+        lines += self.columns(named, f"{leading} = jnp")
         end = f"    return {', '.join(results)}"
         if self.vectors[index]:
             plan = schedule(named.function)

@@ -192,6 +192,13 @@ class PythonProject(SourceWriter):
             return [line]
         return [f"def {named.name}(", *(f"    {text}," for text in typed), f") -> {result}:"]
 
+    def columns(self, named: NamedFunction, leading: str) -> list[str]:
+        """Return the lines that bring arguments into columns, and their leading axes together."""
+        names = named.argument_names
+        sizes = [self.size(named, argument.name) for argument in named.function.arguments]
+        lines = [f'    {name} = _columns("{name}", {name}, {size})' for name, size in zip(names, sizes, strict=True)]
+        return [*lines, f"    {leading}.broadcast_shapes({', '.join(f'{name}.shape[1:]' for name in names)})"]
+
     def documentation(self, named: NamedFunction, kind: str) -> list[str]:
         """Return the docstring of a function that takes arrays.
 
@@ -340,12 +347,7 @@ class _NumPyProject(PythonProject):
         kind = f"tuple[{', '.join(['Array'] * len(results))}]" if len(results) > 1 else "Array"
         lines = [*self.signature(named, "ArrayLike", kind), *self.documentation(named, "ndarray")]
         leading = named.scope.inner().take("leading")
-        shapes = []
-        for argument in function.arguments:
-            name = names[argument.name]
-            lines.append(f'    {name} = _columns("{name}", {name}, {self.size(named, argument.name)})')
-            shapes.append(f"{name}.shape[1:]")
-        lines.append(f"    {leading} = np.broadcast_shapes({', '.join(shapes)})")
+        lines += self.columns(named, f"{leading} = np")
         lines += [f"    {a.name} = {a.expression}" for a in found.assignments]
         for output, elements in zip(function.outputs, found.outputs, strict=True):
             name = names[output.name]
