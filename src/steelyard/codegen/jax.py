@@ -327,7 +327,7 @@ class _JaxProject(PythonProject):
         for output, places in zip(function.outputs, plan.outputs, strict=True):
             name = names[output.name]
             lines += [f"    {name} = _selected(", f"        {values},", "        ["]
-            lines += _integers(places.tolist(), "            ")
+            lines += _integers(places.tolist())
             lines += ["        ],", f"        {leading},", f"        {shape_literal(output)},", "    )"]
         return lines
 
@@ -376,7 +376,7 @@ def _tables(index: int, plan: Schedule) -> list[str]:
     for step in plan.steps:
         lines += ["    (", f'        "{step.operation}",']
         for values in (step.first, step.second, step.signs):
-            inner = _integers([] if values is None else values.tolist(), "            ")
+            inner = _integers([] if values is None else values.tolist())
             if len(inner) > 1:
                 lines += ["        (", *inner, "        ),"]
             else:
@@ -385,8 +385,8 @@ def _tables(index: int, plan: Schedule) -> list[str]:
     return [*lines, ")", "", ""]
 
 
-def _integers(values: Sequence[float], indent: str) -> list[str]:
-    return _ended(wrapped_lines([", ".join(str(int(value)) for value in values)], indent)) if values else []
+def _integers(values: Sequence[float]) -> list[str]:
+    return _ended(wrapped_lines([", ".join(str(int(value)) for value in values)], " " * 12)) if values else []
 
 
 def _ended(lines: list[str]) -> list[str]:

@@ -370,7 +370,7 @@ def parameter_table(
     source = feasible_set.model.robot.parameters if cad is None else cad
     described = _described(feasible_set, np.asarray(source, dtype=float), asked, about)
     told: tuple[Array, Array] | None = None
-    centers, alone = _intervals_of_data(feasible_set, covariance, asked, parameters, unconstrained.base, CONFIDENCE)
+    centers, alone = _intervals_of_data(feasible_set, covariance, asked, parameters, unconstrained.base)
     if not covariance.filtered_torque and feasible_set.parameter_count > MANY_PARAMETERS:
         positive = np.array([quantity.never_negative for quantity in asked])
         told = np.where(positive, np.maximum(centers - alone, 0.0), centers - alone), centers + alone
@@ -644,13 +644,12 @@ def _intervals_of_data(
     asked: list[Quantity],
     parameters: Array,
     base: Array,
-    confidence: float,
 ) -> tuple[Array, Array]:
     """Centers and half-widths of the intervals of plain least squares; infinite for what the base does not tell."""
     from scipy.special import ndtri
 
     rows = np.array([quantity.slope(parameters) for quantity in asked])
-    halves = float(ndtri(0.5 + 0.5 * confidence)) * standard_errors(feasible_set, covariance, rows)
+    halves = float(ndtri(0.5 + 0.5 * CONFIDENCE)) * standard_errors(feasible_set, covariance, rows)
     # Ratios are as their slopes say; where nothing is told, the center is not read.
     at_answer = [0.0 if one.mass is None else one.value(parameters) for one in asked]
     return at_answer + rows @ feasible_set.lift @ base, halves
