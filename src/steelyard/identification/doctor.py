@@ -569,10 +569,7 @@ class _Patient:
             return None
         name = str(self.log)
         if fit.change is not None:
-            statement = (
-                f"{fit.change.sentence(name)} The line below keeps the longer part; from both, in files of their own, "
-                "`steelyard payload ROBOT UNLOADED LOADED` tells what was carried."
-            )
+            statement = f"{fit.change.sentence(name)} The line below keeps the longer part; {fit.change.weighing()}"
             remedy: Settings = {"processing": {"trim": fit.change.trim}}
             self.add(Finding("robot changes", statement, "wrong", 1.0, remedy), used=False)
             for finding in unsure:

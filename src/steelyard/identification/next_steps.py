@@ -199,8 +199,7 @@ def _changes(identification: Identification) -> Iterator[NextStep]:
         if len(identification.logs) + len(identification.validation_logs) == 1:
             yield NextStep(
                 "Identify the part of the log before or after the change by itself.",
-                f"{reason} These lines keep the longer one; from both, in files of their own, "
-                f"`steelyard payload {robot} UNLOADED LOADED` tells what was carried.",
+                f"{reason} These lines keep the longer one; {change.weighing(robot)}",
                 f"[processing]\ntrim = {change.trim}",
                 "toml",
             )
