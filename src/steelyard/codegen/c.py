@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from .assignments import Listing, Syntax
 from .c_family import SIGN, CFamily, c_self_test, cmake
-from .documentation import elements_lines, function_lines, readme
-from .naming import C_RESERVED, NamedFunction, naming, shared_arguments
-from .text import comment_lines, marker, number
+from .documentation import readme
+from .naming import C_RESERVED, NamedFunction, naming
+from .text import comment_lines, marker
 
 if TYPE_CHECKING:
     from steelyard.graph import Output
@@ -16,16 +17,6 @@ if TYPE_CHECKING:
     from .project import Project
 
 __all__ = ["write"]
-
-
-def write(project: Project) -> dict[str, str]:
-    """Return the files of a C99 project by relative path.
-
-    Parameters
-    ----------
-    project : Project
-    """
-    return _Source(project).files()
 
 
 class _Source(CFamily):
@@ -57,7 +48,8 @@ class _Source(CFamily):
             "README.md": readme(self.project, "C99", described, self._use(), self.functions, self.syntax.element),
         }
 
-    def _comment(self, lines: list[str]) -> list[str]:
+    def comment(self, lines: Sequence[str]) -> list[str]:
+        """Return lines as a comment."""
         return ["/*", *comment_lines(lines, " * "), " */"]
 
     def _first(self) -> list[str]:
@@ -87,9 +79,9 @@ class _Source(CFamily):
             "Every function reads arrays and writes arrays; it allocates nothing and keeps nothing. Outputs must not "
             "overlap inputs or each other. A number is an array of one element; matrices are stored row by row.",
         ]
-        lines = [*self._first(), *self._comment(introduction), f"#ifndef {self.guard}", f"#define {self.guard}", ""]
+        lines = [*self._first(), *self.comment(introduction), f"#ifndef {self.guard}", f"#define {self.guard}", ""]
         for size in self.sizes.declared:
-            value = number(size.value) if isinstance(size.value, float) else str(size.value)
+            value = size.literal
             text = comment_lines([size.description], "") if size.description else []
             lines += [f"/* {line} */" for line in text if line]
             lines.append(f"#define {size.name} {value}" if size.value >= 0 else f"#define {size.name} ({value})")
@@ -107,12 +99,7 @@ class _Source(CFamily):
             "#endif",
             "",
         ]
-        shared = shared_arguments(project)
-        text = elements_lines(project, self.functions, self.syntax.element)
-        lines += [*self._comment(text), ""] if text else []
-        for named in self.functions:
-            text = function_lines(named.function, named.names, self.syntax.element, shared)
-            lines += [*self._comment(text), f"{self.prototype(named.name, self.parameters(named).values())};", ""]
+        lines += self.declarations()
         lines += ["#ifdef __cplusplus", "}", "#endif", "", f"#endif /* {self.guard} */"]
         return "\n".join(lines) + "\n"
 
@@ -170,3 +157,6 @@ class _Source(CFamily):
             "inputs or each other.",
         ]
         return self.use("c", f"{self.name}.h", outputs, call, text)
+
+
+write = _Source.write

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, ClassVar
 
@@ -10,8 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .assignments import Listing, Part, Partition, Store, Syntax, listing, partition
-from .naming import PROJECT_RESERVED, NamedFunction, Naming, project_name
+from .documentation import elements_lines, function_lines
+from .naming import PROJECT_RESERVED, NamedFunction, Naming, project_name, shared_arguments
 from .reference import Reference
+from .source_writer import SourceWriter
 from .text import Names, marker, number, number_lines
 
 if TYPE_CHECKING:
@@ -24,7 +26,7 @@ __all__ = ["SIGN", "CFamily", "c_self_test", "cmake", "cpp_self_test"]
 SIGN = "steelyard_sign"
 
 
-class CFamily(ABC):
+class CFamily(SourceWriter):
     """Writes the functions of a project in C or C++.
 
     Parameters
@@ -38,7 +40,7 @@ class CFamily(ABC):
     nothing: ClassVar[str]  # in the place of no parameters
 
     def __init__(self, project: Project, reserved: frozenset[str]) -> None:
-        self.project = project
+        super().__init__(project)
         self.name = project_name(project, PROJECT_RESERVED)
         self.scope = Names(reserved | {SIGN})
 
@@ -62,6 +64,20 @@ class CFamily(ABC):
     @abstractmethod
     def element(self, output: Output, name: str, index: int) -> str:
         """Return an element of an output."""
+
+    @abstractmethod
+    def comment(self, lines: Sequence[str]) -> list[str]:
+        """Return lines as a comment."""
+
+    def declarations(self) -> list[str]:
+        """Return the heads of all the functions, each behind its documentation."""
+        shared = shared_arguments(self.project)
+        text = elements_lines(self.project, self.functions, self.syntax.element)
+        lines = [*self.comment(text), ""] if text else []
+        for named in self.functions:
+            text = function_lines(named.function, named.names, self.syntax.element, shared)
+            lines += [*self.comment(text), f"{self.prototype(named.name, self.parameters(named).values())};", ""]
+        return lines
 
     def prototype(self, name: str, parameters: Iterable[str]) -> str:
         """Return the head of a function."""

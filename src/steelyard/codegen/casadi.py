@@ -18,8 +18,6 @@ __all__ = ["casadi_function", "write"]
 if TYPE_CHECKING:
     import casadi
 
-    from .project import Project
-
 
 def casadi_function(function: Function) -> casadi.Function:
     """Return a function for CasADi, which differentiates it, finds sparsity, and solves optimal control with it.
@@ -99,16 +97,6 @@ def _shaped(elements: list[casadi.SX | float], rows: int, columns: int) -> casad
 '''
 
 
-def write(project: Project) -> dict[str, str]:
-    """Return the files of a CasADi project by relative path.
-
-    Parameters
-    ----------
-    project : Project
-    """
-    return _CasadiProject(project).files()
-
-
 class _CasadiProject(PythonProject):
     title = "Python for CasADi"
     requirements = ("casadi>=3.6.5",)
@@ -171,6 +159,9 @@ class _CasadiProject(PythonProject):
             "of more than two dimensions stands as its matrices below one another, so that NumPy's `reshape` restores",
             "it. The derivative of a sign is 0.",
         ]
+
+
+write = _CasadiProject.write
 
 
 def _function_name(name: str) -> str:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from .assignments import Listing, Syntax
 from .c_family import SIGN, CFamily, cmake, cpp_self_test
-from .documentation import elements_lines, function_lines, readme
+from .documentation import readme
 from .naming import (
     C_RESERVED,
     PROJECT_RESERVED,
@@ -15,9 +16,8 @@ from .naming import (
     naming,
     project_name,
     shadowing,
-    shared_arguments,
 )
-from .text import comment_lines, marker, number
+from .text import comment_lines, marker
 
 if TYPE_CHECKING:
     from steelyard.graph import Output
@@ -28,16 +28,6 @@ __all__ = ["write"]
 
 # Robots stand inside a namespace of their own, so that none has the name of a function of the C library.
 _OUTER = "steelyard"
-
-
-def write(project: Project) -> dict[str, str]:
-    """Return the files of a C++17 project by relative path.
-
-    Parameters
-    ----------
-    project : Project
-    """
-    return _Source(project).files()
 
 
 class _Source(CFamily):
@@ -70,7 +60,8 @@ class _Source(CFamily):
             "README.md": readme(project, "C++17", described, self._use(), self.functions, self.syntax.element),
         }
 
-    def _comment(self, lines: list[str]) -> list[str]:
+    def comment(self, lines: Sequence[str]) -> list[str]:
+        """Return lines as a comment."""
         return comment_lines(lines, "// ")
 
     def _first(self) -> list[str]:
@@ -101,18 +92,14 @@ class _Source(CFamily):
             "Every function reads arrays and writes arrays; it allocates nothing and keeps nothing. An output must not "
             "be one of the inputs or of the other outputs. Matrices are stored row by row.",
         ]
-        lines = [*self._first(), *self._comment(introduction), "#pragma once", ""]
+        lines = [*self._first(), *self.comment(introduction), "#pragma once", ""]
         lines += ["#include <array>", "#include <cstddef>", "", f"namespace {self.namespace} {{", ""]
         for size in self.sizes.declared:
-            lines += self._comment([size.description]) if size.description else []
-            lines.append(f"inline constexpr {_typed(size.name, size.value)};")
+            lines += self.comment([size.description]) if size.description else []
+            kind = "double" if isinstance(size.value, float) else "std::size_t" if size.value >= 0 else "int"
+            lines.append(f"inline constexpr {kind} {size.name} = {size.literal};")
         lines.append("")
-        shared = shared_arguments(project)
-        text = elements_lines(project, self.functions, self.syntax.element)
-        lines += [*self._comment(text), ""] if text else []
-        for named in self.functions:
-            text = function_lines(named.function, named.names, self.syntax.element, shared)
-            lines += [*self._comment(text), f"{self.prototype(named.name, self.parameters(named).values())};", ""]
+        lines += self.declarations()
         lines.append(f"}}  // namespace {self.namespace}")
         return "\n".join(lines) + "\n"
 
@@ -165,7 +152,4 @@ class _Source(CFamily):
         return self.use("cpp", f"{self.name}.hpp", outputs, call, text)
 
 
-def _typed(name: str, value: int | float) -> str:
-    if isinstance(value, float):
-        return f"double {name} = {number(value)}"
-    return f"{'std::size_t' if value >= 0 else 'int'} {name} = {value}"
+write = _Source.write

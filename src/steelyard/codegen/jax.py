@@ -272,16 +272,6 @@ jax jnp np ArrayLike Callable _columns _stacked _require_double_precision _OPERA
 """
 
 
-def write(project: Project) -> dict[str, str]:
-    """Return the files of a JAX project by relative path.
-
-    Parameters
-    ----------
-    project : Project
-    """
-    return _JaxProject(project).files()
-
-
 class _JaxProject(PythonProject):
     title = "Python for JAX"
     requirements = ("jax>=0.4.30",)
@@ -314,12 +304,7 @@ class _JaxProject(PythonProject):
         lines = ["@jax.jit", *self.signature(named, "ArrayLike", kind), *self.documentation(named, "jax.Array")]
         lines.append("    _require_double_precision()")
         leading = named.scope.inner().take("leading")
-        shapes = []
-        for argument in named.function.arguments:
-            name = names[argument.name]
-            lines.append(f'    {name} = _columns("{name}", {name}, {self.size(named, argument.name)})')
-            shapes.append(f"{name}.shape[1:]")
-        lines.append(f"    {leading} = jnp.broadcast_shapes({', '.join(shapes)})")
+        lines += self.columns(named, f"{leading} = jnp")
         end = f"    return {', '.join(results)}"
         if self.vectors[index]:
             plan = schedule(named.function)
@@ -342,7 +327,7 @@ class _JaxProject(PythonProject):
         for output, places in zip(function.outputs, plan.outputs, strict=True):
             name = names[output.name]
             lines += [f"    {name} = _selected(", f"        {values},", "        ["]
-            lines += _integers(places.tolist(), "            ")
+            lines += _integers(places.tolist())
             lines += ["        ],", f"        {leading},", f"        {shape_literal(output)},", "    )"]
         return lines
 
@@ -381,6 +366,9 @@ class _JaxProject(PythonProject):
         ]
 
 
+write = _JaxProject.write
+
+
 def _tables(index: int, plan: Schedule) -> list[str]:
     """Return the constants and steps of a schedule as tuples."""
     lines = [f"_CONSTANTS_{index + 1} = (", *_ended(number_lines(plan.constants, "    ")), ")"]
@@ -388,7 +376,7 @@ def _tables(index: int, plan: Schedule) -> list[str]:
     for step in plan.steps:
         lines += ["    (", f'        "{step.operation}",']
         for values in (step.first, step.second, step.signs):
-            inner = _integers([] if values is None else values.tolist(), "            ")
+            inner = _integers([] if values is None else values.tolist())
             if len(inner) > 1:
                 lines += ["        (", *inner, "        ),"]
             else:
@@ -397,8 +385,8 @@ def _tables(index: int, plan: Schedule) -> list[str]:
     return [*lines, ")", "", ""]
 
 
-def _integers(values: Sequence[float], indent: str) -> list[str]:
-    return _ended(wrapped_lines([", ".join(str(int(value)) for value in values)], indent)) if values else []
+def _integers(values: Sequence[float]) -> list[str]:
+    return _ended(wrapped_lines([", ".join(str(int(value)) for value in values)], " " * 12)) if values else []
 
 
 def _ended(lines: list[str]) -> list[str]:

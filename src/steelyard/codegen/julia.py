@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from .assignments import Syntax, listing
 from .documentation import MARKDOWN, elements_lines, function_lines, readme
 from .naming import NamedFunction, naming, project_name, shadowing, shared_arguments
+from .source_writer import SourceWriter
 from .text import Names, comment_lines, indices_from_one, marker, number, number_lines, wrapped_lines
 
 if TYPE_CHECKING:
@@ -34,19 +35,9 @@ _MODULES = frozenset(_PACKAGES.split())
 _NAMESPACE = uuid.uuid5(uuid.NAMESPACE_DNS, "steelyard")
 
 
-def write(project: Project) -> dict[str, str]:
-    """Return the files of a Julia package by relative path.
-
-    Parameters
-    ----------
-    project : Project
-    """
-    return _Source(project).files()
-
-
-class _Source:
+class _Source(SourceWriter):
     def __init__(self, project: Project) -> None:
-        self.project = project
+        super().__init__(project)
         words = project_name(project, _RESERVED).split("_")
         self.module = "".join(word.capitalize() for word in words)
         if self.module in _MODULES:
@@ -108,8 +99,7 @@ class _Source:
         lines.append("")
         for size in self.sizes.declared:
             lines += comment_lines([size.description], "# ") if size.description else []
-            value = number(size.value) if isinstance(size.value, float) else str(size.value)
-            lines.append(f"const {size.name} = {value}")
+            lines.append(f"const {size.name} = {size.literal}")
         for named in self.functions:
             lines += ["", *self._function(named)]
         return "\n".join([*lines, "", "end", ""])
@@ -202,6 +192,9 @@ class _Source:
             "The functions allocate nothing. Outputs must not share memory with arguments. The self-test is",
             "`julia --project test/runtests.jl`, or `Pkg.test()`.",
         ]
+
+
+write = _Source.write
 
 
 def _type(shape: tuple[int, ...]) -> str:

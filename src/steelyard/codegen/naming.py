@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from steelyard.graph import Argument, Function
 
-from .text import Names, identifier
+from .text import Names, identifier, number
 
 if TYPE_CHECKING:
     from .project import Project
@@ -119,6 +119,11 @@ class Size:
     name: str
     value: int | float
     description: str
+
+    @property
+    def literal(self) -> str:
+        """The number as all languages write it."""
+        return number(self.value) if isinstance(self.value, float) else str(self.value)
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from .assignments import Syntax, listing
 from .documentation import elements_lines, function_lines, readme
 from .naming import NamedFunction, naming, project_name
+from .source_writer import SourceWriter
 from .text import Names, comment_lines, indices_from_one, marker, number, number_lines
 
 if TYPE_CHECKING:
@@ -51,19 +52,9 @@ end
 """
 
 
-def write(project: Project) -> dict[str, str]:
-    """Return the files of a folder of functions by relative path.
-
-    Parameters
-    ----------
-    project : Project
-    """
-    return _Source(project).files()
-
-
-class _Source:
+class _Source(SourceWriter):
     def __init__(self, project: Project) -> None:
-        self.project = project
+        super().__init__(project)
         longest = max(len(function.name) for function in project.functions)
         self.name = project_name(project, _RESERVED)[: max(_LONGEST - longest - 6, 8)].rstrip("_")
         # File systems that ignore case would make one file of two.
@@ -128,8 +119,7 @@ class _Source:
         fields = Names(_RESERVED)
         for size in self.sizes.declared:
             lines += comment_lines([size.description], "  % ") if size.description else []
-            value = number(size.value) if isinstance(size.value, float) else str(size.value)
-            lines.append(f"  sizes.{fields.take(size.name.removeprefix(f'{self.name}_'))} = {value};")
+            lines.append(f"  sizes.{fields.take(size.name.removeprefix(f'{self.name}_'))} = {size.literal};")
         return "\n".join([*lines, "end", ""])
 
     def _test(self) -> str:
@@ -173,6 +163,9 @@ class _Source:
             f"`help {named.name}` tells what every element of an argument is. Arguments are rows or columns of double",
             "precision, one sample a call. The functions keep nothing, and are ready for MATLAB Coder.",
         ]
+
+
+write = _Source.write
 
 
 def _literal(name: str, values: NDArray[np.float64]) -> list[str]:

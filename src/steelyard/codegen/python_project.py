@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import keyword
 import sys
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, ClassVar
 
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from .assignments import CALLS, Listing, Syntax, listing
 from .documentation import elements_lines, operations_line, readme, shape_text
 from .naming import NamedFunction, naming, project_name, shadowing, shared_arguments
+from .source_writer import SourceWriter
 from .text import Names, comment_lines, comment_text, marker, number, number_lines
 
 if TYPE_CHECKING:
@@ -104,7 +105,7 @@ EVALUATED_ON_ARRAYS = (
 """How a self-test calls a function of arrays, with NumPy as np."""
 
 
-class PythonProject(ABC):
+class PythonProject(SourceWriter):
     """Writes a project of one flavour of Python: with NumPy, JAX or CasADi.
 
     Parameters
@@ -120,7 +121,7 @@ class PythonProject(ABC):
     batches: ClassVar[bool] = True  # whether arguments have any leading axes
 
     def __init__(self, project: Project) -> None:
-        self.project = project
+        super().__init__(project)
         self.name = project_name(project, _PROJECT_RESERVED)
         reserved = _RESERVED | self.reserved
         found = naming(project, Names(reserved), style=str.upper)
@@ -190,6 +191,13 @@ class PythonProject(ABC):
         if len(line) <= _WIDTH:
             return [line]
         return [f"def {named.name}(", *(f"    {text}," for text in typed), f") -> {result}:"]
+
+    def columns(self, named: NamedFunction, leading: str) -> list[str]:
+        """Return the lines that bring arguments into columns, and their leading axes together."""
+        names = named.argument_names
+        sizes = [self.size(named, argument.name) for argument in named.function.arguments]
+        lines = [f'    {name} = _columns("{name}", {name}, {size})' for name, size in zip(names, sizes, strict=True)]
+        return [*lines, f"    {leading}.broadcast_shapes({', '.join(f'{name}.shape[1:]' for name in names)})"]
 
     def documentation(self, named: NamedFunction, kind: str) -> list[str]:
         """Return the docstring of a function that takes arrays.
@@ -262,8 +270,7 @@ class PythonProject(ABC):
         lines += ["__all__ = [", *(f'    "{name}",' for name in exported), "]", ""]
         for size in self.sizes.declared:
             lines += comment_lines([size.description], "# ") if size.description else []
-            value = number(size.value) if isinstance(size.value, float) else str(size.value)
-            lines.append(f"{size.name} = {value}")
+            lines.append(f"{size.name} = {size.literal}")
         for index, named in enumerate(self.functions):
             lines += ["", "", *self.definition(index, named)]
         return "\n".join(lines) + "\n"
@@ -318,16 +325,6 @@ def _columns(name: str, values: ArrayLike, size: int) -> Array:
 '''
 
 
-def write(project: Project) -> dict[str, str]:
-    """Return the files of a Python project by relative path.
-
-    Parameters
-    ----------
-    project : Project
-    """
-    return _NumPyProject(project).files()
-
-
 class _NumPyProject(PythonProject):
     title = "Python"
     requirements = ("numpy>=1.21",)
@@ -350,12 +347,7 @@ class _NumPyProject(PythonProject):
         kind = f"tuple[{', '.join(['Array'] * len(results))}]" if len(results) > 1 else "Array"
         lines = [*self.signature(named, "ArrayLike", kind), *self.documentation(named, "ndarray")]
         leading = named.scope.inner().take("leading")
-        shapes = []
-        for argument in function.arguments:
-            name = names[argument.name]
-            lines.append(f'    {name} = _columns("{name}", {name}, {self.size(named, argument.name)})')
-            shapes.append(f"{name}.shape[1:]")
-        lines.append(f"    {leading} = np.broadcast_shapes({', '.join(shapes)})")
+        lines += self.columns(named, f"{leading} = np")
         lines += [f"    {a.name} = {a.expression}" for a in found.assignments]
         for output, elements in zip(function.outputs, found.outputs, strict=True):
             name = names[output.name]
@@ -391,3 +383,6 @@ class _NumPyProject(PythonProject):
             "so that parameters may be given once for all. A function with several outputs returns a tuple. Very long",
             "recordings are best computed in parts of some thousand samples, which stay in the processor's cache.",
         ]
+
+
+write = _NumPyProject.write

@@ -12,6 +12,7 @@ from .assignments import Listing, Part, Store, Syntax, listing, partition
 from .documentation import MARKDOWN, elements_lines, function_lines, readme
 from .naming import DEVICE_NAMES, NamedFunction, naming, project_name, shadowing, shared_arguments
 from .reference import Reference
+from .source_writer import SourceWriter
 from .text import Names, markdown_text, marker, number, number_lines, wrapped_lines
 
 if TYPE_CHECKING:
@@ -204,19 +205,9 @@ test core std alloc proc_macro libm build deps examples incremental bench
 _PROJECT_RESERVED = _RESERVED | DEVICE_NAMES | frozenset(_CRATES.split())
 
 
-def write(project: Project) -> dict[str, str]:
-    """Return the files of a Rust crate by relative path.
-
-    Parameters
-    ----------
-    project : Project
-    """
-    return _Source(project).files()
-
-
-class _Source:
+class _Source(SourceWriter):
     def __init__(self, project: Project) -> None:
-        self.project = project
+        super().__init__(project)
         self.name = project_name(project, _PROJECT_RESERVED)
         self.scope = Names(_RESERVED | {_SIGN})
         names = naming(project, self.scope, style=str.upper)
@@ -302,8 +293,7 @@ class _Source:
         for size in self.sizes.declared:
             lines += wrapped_lines([markdown_text(size.description)], "/// ") if size.description else []
             kind = "f64" if isinstance(size.value, float) else "usize" if size.value >= 0 else "i64"
-            value = number(size.value) if isinstance(size.value, float) else str(size.value)
-            lines.append(f"pub const {size.name}: {kind} = {value};")
+            lines.append(f"pub const {size.name}: {kind} = {size.literal};")
         lines.append("")
         if "sign" in self.operations:
             lines += [
@@ -426,6 +416,9 @@ class _Source:
             "takes sine and cosine from the standard library. With `default-features = false` they are computed by the",
             "crate itself, within 1e-15 for angles up to a million radians.",
         ]
+
+
+write = _Source.write
 
 
 def _head(name: str, parameters: Mapping[str, str]) -> list[str]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from steelyard.display import html_table
+from steelyard.display import html_table, text_table
 from steelyard.errors import InputError, MissingExtraError, SolverError, faults_told
 from steelyard.extensions import Extensions
 from steelyard.files import shown, suggestion
@@ -257,11 +257,8 @@ class SolverTable:
         return tuple(_row(solver) for solver in self.solvers)
 
     def __str__(self) -> str:
-        lines = [self.headings, *self.rows]
-        widths = [max(len(line[k]) for line in lines) for k in range(len(self.headings))]
-        texts = ["  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)) for line in lines]
-        texts.insert(1, "  ".join("-" * width for width in widths))
-        return "\n".join(text.rstrip() for text in texts)
+        rules = ["-" * max(map(len, column)) for column in zip(self.headings, *self.rows, strict=True)]
+        return text_table(self.headings, [rules, *self.rows])
 
     def __repr__(self) -> str:
         return str(self)

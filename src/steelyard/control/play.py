@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from steelyard.dynamics import Model
 from steelyard.errors import InputError
 from steelyard.excitation import Trajectory
+from steelyard.files import listed
 from steelyard.recording import Recording
 from steelyard.simulation import (
     Actuators,
@@ -253,7 +254,7 @@ def _causes(
         share = (np.abs(result.torque) >= 0.999 * limit).mean(axis=0)
         weak = [f"joint {result.joint_names[k]!r} for {share[k]:.0%} of the time" for k in np.flatnonzero(share > 0.01)]
         if weak:
-            causes.append(f"torques were at the saturation of the actuators, {_some(weak)}")
+            causes.append(f"torques were at the saturation of the actuators, {listed(weak, 3)}")
     if slowed is not None:
         causes.append(slowed)
     if believes:
@@ -281,7 +282,7 @@ def _log(
     if len(lost):
         texts = [f"{result.joint_names[k]} by up to {away[k]:.3g} ({allowed[k]:.3g} allowed)" for k in lost]
         raise InputError(
-            f"The robot did not follow the trajectory, in rad or m: {_some(texts)}{because}. Give it another "
+            f"The robot did not follow the trajectory, in rad or m: {listed(texts, 3)}{because}. Give it another "
             "controller or trajectory, or allow a larger tolerance."
         )
     log = replace(result.recording(), source=f"simulated {type(trajectory).__name__}")
@@ -290,8 +291,3 @@ def _log(
     velocity = None if log.velocity is None else log.velocity[:count]
     acceleration = result.ddq[:count] if result.measured is None else None
     return replace(log, velocity=velocity, acceleration=acceleration, **rows)
-
-
-def _some(texts: list[str]) -> str:
-    """Return the first three, and how many more there are."""
-    return ", ".join(texts[:3]) + (f" and {len(texts) - 3} more" if len(texts) > 3 else "")

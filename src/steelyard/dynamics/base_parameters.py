@@ -14,7 +14,7 @@ from steelyard.display import html_table
 from steelyard.once import cached_property
 from steelyard.robot import Robot
 
-from .exact_placement import ExactMatrix, Number, robot_with_right_angles
+from .exact_placement import ExactMatrix, Number, placed_back, robot_with_right_angles, times, transposed
 from .layout import ParameterLayout
 from .unidentifiable import UPPER_TRIANGLE, Row, TermColumns, Unidentifiable, term_columns, unidentifiable
 
@@ -224,7 +224,7 @@ def _base_parameters(
 def _null_vectors(layout: ParameterLayout, columns: TermColumns, exact: Unidentifiable) -> dict[int, Vector]:
     """Null vectors of links and regular terms by their pivots: each pivot is in no other vector."""
     befores = [_decimals(placement) for placement in exact.befores]
-    backs = [_back(_decimals(placement)) for placement in exact.afters]
+    backs = [placed_back(_decimals(placement)) for placement in exact.afters]
     parents = [joint.parent for joint in layout.robot.joints]
     starts = [int(link[0]) for link in layout.links]
 
@@ -343,13 +343,6 @@ def _decimals(placement: ExactMatrix) -> list[list[Decimal]]:
     return [[_decimal(value) for value in row] for row in placement]
 
 
-def _back(placement: list[list[Decimal]]) -> list[list[Decimal]]:
-    """The inverse placement."""
-    turn = [[placement[j][i] for j in range(3)] for i in range(3)]
-    shift = [-sum((a * placement[j][3] for j, a in enumerate(row)), Decimal(0)) for row in turn]
-    return [[*row, value] for row, value in zip(turn, shift, strict=True)] + [placement[3]]
-
-
 def _body(row: Row) -> list[list[Decimal]]:
     """A pseudo-inertia from its upper triangle."""
     matrix = [[Decimal(0)] * 4 for _ in range(4)]
@@ -361,8 +354,7 @@ def _body(row: Row) -> list[list[Decimal]]:
 
 def _placed(placement: list[list[Decimal]], body: list[list[Decimal]]) -> list[list[Decimal]]:
     """A S A' of a pseudo-inertia S."""
-    half = [[sum((a * body[k][j] for k, a in enumerate(row) if a), Decimal(0)) for j in range(4)] for row in placement]
-    return [[sum((a * other[k] for k, a in enumerate(row) if a), Decimal(0)) for other in placement] for row in half]
+    return times(times(placement, body), transposed(placement))
 
 
 def _parameters(body: list[list[Decimal]], start: int, sign: int) -> Vector:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -136,28 +137,25 @@ class ByJoint(Term):
         channels: Mapping[str, Sequence[Any]] | None = None,
     ) -> tuple[dict[int, Any], ...]:
         """Return the columns of the laws that act at the joint."""
-        given: dict[str, dict[int, Any]] = {}
-        for law in self.at_joint(k):
-            columns = columns_of(law, k, (q, dq, ddq), algebra, channels)
-            for parameter, column in zip(law.parameters, columns, strict=True):
-                given.setdefault(parameter.symbol, column)
-        return tuple(given.get(parameter.symbol, {}) for parameter in self.parameters)
+        return self._of_first(
+            self.at_joint(k), lambda law: columns_of(law, k, (q, dq, ddq), algebra, channels), dict[int, Any]()
+        )
 
     def potential(self, k: int, q: Sequence[Any], algebra: Any) -> tuple[Any, ...]:
         """Return the energies of the laws that act at the joint."""
-        given: dict[str, Any] = {}
-        for law in self.at_joint(k):
-            for parameter, energy in zip(law.parameters, law.potential(k, q, algebra), strict=True):
-                given.setdefault(parameter.symbol, energy)
-        return tuple(given.get(parameter.symbol, 0.0) for parameter in self.parameters)
+        return self._of_first(self.at_joint(k), lambda law: law.potential(k, q, algebra), 0.0)
 
     def nominal(self, joint: Joint) -> tuple[float, ...]:
         """Return what the description says, as the first law that has a parameter reads it."""
-        known: dict[str, float] = {}
-        for law in self.laws:
-            for parameter, value in zip(law.parameters, law.nominal(joint), strict=True):
-                known.setdefault(parameter.symbol, value)
-        return tuple(known[parameter.symbol] for parameter in self.parameters)
+        return self._of_first(self.laws, lambda law: law.nominal(joint), math.nan)
+
+    def _of_first(self, laws: Iterable[Term], values: Callable[[Term], Sequence[Any]], other: Any) -> tuple[Any, ...]:
+        """Return a value of each parameter, as the first of some laws that has it gives it; another where none has."""
+        given: dict[str, Any] = {}
+        for law in laws:
+            for parameter, value in zip(law.parameters, values(law), strict=True):
+                given.setdefault(parameter.symbol, value)
+        return tuple(given.get(parameter.symbol, other) for parameter in self.parameters)
 
     def conditions(self) -> tuple[Condition, ...]:
         """Return those of all the laws: what a law asks of parameters that have no effect is no restriction."""

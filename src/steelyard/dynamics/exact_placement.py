@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from fractions import Fraction
 from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +20,11 @@ __all__ = [
     "ExactMatrix",
     "Number",
     "exact_placement",
+    "placed_back",
     "quotient",
     "robot_with_right_angles",
+    "times",
+    "transposed",
     "with_right_angles",
 ]
 
@@ -27,6 +32,7 @@ Number = int | Fraction
 """Whole numbers stand as they are: most are 0 or 1, and Python's fractions take ten times as long."""
 
 ExactMatrix = tuple[tuple[Number, ...], ...]
+Rows = Sequence[Sequence[Any]]
 Matrix = NDArray[np.float64]
 
 DUST = 1e-12
@@ -69,6 +75,30 @@ def quotient(value: Number, divisor: Number) -> Number:
         return value
     found = Fraction(value) / divisor
     return found.numerator if found.denominator == 1 else found
+
+
+def times(a: Rows, b: Rows) -> list[list[Any]]:
+    """Return the product of two matrices (4, 4) of exact or long numbers, most of which are 0."""
+    found: list[list[Any]] = [[0] * 4 for _ in range(4)]
+    for i, row in enumerate(a):
+        for k, value in enumerate(row):
+            if value:
+                for j, other in enumerate(b[k]):
+                    if other:
+                        found[i][j] += value * other
+    return found
+
+
+def transposed(a: Rows) -> list[list[Any]]:
+    """Return the transpose of such a matrix."""
+    return [list(column) for column in zip(*a, strict=True)]
+
+
+def placed_back(placement: Rows) -> list[list[Any]]:
+    """Return the inverse of a placement in such numbers."""
+    turn = [[placement[j][i] for j in range(3)] for i in range(3)]
+    shift = [-sum((turn[i][j] * placement[j][3] for j in range(3)), 0) for i in range(3)]
+    return [[*row, value] for row, value in zip(turn, shift, strict=True)] + [[0, 0, 0, 1]]
 
 
 def _exact_rotation(turn: Matrix) -> list[tuple[Number, ...]]:

@@ -20,10 +20,10 @@ from steelyard.errors import InputError
 from steelyard.files import shown
 from steelyard.graph.expression import is_zero
 from steelyard.once import cached_property
-from steelyard.robot import Condition, Joint, Robot, TermParameter
+from steelyard.robot import Condition, Robot, TermParameter
 from steelyard.robot.robot import PRESLIDING
 
-from .terms import JointNumbers, PerJoint, ShapedTerm
+from .terms import JointNumbers, PerJoint, ShapedTerm, described_values
 
 __all__ = [
     "ChannelFriction",
@@ -47,6 +47,8 @@ tangent is exact to 5e-17."""
 class _ByDirection(ShapedTerm):
     """Friction with two parameters, forward and backward, which the description has as one."""
 
+    nominal = described_values
+
     def __init__(self, joints: JointNumbers = None) -> None:
         super().__init__(joints=joints)
 
@@ -55,11 +57,6 @@ class _ByDirection(ShapedTerm):
         sign = algebra.sign(dq[k])
         law = sign if self.parameters[0].described_as == "friction" else dq[k]
         return (0.5 * (law + law * sign), 0.5 * (law - law * sign))
-
-    def nominal(self, joint: Joint) -> tuple[float, ...]:
-        """Return the friction of the description, in both directions."""
-        value = joint.friction if self.parameters[0].described_as == "friction" else joint.damping
-        return (value, value)
 
 
 class CoulombByDirection(_ByDirection):
@@ -149,6 +146,7 @@ class Stribeck(ShapedTerm):
     """
 
     kind = "stribeck"
+    nominal = described_values
     parameters = (
         TermParameter("Fcj", "N·m", "N", "Coulomb friction", nonnegative=True, described_as="friction"),
         TermParameter("Fsj", "N·m", "N", "friction near rest beyond Coulomb's", nonnegative=False),
@@ -176,10 +174,6 @@ class Stribeck(ShapedTerm):
             power = algebra.exp((0.5 * exponent) * algebra.log(x * x + _TINY))
         return (sign, sign * algebra.exp(-power))
 
-    def nominal(self, joint: Joint) -> tuple[float, ...]:
-        """Return the friction of the description, and that nothing is known of the rest."""
-        return (joint.friction, math.nan)
-
     def conditions(self) -> tuple[Condition, ...]:
         """Return that friction is not negative at high speed and near rest."""
         return (linear("Fcj >= 0", Fcj=1.0), linear("Fcj + Fsj >= 0", Fcj=1.0, Fsj=1.0))
@@ -206,6 +200,7 @@ class SmoothCoulomb(ShapedTerm):
     """
 
     kind = "coulomb_smooth"
+    nominal = described_values
     parameters = (TermParameter("Fcj", "N·m", "N", "Coulomb friction", nonnegative=True, described_as="friction"),)
 
     per_joint = ("velocity",)
@@ -228,10 +223,6 @@ class SmoothCoulomb(ShapedTerm):
         size = algebra.sqrt(x * x + _NEAR)
         e = algebra.exp(-2.0 * size)
         return (x * ((1.0 - e) / (size * (1.0 + e))),)
-
-    def nominal(self, joint: Joint) -> tuple[float, ...]:
-        """Return the friction of the description."""
-        return (joint.friction,)
 
 
 class PolynomialFriction(ShapedTerm):
@@ -272,6 +263,7 @@ class PolynomialFriction(ShapedTerm):
     """
 
     kind = "friction_polynomial"
+    nominal = described_values
     one_number = ("speed",)
 
     def __init__(self, powers: Sequence[int], speed: float | None = None, joints: JointNumbers = None) -> None:
@@ -307,11 +299,6 @@ class PolynomialFriction(ShapedTerm):
                 value = x * x * value
             result.append(value)
         return (*result, *(None for _ in self._slack))
-
-    def nominal(self, joint: Joint) -> tuple[float, ...]:
-        """Return damping and friction of the description."""
-        known = {0: joint.friction, 1: joint.damping}
-        return (*(known.get(power, math.nan) for power in self.powers), *(math.nan for _ in self._slack))
 
     def conditions(self) -> tuple[Condition, ...]:
         """Return that the polynomial is not negative at any speed."""
@@ -440,6 +427,7 @@ class LoadFriction(ShapedTerm):
     """
 
     kind = "friction_by_load"
+    nominal = described_values
     parameters = (
         TermParameter("Fcj", "N·m", "N", "Coulomb friction", nonnegative=False, described_as="friction"),
         TermParameter("Flj", "1", "1", "Coulomb friction by the load", nonnegative=False),
@@ -520,10 +508,6 @@ class LoadFriction(ShapedTerm):
         load, sign = self.load(k, q, algebra), algebra.sign(dq[k])
         return (sign, load * sign, dq[k], load * dq[k])
 
-    def nominal(self, joint: Joint) -> tuple[float, ...]:
-        """Return friction and damping of the description, and that nothing is known of the rest."""
-        return (joint.friction, math.nan, joint.damping, math.nan)
-
     def conditions(self) -> tuple[Condition, ...]:
         """Return that friction is not negative without a load and with the largest."""
         largest = self.shape["largest"]
@@ -567,6 +551,7 @@ class ChannelFriction(ShapedTerm):
     """
 
     kind = "friction_by_channel"
+    nominal = described_values
     parameters = (
         TermParameter("Fcj", "N·m", "N", "Coulomb friction", nonnegative=False, described_as="friction"),
         TermParameter("Fcsj", "N·m", "N", "change of Coulomb friction by the signal", nonnegative=False),
@@ -649,10 +634,6 @@ class ChannelFriction(ShapedTerm):
                 f"The channel {name!r} goes from {least:.6g} to {greatest:.6g}, beyond the range {low:g} to {high:g} "
                 f"of the term {self.kind!r}, in which its friction is proved to dissipate; widen `range`."
             )
-
-    def nominal(self, joint: Joint) -> tuple[float, ...]:
-        """Return friction and damping of the description, and that nothing is known of the rest."""
-        return (joint.friction, math.nan, joint.damping, math.nan)
 
     def conditions(self) -> tuple[Condition, ...]:
         """Return that friction is not negative at both ends of the range."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -11,11 +10,11 @@ from numpy.typing import NDArray
 
 from steelyard.errors import InputError
 from steelyard.files import shown
-from steelyard.robot import Condition, Joint, TermParameter
+from steelyard.robot import Condition, TermParameter
 from steelyard.robot.robot import PRESLIDING
 
 from .friction_terms import linear
-from .terms import JointNumbers, PerJoint, ShapedTerm
+from .terms import JointNumbers, PerJoint, ShapedTerm, described_values
 
 __all__ = ["Dahl", "LuGre"]
 
@@ -29,6 +28,7 @@ class _BristleFriction(ShapedTerm):
     """Friction with a state, which is the channel `PRESLIDING`, or as in steady sliding."""
 
     per_joint = ("displacement", "ratio", "velocity")
+    nominal = described_values
 
     def __init__(self, *, sliding: bool, joints: JointNumbers, **shape: Any) -> None:
         if not isinstance(sliding, bool):
@@ -136,10 +136,6 @@ class Dahl(_BristleFriction):
     def _torques(self, k: int, speed: Any, state: Any, algebra: Any) -> tuple[Any, ...]:
         return (algebra.sign(speed) if state is None else state,)
 
-    def nominal(self, joint: Joint) -> tuple[float, ...]:
-        """Return the friction of the description."""
-        return (joint.friction,)
-
 
 class LuGre(_BristleFriction):
     """LuGre friction, ``Fc u + Fb d du/dt + Fv dq``: presliding, Stribeck's curve and damped bristles.
@@ -217,10 +213,6 @@ class LuGre(_BristleFriction):
         if state is None:
             return (sign * bound, None, speed)
         return (state, speed - sign * speed * state / bound, speed)
-
-    def nominal(self, joint: Joint) -> tuple[float, ...]:
-        """Return friction and damping of the description, and that nothing is known of the bristles."""
-        return (joint.friction, math.nan, joint.damping)
 
     def conditions(self) -> tuple[Condition, ...]:
         """Return those of the joint where the most breaks away."""

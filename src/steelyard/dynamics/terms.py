@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Self
@@ -26,14 +27,26 @@ __all__ = [
     "ShapedTerm",
     "Viscous",
     "check_term",
+    "described_values",
     "is_known_term",
     "term_from_dict",
     "weighted_sum",
 ]
 
 
+def described_values(term: Term, joint: Joint) -> tuple[float, ...]:
+    """Return what the description says of a joint's own friction and rotor, one a parameter; NaN where unknown.
+
+    It is the `nominal` of terms whose parameters are those of the joint, and not of a motor or a screw.
+    """
+    said = {"damping": joint.damping, "friction": joint.friction, "rotor_inertia": joint.rotor_inertia}
+    return tuple(said.get(parameter.described_as or "", math.nan) for parameter in term.parameters)
+
+
 class _JointTerm(Term):
     """A term of one parameter that acts on its own joint alone."""
+
+    nominal = described_values
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}()"
@@ -65,10 +78,6 @@ class Viscous(_JointTerm):
         """Return the velocity of the joint."""
         return ({k: dq[k]},)
 
-    def nominal(self, joint: Joint) -> tuple[float, ...]:
-        """Return the damping of the description."""
-        return (joint.damping,)
-
 
 class Coulomb(_JointTerm):
     """Coulomb friction on the joint side, ``Fc sign(dq)`` (thesis eq. 4.10).
@@ -88,10 +97,6 @@ class Coulomb(_JointTerm):
     ) -> tuple[dict[int, Any], ...]:
         """Return the sign of the velocity of the joint."""
         return ({k: algebra.sign(dq[k])},)
-
-    def nominal(self, joint: Joint) -> tuple[float, ...]:
-        """Return the friction of the description."""
-        return (joint.friction,)
 
 
 class Offset(_JointTerm):
@@ -130,10 +135,6 @@ class RotorInertia(_JointTerm):
     ) -> tuple[dict[int, Any], ...]:
         """Return the acceleration of the joint."""
         return ({k: ddq[k]},)
-
-    def nominal(self, joint: Joint) -> tuple[float, ...]:
-        """Return the rotor inertia of the description."""
-        return (joint.rotor_inertia,)
 
 
 class MotorSide(Term):

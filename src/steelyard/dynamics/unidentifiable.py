@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from steelyard.robot import Robot
 
-from .exact_placement import ExactMatrix, Number, exact_placement, quotient
+from .exact_placement import ExactMatrix, Number, exact_placement, placed_back, quotient, times, transposed
 from .layout import ParameterLayout
 
 __all__ = [
@@ -329,19 +329,19 @@ def _twist(matrix: Sequence[Sequence[Number]], row: Row) -> Row:
 
 
 def _turned_twist(row: Row, between: ExactMatrix) -> Row:
-    return _twist(_times(_times(_inverse(between), _matrix(row)), between), row)
+    return _twist(times(times(placed_back(between), _matrix(row)), between), row)
 
 
 def _bracket(row: Row, motion: Sequence[Sequence[Number]]) -> Row:
     """Return how a twist changes as the joint moves; the rates and gravity's constant do not."""
     matrix = _matrix(row)
-    left, right = _times(matrix, motion), _times(motion, matrix)
+    left, right = times(matrix, motion), times(motion, matrix)
     return _twist([[a - b for a, b in zip(x, y, strict=True)] for x, y in zip(left, right, strict=True)], {})
 
 
 def _product(own: Row, other: Row) -> Row:
     """The product of inertia tr(M S N') of two twists, as a function of S."""
-    return _function(_times(_transposed(_matrix(other)), _matrix(own)))
+    return _function(times(transposed(_matrix(other)), _matrix(own)))
 
 
 def _function(matrix: Sequence[Sequence[Number]]) -> Row:
@@ -363,39 +363,18 @@ def _coefficients(row: Row) -> list[list[Number]]:
 
 
 def _turned_function(row: Row, between: ExactMatrix) -> Row:
-    return _function(_times(_times(_transposed(between), _coefficients(row)), between))
+    return _function(times(times(transposed(between), _coefficients(row)), between))
 
 
 def _derivative(row: Row, motion: Sequence[Sequence[Number]]) -> Row:
     """Return how a function of S changes as the joint moves."""
-    half = _times(_coefficients(row), motion)
-    return _function([[a + b for a, b in zip(x, y, strict=True)] for x, y in zip(half, _transposed(half), strict=True)])
-
-
-def _times(a: Sequence[Sequence[Number]], b: Sequence[Sequence[Number]]) -> list[list[Number]]:
-    found: list[list[Number]] = [[_ZERO] * 4 for _ in range(4)]
-    for i, row in enumerate(a):
-        for k, value in enumerate(row):
-            if value:
-                for j, other in enumerate(b[k]):
-                    if other:
-                        found[i][j] += value * other
-    return found
-
-
-def _transposed(a: Sequence[Sequence[Number]]) -> list[list[Number]]:
-    return [list(column) for column in zip(*a, strict=True)]
-
-
-def _inverse(placement: ExactMatrix) -> list[list[Number]]:
-    turn = [[placement[j][i] for j in range(3)] for i in range(3)]
-    shift = [-sum((turn[i][j] * placement[j][3] for j in range(3)), _ZERO) for i in range(3)]
-    return [[*row, value] for row, value in zip(turn, shift, strict=True)] + [[_ZERO, _ZERO, _ZERO, _ONE]]
+    half = times(_coefficients(row), motion)
+    return _function([[a + b for a, b in zip(x, y, strict=True)] for x, y in zip(half, transposed(half), strict=True)])
 
 
 def _joined(first: ExactMatrix, second: ExactMatrix) -> ExactMatrix:
     """The product of two placements, without what rounding leaves where they cancel."""
-    product = _times(first, second)
+    product = times(first, second)
     rounded = np.array([[float(value) for value in row] for row in product])
     cleaned = exact_placement(rounded)
     return tuple(

@@ -603,7 +603,7 @@ def _result(joint: str, rows: DeflectionRows, solution: _Solution, known: _Known
     inertia, inertia_error = known.motor_inertia, np.nan
     if not known.inertia:
         inertia = values[_INERTIA] / compliance if compliance > 0.0 else np.nan
-        inertia_error = _ratio_error(solution, _INERTIA, _COMPLIANCE)
+        inertia_error = _inertia_error(solution)
     relaxation = float(values[_RELAXATION])  # D / K²
     relaxation_bound = relaxation + NORMAL * _error_alone(rows, solution)
     found = JointStiffness.of_compliance(joint, compliance, error, unit)
@@ -625,9 +625,9 @@ def _result(joint: str, rows: DeflectionRows, solution: _Solution, known: _Known
     )
 
 
-def _ratio_error(solution: _Solution, numerator: str, denominator: str) -> float:
-    """Standard error of the ratio of two values."""
-    n, d = solution.names.index(numerator), solution.names.index(denominator)
+def _inertia_error(solution: _Solution) -> float:
+    """Standard error of the inertia, the ratio of two values."""
+    n, d = solution.names.index(_INERTIA), solution.names.index(_COMPLIANCE)
     if not solution.values[d] > 0.0:
         return float("nan")
     ratio = solution.values[n] / solution.values[d]

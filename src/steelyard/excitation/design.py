@@ -490,14 +490,13 @@ def _combined(
 
 def _hopeless(shown: Identifiability, count: int, margins: Sequence[Margin], period: float) -> str:
     """Return the remark that a motion cannot identify some parameters, which ones, and what to try."""
-    names = ", ".join(map(_short, shown.unidentifiable[:_NAMED]))
-    more = len(shown.unidentifiable) - _NAMED
+    names = listed(map(_short, shown.unidentifiable), _NAMED)
     used = dict.fromkeys(m.name for m in margins if m.fraction < _USED_UP)
     wider = f"wider limits of {' and '.join(used)}, which the motion uses up, " if used else ""
     return (
         f"This motion cannot identify what was asked: with torque noise of {TORQUE_NOISE:.0%} the standard deviations "
         f"of {len(shown.unidentifiable)} of {count} parameters exceed the size of all base parameters together "
-        f"({names}{f' and {more} more' if more > 0 else ''}); try {wider}a period longer than {period:g} s, or fewer "
+        f"({names}); try {wider}a period longer than {period:g} s, or fewer "
         "terms or parameters."
     )
 

@@ -243,9 +243,7 @@ class SplineFamily(PointFamily):
         """Return the spline."""
         return SplineTrajectory(np.hstack([coefficients, coefficients[:, :1]]), self.period)
 
-    def trajectory(self, coefficients: Array) -> SplineTrajectory:
-        """Return the spline."""
-        return self.excitation(coefficients)
+    trajectory = excitation
 
 
 @dataclass(frozen=True)
@@ -285,9 +283,7 @@ class QuinticFamily(PointFamily):
         points = np.vstack([coefficients.T, coefficients[:, 0]])
         return QuinticTrajectory.point_to_point(points, np.full(self.size, self.period / self.size))
 
-    def trajectory(self, coefficients: Array) -> QuinticTrajectory:
-        """Return the moves."""
-        return self.excitation(coefficients)
+    trajectory = excitation
 
 
 def make_family(

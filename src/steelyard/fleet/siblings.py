@@ -387,15 +387,14 @@ class _Problem:
         self.weights = np.ones(self.count)
         self.mean = median_of_shown(bases, shown)
         self.mean_covariance = np.eye(self.width)
-        self.inverses = np.zeros_like(errors)
         self.precision = np.eye(self.width)
 
     def settle(self, moved: Array) -> None:
         """Find the variances, the mean and the weights from bases from which unusual parts were taken away."""
         self.moved = moved
         if self.count > 2 * SUBSET:
-            self._iterate(np.linspace(0, self.count - 1, SUBSET).round().astype(int), ITERATIONS)
-        self._iterate(np.arange(self.count), ITERATIONS)
+            self._iterate(np.linspace(0, self.count - 1, SUBSET).round().astype(int))
+        self._iterate(np.arange(self.count))
         self._means(np.arange(self.count))
 
     def _means(self, chosen: NDArray[np.intp]) -> tuple[Array, Array]:
@@ -416,12 +415,11 @@ class _Problem:
         away = bases - self.mean
         self.weights[chosen] = weights
         if len(chosen) == self.count:
-            self.inverses, self.precision = inverses, precision
-            self.mean_weights = weighted
+            self.precision, self.mean_weights = precision, weighted
         return inverses, away
 
-    def _iterate(self, chosen: NDArray[np.intp], times: int) -> None:
-        for _ in range(times):
+    def _iterate(self, chosen: NDArray[np.intp]) -> None:
+        for _ in range(ITERATIONS):
             inverses, away = self._means(chosen)
             shown = inverses @ self.directions  # (R, n_b, c)
             told = np.sum(self.directions * shown, axis=1)

@@ -59,13 +59,7 @@ def filter_columns(sections: Array, states: Array, values: Array, backwards: boo
 def _compiled(sections: int, held: int) -> Callable[..., None]:
     machine = host_machine(batch_lanes())
     code = machine.load_source(_source(sections, batch_lanes(), held, machine.triple), ("filter",), {})
-    pointers = [ctypes.c_void_p] * 3
-    function = ctypes.CFUNCTYPE(None, ctypes.c_int64, ctypes.c_int64, *pointers)(code.addresses["filter"])
-
-    def call(*arguments: int, _kept: object = code) -> None:
-        function(*arguments)
-
-    return call
+    return code.function("filter", ctypes.c_int64, ctypes.c_int64, *[ctypes.c_void_p] * 3)
 
 
 def _source(sections: int, lanes: int, held: int, triple: str) -> str:

@@ -5,12 +5,16 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Callable
 from functools import cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .kernel import address_of
 from .machine import batch_lanes, host_machine
+
+if TYPE_CHECKING:
+    from .loops import Code
 
 __all__ = ["extreme_rows"]
 
@@ -55,21 +59,13 @@ def extreme_rows(values: Array, others: Array, size: int) -> NDArray[np.intp]:
 
 @cache
 def _compiled() -> Callable[..., None]:
-    machine = host_machine(batch_lanes())
-    code = machine.load_source(lambda: _source(batch_lanes(), machine.triple), ("extremes",), {})
-    function = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3, *[ctypes.c_int64] * 3)(code.addresses["extremes"])
-
-    def call(*arguments: int, _kept: object = code) -> None:
-        function(*arguments)
-
-    return call
+    code = host_machine(batch_lanes()).load_code(_write, ("extremes",))
+    return code.function("extremes", *[ctypes.c_void_p] * 3, *[ctypes.c_int64] * 3)
 
 
-def _source(lanes: int, triple: str) -> str:
-    """Return the function as LLVM assembly: of so many columns all that is known of a group stays in registers."""
-    from .loops import Code
-
-    code = Code(lanes, triple)
+def _write(code: Code) -> None:
+    """Write the function: of as many columns as there are lanes all that is known of a group stays in registers."""
+    lanes = code.lanes
     with code.function("extremes", "values", "others", "found", integers="groups size width") as given:
         values, others, found, groups, size, width = given
         for group in code.range(groups):
@@ -94,4 +90,3 @@ def _source(lanes: int, triple: str) -> str:
                     ]
                 for line, place in enumerate([*loop.values[2:4], *loop.values[6:8]]):
                     found.shared_at((group * 4 + line) * width + at)[0] = place
-    return code.text

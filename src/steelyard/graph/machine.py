@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import hashlib
 import itertools
 import os
@@ -9,12 +10,15 @@ import sys
 import threading
 from collections.abc import Callable
 from functools import cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from steelyard.once import cached_property
 
 from .cache import ObjectCache, pack, unpack
 from .instructions import SUPPORT, support_source
+
+if TYPE_CHECKING:
+    from .loops import Code
 
 __all__ = ["LOCK", "LoadedCode", "Machine", "batch_lanes", "host_machine"]
 
@@ -55,6 +59,15 @@ class LoadedCode:
         self._called = called
         self.addresses = {name: int(tracker[name]) for name in symbols}
         self.size = size
+
+    def function(self, name: str, *kinds: type) -> Callable[..., None]:
+        """Return a function of arguments of some kinds of ctypes, with which the code stays in memory."""
+        function = ctypes.CFUNCTYPE(None, *kinds)(self.addresses[name])
+
+        def call(*arguments: int, _kept: LoadedCode = self) -> None:
+            function(*arguments)
+
+        return call
 
 
 class Machine:
@@ -139,6 +152,20 @@ class Machine:
             if loaded is None:
                 raise RuntimeError("machine code that was just compiled cannot be loaded")
             return loaded
+
+    def load_code(
+        self, write: Callable[[Code], object], symbols: tuple[str, ...], identity: str | None = None
+    ) -> LoadedCode:
+        """Bring functions into memory that are written with :class:`Code`, see `load_source`."""
+
+        def source() -> str:
+            from .loops import Code
+
+            code = Code(self.lanes, self.triple)
+            write(code)
+            return code.text
+
+        return self.load_source(source, symbols, {}, identity)
 
 
 @cache

@@ -14,6 +14,7 @@ from steelyard.display import capital
 from steelyard.dynamics import Model
 from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError
+from steelyard.files import listed
 from steelyard.recording import (
     DelayEstimate,
     LogColumns,
@@ -569,10 +570,7 @@ class _Patient:
             return None
         name = str(self.log)
         if fit.change is not None:
-            statement = (
-                f"{fit.change.sentence(name)} The line below keeps the longer part; from both, in files of their own, "
-                "`steelyard payload ROBOT UNLOADED LOADED` tells what was carried."
-            )
+            statement = f"{fit.change.sentence(name)} The line below keeps the longer part; {fit.change.weighing()}"
             remedy: Settings = {"processing": {"trim": fit.change.trim}}
             self.add(Finding("robot changes", statement, "wrong", 1.0, remedy), used=False)
             for finding in unsure:
@@ -682,7 +680,7 @@ class _Patient:
         if not reasons:
             return
         order = [*unseen, *(name for name in weak if name not in unseen)]
-        named = ", ".join(order[:MOST_NAMED]) + (f" and {len(order) - MOST_NAMED} more" * (len(order) > MOST_NAMED))
+        named = listed(order, MOST_NAMED) if order else ""
         statement = (
             f"The motion shows the robot poorly: {', and '.join(reasons)} (condition number "
             f"{information.condition_number:.4g}).{f' Weakest are {named}.' if named else ''}"

@@ -51,16 +51,15 @@ def missed_terms(model: Model, estimate: Estimate, samples: Iterable[Samples]) -
     if refused:
         return (refused,)
     held = kind.holds if kind.is_written else ()
-    described = {one.symbol: one.described_as for term in model.robot.terms for one in term.parameters}
-    lost = {symbol for symbol, name in described.items() if name not in held}
-    missed = np.array([name.rstrip("0123456789") in lost for name in model.parameter_names])
+    described = np.array(model.described_as)
+    missed = np.array([kind not in held for kind in model.described_as])
+    missed[np.ravel(model.link_columns)] = False
     remembers = model.remembers
     if not kind.is_written or not (missed.any() or remembers):
         return ()
     parts, whole = np.zeros(model.robot.dof), np.zeros(model.robot.dof)
     parameters = np.where(missed, estimate.parameters, 0.0)
-    friction = [described.get(name.rstrip("0123456789")) == "friction" for name in model.parameter_names]
-    coulomb = np.where(np.array(friction) & ~missed, estimate.parameters, 0.0)
+    coulomb = np.where((described == "friction") & ~missed, estimate.parameters, 0.0)
     for one in samples:
         rows = np.ones_like(one.torque, dtype=bool) if one.mask is None else one.mask
         torque = model.inverse_dynamics(one.q, one.dq, one.ddq, parameters, channels=one.channels)
@@ -77,7 +76,7 @@ def missed_terms(model: Model, estimate: Estimate, samples: Iterable[Samples]) -
     if max(share, float(each.max())) < NEGLIGIBLE:
         return ()
     worst = int(np.argmax(each))
-    known = [NAMES[name] for name in NAMES if name not in held and name in described.values()]
+    known = [NAMES[name] for name in NAMES if name not in held and name in described]
     what = " and ".join([*known, *undescribed_kinds(model.robot)])
     beside = f", and {' and '.join(known)} in an extension of ours, which simulators pass over" if known else ""
     return (

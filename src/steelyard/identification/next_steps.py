@@ -9,10 +9,11 @@ from typing import Literal
 
 import numpy as np
 
-from steelyard.display import few_digits
+from steelyard.display import capital, few_digits
 from steelyard.dynamics import RotorInertia
 from steelyard.excitation.motion_limits import MotionLimits
 from steelyard.feasibility.constraints import MeasuredMass, TotalMass
+from steelyard.files import listed
 from steelyard.recording.diagnosis import remedy_of
 from steelyard.regression import Information, least_squares
 
@@ -105,8 +106,7 @@ def found(identification: Identification) -> tuple[str, ...]:
     before, after = identification.unconstrained.relative_error, identification.estimate.relative_error
     if verdict.feasible is False:
         names = [violation.block for violation in verdict.violations]
-        more = f" and {len(names) - MOST_NAMED} more" if len(names) > MOST_NAMED else ""
-        which = f" ({', '.join(names[:MOST_NAMED])}{more})" if names else ""
+        which = f" ({listed(names, MOST_NAMED)})" if names else ""
         left = f"{after:.2%} of the torques of the same data unexplained"
         compared = f" instead of {before:.2%}" if f"{before:.2%}" != f"{after:.2%}" else ", just as much"
         sentences.append(
@@ -200,8 +200,7 @@ def _changes(identification: Identification) -> Iterator[NextStep]:
         if len(identification.logs) + len(identification.validation_logs) == 1:
             yield NextStep(
                 "Identify the part of the log before or after the change by itself.",
-                f"{reason} These lines keep the longer one; from both, in files of their own, "
-                f"`steelyard payload {robot} UNLOADED LOADED` tells what was carried.",
+                f"{reason} These lines keep the longer one; {change.weighing(robot)}",
                 f"[processing]\ntrim = {change.trim}",
                 "toml",
             )
@@ -226,19 +225,16 @@ def _mistakes(identification: Identification) -> Iterator[NextStep]:
             # A line of robot.toml counts for every log: it would be false of those without the payload.
             words = ((empty[0], "UNLOADED"), (log, "LOADED"))
             unloaded, loaded = ((_paths(identification, [one]) or [word])[0] for one, word in words)
-            more = f" and {len(empty) - MOST_NAMED} more" if len(empty) > MOST_NAMED else ""
             yield NextStep(
                 "Identify logs with and without the payload apart, and weigh what is carried.",
-                f"{reason} No payload was found in {', '.join(empty[:MOST_NAMED])}{more}: these logs are not those of "
-                "one robot.",
+                f"{reason} No payload was found in {listed(empty, MOST_NAMED)}: these logs are not those of one robot.",
                 f"steelyard payload {_robot(identification)} {unloaded} {loaded}",
                 "console",
             )
         elif without := [one for one in dict.fromkeys(everything) if not _shares(identification, one, first)]:
-            more = f" and {len(without) - MOST_NAMED} more" if len(without) > MOST_NAMED else ""
             yield NextStep(
                 "Mend that log, or robot.toml if it is so in all logs, and identify again.",
-                f"{reason} It was not found in {', '.join(without[:MOST_NAMED])}{more}, and a line of robot.toml "
+                f"{reason} It was not found in {listed(without, MOST_NAMED)}, and a line of robot.toml "
                 "counts for every log.",
                 first.toml.strip(),
                 "toml",
@@ -406,7 +402,7 @@ def _excitation(identification: Identification, weak: list[str]) -> Iterator[Nex
 def _motion(identification: Identification, reason: str) -> NextStep:
     return NextStep(
         "Record a motion that shows more.",
-        f"{reason[:1].upper()}{reason[1:]}.",
+        f"{capital(reason)}.",
         excite_command(identification),
         "console",
     )

@@ -19,7 +19,7 @@ from steelyard.errors import InputError, MissingExtraError
 from steelyard.feasibility import FeasibleSet
 from steelyard.feasibility.bounds.profile_intervals import profile_intervals
 from steelyard.feasibility.bounds.quantities import Quantity, quantities, standard_errors
-from steelyard.files import plain, suggestion
+from steelyard.files import listed, plain, suggestion
 from steelyard.regression import Estimate, Information, ParameterCovariance
 from steelyard.robot import Inertia
 from steelyard.robot.inertia import moment_row
@@ -370,7 +370,7 @@ def parameter_table(
     source = feasible_set.model.robot.parameters if cad is None else cad
     described = _described(feasible_set, np.asarray(source, dtype=float), asked, about)
     told: tuple[Array, Array] | None = None
-    centers, alone = _intervals_of_data(feasible_set, covariance, asked, parameters, unconstrained.base, CONFIDENCE)
+    centers, alone = _intervals_of_data(feasible_set, covariance, asked, parameters, unconstrained.base)
     if not covariance.filtered_torque and feasible_set.parameter_count > MANY_PARAMETERS:
         positive = np.array([quantity.never_negative for quantity in asked])
         told = np.where(positive, np.maximum(centers - alone, 0.0), centers - alone), centers + alone
@@ -433,22 +433,21 @@ def parameter_table(
     rotors = shares, rotor_names
     sentences = _known_together(info, feasible_set, unconstrained, ParameterTable(tuple(rows)), rotors)
     if drawn:
-        more = f" and {len(drawn) - MOST_SENTENCES} more" if len(drawn) > MOST_SENTENCES else ""
         stand = "stands at an end of its interval" if len(drawn) == 1 else "stand at an end of their intervals"
-        shown = ", ".join(drawn[:MOST_SENTENCES]) + more
+        shown = listed(drawn, MOST_SENTENCES)
         sentences = (*sentences, f"{shown} {stand}: the prior draws the answer that far away from the data.")
     if changes and told is not None:
         hold = "changes in the course of a log; its interval holds it from its begin to its end"
         if len(changes) > 1:
             hold = "change in the course of a log; intervals hold them from its begin to its end"
-        sentences = (*sentences, f"{_first_of(list(changes))} {hold}.")
+        sentences = (*sentences, f"{listed(changes, MOST_SENTENCES)} {hold}.")
     if len(errors) and told is not None:
         sentences = (*sentences, "Intervals are as wide as the delay of the torques asks for.")
     if at_rest:
         sentences = (
             *sentences,
-            f"{_first_of(at_rest)} would hold the friction of joints that stand still in all of these logs, which may "
-            "be any up to that of sliding, either way: motions of these joints tell it from an offset.",
+            f"{listed(at_rest, MOST_SENTENCES)} would hold the friction of joints that stand still in all of these "
+            "logs, which may be any up to that of sliding, either way: motions of these joints tell it from an offset.",
         )
     if of_rotors:
         sentences = (*sentences, _said_of_rotors(feasible_set, rotor_names, of_rotors))
@@ -465,9 +464,7 @@ def _shares_of_rotors(feasible_set: FeasibleSet) -> tuple[Array, list[str]]:
     """
     model = feasible_set.model
     nothing: tuple[Array, list[str]] = (np.zeros((feasible_set.parameter_count, 0)), [])
-    if not isinstance(model, Model) or any(
-        parameter.described_as == "rotor_inertia" for term in model.robot.terms for parameter in term.parameters
-    ):
+    if not isinstance(model, Model) or "rotor_inertia" in model.described_as:
         return nothing
     from .default_terms import with_rotors  # of robots without rotors alone
 
@@ -510,8 +507,8 @@ def _said_of_rotors(
     joints = sorted({int(joint) for _, used in found for joint in used})
     shown = ", ".join(f"{robot.joints[robot.driving_joints[joint]].name} ({rotor_names[joint]})" for joint in joints)
     return (
-        f"{_first_of(names)} would hold the inertia of a rotor at {shown}, of which nobody says anything and which no "
-        'motion tells apart: add [[terms]] with kind = "rotor_inertia", and its value by '
+        f"{listed(names, MOST_SENTENCES)} would hold the inertia of a rotor at {shown}, of which nobody says "
+        'anything and which no motion tells apart: add [[terms]] with kind = "rotor_inertia", and its value by '
         "[[constraints.linear_bound]], 0 where torques are sensed behind the gear."
     )
 
@@ -647,13 +644,12 @@ def _intervals_of_data(
     asked: list[Quantity],
     parameters: Array,
     base: Array,
-    confidence: float,
 ) -> tuple[Array, Array]:
     """Centers and half-widths of the intervals of plain least squares; infinite for what the base does not tell."""
     from scipy.special import ndtri
 
     rows = np.array([quantity.slope(parameters) for quantity in asked])
-    halves = float(ndtri(0.5 + 0.5 * confidence)) * standard_errors(feasible_set, covariance, rows)
+    halves = float(ndtri(0.5 + 0.5 * CONFIDENCE)) * standard_errors(feasible_set, covariance, rows)
     # Ratios are as their slopes say; where nothing is told, the center is not read.
     at_answer = [0.0 if one.mass is None else one.value(parameters) for one in asked]
     return at_answer + rows @ feasible_set.lift @ base, halves
@@ -709,12 +705,14 @@ def _known_together(
     hidden = [name for name in info.unidentifiable if name not in unlogged]
     if hidden:
         sentences.append(
-            f"These logs do not show {_first_of(hidden)}: joints that stood still, or moved alone, hide them."
+            f"These logs do not show {listed(hidden, MOST_SENTENCES)}: "
+            "joints that stood still, or moved alone, hide them."
         )
     if unlogged:
         joints = ", ".join(dict.fromkeys(unlogged.values()))
         sentences.append(
-            f"No motion shows {_first_of(list(unlogged))}: the logs have no torque of {joints}, which alone tells them."
+            f"No motion shows {listed(unlogged, MOST_SENTENCES)}: "
+            f"the logs have no torque of {joints}, which alone tells them."
         )
     return tuple(sentences)
 
@@ -722,8 +720,3 @@ def _known_together(
 def _summand(factor: float, name: str) -> str:
     times = "" if abs(abs(factor) - 1.0) < ROUNDING else f"{abs(factor):.4g}*"
     return f" {'-' if factor < 0.0 else '+'} {times}{name}"
-
-
-def _first_of(names: list[str]) -> str:
-    more = len(names) - MOST_SENTENCES
-    return ", ".join(names[:MOST_SENTENCES]) + (f" and {more} more" if more > 0 else "")

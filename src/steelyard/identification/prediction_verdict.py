@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.display import html_table, text_table
-from steelyard.files import plain
+from steelyard.files import listed, plain
 from steelyard.regression import Information
 from steelyard.regression.batch_means import BATCH_LENGTHS, LONG
 
@@ -503,9 +503,8 @@ def prediction_verdict(
             for joint in np.flatnonzero(shown & (errors > limit))
         ]
         if beyond and word in ("poor", "wrong"):
-            more = f" and {len(beyond) - MOST_NAMED} more" if len(beyond) > MOST_NAMED else ""
-            listed = ", ".join(beyond[:MOST_NAMED])
-            sentences.insert(1, f"Above {limit:.0%} of the torque of a joint, noise aside, on {data}: {listed}{more}.")
+            above = listed(beyond, MOST_NAMED)
+            sentences.insert(1, f"Above {limit:.0%} of the torque of a joint, noise aside, on {data}: {above}.")
             break
     if few_rows:
         sentences.append(said_of(few_rows))

@@ -141,7 +141,7 @@ class LinearMatrixInequality:
         known = None if names is None else distinct_names(names)
         read = [read_matrix(matrix, known, title) for matrix, title in zip(matrices, titles, strict=True)]
         found = known if known is not None else names_of_matrices(read)
-        blocks = (block_of_expressions(m, found, title, "constraint") for m, title in zip(read, titles, strict=True))
+        blocks = (block_of_expressions(m, found, title) for m, title in zip(read, titles, strict=True))
         return cls(found, tuple(blocks), strict)
 
     @classmethod
@@ -179,7 +179,7 @@ class LinearMatrixInequality:
         ⎣ 1  x ⎦ ⪰ 0
         """
         known = distinct_names(names)
-        return cls(known, (block_from_coefficients(known, constant, coefficients, label, "constraint"),), strict)
+        return cls(known, (block_from_coefficients(known, constant, coefficients, label),), strict)
 
     def __and__(self, other: object) -> LinearMatrixInequality:
         if not isinstance(other, LinearMatrixInequality):
@@ -443,7 +443,7 @@ class LinearMatrixInequality:
     def _repr_html_(self) -> str:
         sign = "≻ 0" if self.strict else "⪰ 0"
         parts = "".join(
-            f"<p>{html.escape(block.name)} {sign}</p>{matrix_html(matrix, _SHOWN)}"
+            f"<p>{html.escape(block.name)} {sign}</p>{matrix_html(matrix)}"
             for block, matrix in zip(self.blocks, self.expressions, strict=True)
         )
         return f"<p>{html.escape(repr(self))}</p>{parts}"
@@ -611,9 +611,9 @@ def latex_name(name: str) -> str:
     return f"{head}_{{{_escaped(index)}}}" if index else head
 
 
-def matrix_html(matrix: Entries, most: int) -> str:
+def matrix_html(matrix: Entries) -> str:
     """An HTML table."""
-    rows = _shortened(matrix, most, "⋯", "⋮", "⋱")
+    rows = _shortened(matrix, _SHOWN, "⋯", "⋮", "⋱")
     body = "".join(f"<tr>{''.join(f'<td>{html.escape(str(x))}</td>' for x in row)}</tr>" for row in rows)
     return f'<table style="border-left: 1px solid; border-right: 1px solid">{body}</table>'
 

@@ -97,15 +97,15 @@ def names_of_matrices(matrices: Iterable[ExpressionMatrix]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(name for matrix in matrices for element in matrix.flat for name in element.names))
 
 
-def block_of_expressions(matrix: ExpressionMatrix, names: Sequence[str], label: str, kind: str) -> AffineBlock:
-    """The block whose elements are the expressions, in the variables `names`.
+def block_of_expressions(matrix: ExpressionMatrix, names: Sequence[str], label: str) -> AffineBlock:
+    """The block of a constraint whose elements are the expressions, in the variables `names`.
 
     Parameters
     ----------
     matrix : (d, d) array of LinearExpression
         Symmetric; all its names are among `names`.
     names : sequence of str
-    label, kind : str
+    label : str
         Of the block.
     """
     size = len(matrix)
@@ -119,7 +119,7 @@ def block_of_expressions(matrix: ExpressionMatrix, names: Sequence[str], label: 
             constant[i, j] = matrix[i, j].constant
             for name, value in matrix[i, j].terms.items():
                 coefficients[column[place[name]], i, j] = value
-    return AffineBlock(label, constant, np.array(used, dtype=np.intp), coefficients, kind)
+    return AffineBlock(label, constant, np.array(used, dtype=np.intp), coefficients, "constraint")
 
 
 def expressions_of_block(block: AffineBlock, names: Sequence[str]) -> ExpressionMatrix:
@@ -133,9 +133,9 @@ def expressions_of_block(block: AffineBlock, names: Sequence[str]) -> Expression
 
 
 def block_from_coefficients(
-    names: Sequence[str], constant: npt.ArrayLike | None, coefficients: Any, label: str, kind: str
+    names: Sequence[str], constant: npt.ArrayLike | None, coefficients: Any, label: str
 ) -> AffineBlock:
-    """The block D₀ + Σ Dᵢ xᵢ.
+    """The block D₀ + Σ Dᵢ xᵢ of a constraint.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ def block_from_coefficients(
         D₀; zero where absent.
     coefficients : (c, d, d), or mapping from name to (d, d)
         Dᵢ, in the order of `names`; those not named in a mapping are zero.
-    label, kind : str
+    label : str
         Of the block.
 
     Raises
@@ -177,7 +177,7 @@ def block_from_coefficients(
     order = [name for name in names if name in pairs and np.any(pairs[name] != 0.0)]
     indices = np.array([list(names).index(name) for name in order], dtype=np.intp)
     stacked = np.array([pairs[name] for name in order]).reshape(len(order), *shape)
-    return AffineBlock(label, first, indices, stacked, kind)
+    return AffineBlock(label, first, indices, stacked, "constraint")
 
 
 def _numeric(matrix: npt.ArrayLike, label: str, name: str) -> Matrix:

@@ -72,9 +72,7 @@ class SegmentFamily(PointFamily):
         """Return the motion."""
         return Segment(coefficients, self.period)
 
-    def trajectory(self, coefficients: Array) -> Segment:
-        """Return the motion."""
-        return self.excitation(coefficients)
+    trajectory = excitation
 
 
 def starting_points(family: SegmentFamily, state: State) -> Array:

@@ -87,6 +87,10 @@ class BodyChange:
         when = f"between {self.earliest:.1f} and {self.latest:.1f} s"
         return f"In {log} the robot changes {when}: {self.link} looks to {what} a body of {weighs}."
 
+    def weighing(self, robot: str = "ROBOT") -> str:
+        """Say by which command the two parts of the log tell more of it, as the end of a sentence."""
+        return f"from both, in files of their own, `steelyard payload {robot} UNLOADED LOADED` tells what was carried."
+
 
 def body_change(
     blocks: TimeBlocks, base_names: Sequence[str], bodies: Mapping[str, Array], first: float, last: float

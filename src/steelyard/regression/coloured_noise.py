@@ -15,9 +15,9 @@ from steelyard.once import cached_property
 from steelyard.recording import Samples
 from steelyard.recording.diagnosis import detectors
 
-from .batch_means import BatchMeans, BatchSums
-from .factor import Factor, extended
-from .reduction import MarginalWhitening, empty_whole, joint_rows, residuals_of_rows
+from .batch_means import BatchSums
+from .factor import extended
+from .reduction import WhitenedReduction, joint_rows, residuals_of_rows
 from .residual_covariance import definite
 
 if TYPE_CHECKING:
@@ -321,7 +321,7 @@ def _runs(
     return runs, clusters
 
 
-class ColouredReduction:
+class ColouredReduction(WhitenedReduction):
     """Reduces rows whitened in time and across the joints, all joints together.
 
     Innovations of several joints in one sample are whitened by their correlation; the first rows behind a gap, and
@@ -336,10 +336,8 @@ class ColouredReduction:
     """
 
     def __init__(self, model: Model, noise: ColouredNoise, sums: BatchSums | None = None) -> None:
-        self.model, self.noise, self.sums = model, noise, sums
-        self.empty = empty_whole(model)
-        self.triangle, self.count = self.empty.triangle, 0
-        self._whitening = MarginalWhitening(noise.correlation)
+        super().__init__(model, noise.correlation)
+        self.noise, self.sums = noise, sums
 
     def add(self, samples: Samples) -> None:
         """Add samples that begin a stretch."""
@@ -353,14 +351,6 @@ class ColouredReduction:
                 if self.sums is not None:
                     self.sums.add([rows])
                     self.sums.end()
-
-    def factor(self) -> Factor:
-        """Over all joints and all base parameters."""
-        return Factor(None, self.empty.columns, self.triangle, self.count)
-
-    def batch_means(self) -> BatchMeans:
-        """Return the batch means of the sums; none where they were not asked for."""
-        return self.sums.factors() if self.sums is not None else ()
 
 
 def whitened_rows(

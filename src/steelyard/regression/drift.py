@@ -41,8 +41,6 @@ class FrictionDrift:
         From 0.
     first, last : float
         Friction at the begin and the end of the log, relative to its mean: 1.2 is a fifth more.
-    significance : float
-        The slope over its standard error.
     changes : dict of str to float
         Parameters of this friction, and how many times the change of the friction the change of one is, relative to
         its mean, where it alone changes.
@@ -51,7 +49,6 @@ class FrictionDrift:
     joint: int
     first: float
     last: float
-    significance: float
     changes: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -113,7 +110,7 @@ def drift_sentence(log: str, drifts: Sequence[FrictionDrift], joint_names: Seque
 
     Examples
     --------
-    >>> drift_sentence("a.csv", [FrictionDrift(0, 1.2, 0.85, 9.0)], ["elbow"])
+    >>> drift_sentence("a.csv", [FrictionDrift(0, 1.2, 0.85)], ["elbow"])
     'In a.csv friction changes steadily with time: at elbow it goes from 120 % to 85 % of its mean.'
     """
     each = [f"at {joint_names[one.joint]} it goes from {one.first:.0%} to {one.last:.0%}" for one in drifts[:MOST_SAID]]
@@ -159,4 +156,4 @@ def _drift(
     norms2 = np.sum(each**2, axis=0)
     norms2[norms2 == 0.0] = np.inf
     alone = each.T @ each.sum(axis=1) / norms2
-    return FrictionDrift(joint, first, last, float(significance), dict(zip(names, map(float, alone), strict=True)))
+    return FrictionDrift(joint, first, last, dict(zip(names, map(float, alone), strict=True)))

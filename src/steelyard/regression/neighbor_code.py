@@ -125,26 +125,9 @@ class Functions(NamedTuple):
 @cache
 def compiled() -> Functions:
     """Return the functions for this processor."""
-    machine = host_machine(batch_lanes())
-
-    def source() -> str:
-        from steelyard.graph.loops import Code
-
-        code = Code(batch_lanes(), machine.triple)
-        _Combination(code).write()
-        return code.text
-
-    loaded = machine.load_source(source, Functions._fields, {})
-
-    def called(name: str) -> Callable[[int, int, int], None]:
-        function = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64)(loaded.addresses[name])
-
-        def call(table: int, first: int, last: int, _kept: object = loaded) -> None:
-            function(table, first, last)
-
-        return call
-
-    return Functions(*map(called, Functions._fields))
+    loaded = host_machine(batch_lanes()).load_code(lambda code: _Combination(code).write(), Functions._fields)
+    kinds = ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64
+    return Functions(*(loaded.function(name, *kinds) for name in Functions._fields))
 
 
 class _Joint:

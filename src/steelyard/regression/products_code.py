@@ -108,28 +108,16 @@ class _Functions(NamedTuple):
 
 @cache
 def _compiled() -> _Functions:
-    machine = host_machine(batch_lanes())
-
-    def source() -> str:
-        from steelyard.graph.loops import Code
-
-        code = Code(batch_lanes(), machine.triple)
+    def write(code: Code) -> None:
         _divide(code)
         _products(code)
-        return code.text
 
-    loaded = machine.load_source(source, _Functions._fields, {})
-
-    def called(name: str, arrays: int, integers: int) -> Callable[..., None]:
-        types = [ctypes.c_void_p] * arrays + [ctypes.c_int64] * integers
-        function = ctypes.CFUNCTYPE(None, *types)(loaded.addresses[name])
-
-        def call(*arguments: int, _kept: object = loaded) -> None:
-            function(*arguments)
-
-        return call
-
-    return _Functions(called("divide", 6, 2), called("products", 5, 7))
+    loaded = host_machine(batch_lanes()).load_code(write, _Functions._fields)
+    array, integer = ctypes.c_void_p, ctypes.c_int64
+    return _Functions(
+        loaded.function("divide", *[array] * 6, *[integer] * 2),
+        loaded.function("products", *[array] * 5, *[integer] * 7),
+    )
 
 
 DONE, STEPS, ROWS, FIRST = range(4)

@@ -15,7 +15,7 @@ from steelyard.identification.prediction_difference import labels
 
 from .drawing import turnable
 from .html_document import Markup, Section, bullets, escape, html_document, percent, table
-from .interval_bars import across, bar, interval_bar
+from .interval_bars import BAR, across, bar, interval_bar
 from .link_bodies import link_body
 from .robot_picture import DrawnLink, drawing_of_links
 from .sections import hashed_file, versions
@@ -24,7 +24,6 @@ __all__ = ["comparison_html", "write_comparison"]
 
 MOST_DRAWN = 6  # robots; each takes half a screen
 MOST_ROWS = 200  # of base parameters; what differs comes first
-_BAR = 120.0  # pixels
 _REACH = 3.0  # intervals of the difference that a bar shows
 
 
@@ -204,7 +203,7 @@ def _bars(rows: Sequence[Mapping[str, Any] | None]) -> Markup:
     low, high = low - margin, high + margin
 
     def place(value: float) -> float:
-        return across(value, (low, high), _BAR)
+        return across(value, (low, high), BAR)
 
     drawn, height = "", 9 * len(rows) + 3
     for index, row in enumerate(rows):
@@ -216,7 +215,7 @@ def _bars(rows: Sequence[Mapping[str, Any] | None]) -> Markup:
             drawn += f'<path class="span" d="M{begin:.1f} {y}H{end:.1f}"/>'
         if _is_number(row.get("value")):
             drawn += f'<circle cx="{place(row["value"]):.1f}" cy="{y}" r="2.8"/>'
-    return bar(drawn, _BAR, height)
+    return bar(drawn, BAR, height)
 
 
 def _is_number(value: object) -> bool:
@@ -271,7 +270,7 @@ def _differences(
 def _difference_bar(one: ParameterDifference) -> Markup:
     times = one.times if one.second_value >= one.first_value else -one.times
     kind = "assumed" if one.differs else "measured"
-    return interval_bar((-1.0, 1.0), 0.0, times, (-_REACH, _REACH), _BAR, kind)
+    return interval_bar((-1.0, 1.0), times, (-_REACH, _REACH), kind)
 
 
 def _prediction(comparison: Comparison) -> Markup:

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from steelyard.files import listed
 from steelyard.identification import Identification, Prediction
 
 __all__ = ["MOST_LOGS", "MOST_REMARKS", "default_log", "gathered", "shared_words", "short_names", "shown_logs"]
@@ -97,8 +98,7 @@ def gathered(remarks: Iterable[str], logs: Iterable[str]) -> tuple[str, ...]:
             groups.setdefault(remark, [])
     lines = []
     for text, names in groups.items():
-        more = f" and {len(names) - _EXAMPLES} more" if len(names) > _EXAMPLES else ""
-        lines.append(f"{', '.join(names[:_EXAMPLES])}{more}: {text}" if names else text)
+        lines.append(f"{listed(names, _EXAMPLES)}: {text}" if names else text)
     if len(lines) > MOST_REMARKS:
         rest = len(lines) - MOST_REMARKS + 1
         lines = [*lines[: MOST_REMARKS - 1], f"There are {rest} more remarks; run.json holds all of them."]

@@ -12,14 +12,13 @@ from steelyard.fleet import Cause, Finding, Fleet, RobotGroup, SiblingComparison
 from steelyard.fleet.siblings import deviations_of
 
 from .html_document import Markup, Section, bullets, escape, figures, html_document, number, percent, table
-from .interval_bars import across, bar, interval_bar
+from .interval_bars import BAR, across, bar, interval_bar
 from .sections import versions
 
 __all__ = ["fleet_html"]
 
 MOST_FINDINGS, MOST_FAILED, MOST_ROBOTS = 200, 100, 300
 """Rows of tables: a page of 2000 robots opens at once, and the Parquet files have all."""
-_BAR = 120.0  # pixels
 _WIDTH, _ROW, _LEFT = 720.0, 22, 210  # of the picture
 _REACH = 10.0  # standard deviations to either side that the picture shows
 _WORDS = {"good": "predicts well", "usable": "usable", "poor": "poor", "wrong": "wrong"}
@@ -128,14 +127,14 @@ def _bar(one: Finding) -> Markup:
         values = [0.0, *(value for _, value in one.history)]
         scale = (min(values), max(max(values), min(values) + 1e-9))
         points = " ".join(
-            f"{4 + (_BAR - 8) * k / (len(values) - 1):.1f},{22 - across(v, scale, 24.0):.1f}"
+            f"{4 + (BAR - 8) * k / (len(values) - 1):.1f},{22 - across(v, scale, 24.0):.1f}"
             for k, v in enumerate(values)
         )
-        return bar(f'<path class="cad" d="M{points.replace(" ", "L")}"/>', _BAR, 24, "assumed")
+        return bar(f'<path class="cad" d="M{points.replace(" ", "L")}"/>', BAR, 24, "assumed")
     low, high = min(deviation.lower, 0.0), max(deviation.upper, 0.0)
     margin = 0.15 * (high - low) or 1.0
     interval = (deviation.lower, deviation.upper)
-    return interval_bar(interval, 0.0, deviation.amplitude, (low - margin, high + margin), _BAR, "assumed")
+    return interval_bar(interval, deviation.amplitude, (low - margin, high + margin), "assumed")
 
 
 def _named(group: RobotGroup) -> str:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from steelyard.display import few_digits
+from steelyard.files import listed
 from steelyard.identification import Identification
 from steelyard.identification.next_steps import NextStep, found, next_steps
 
@@ -89,8 +90,7 @@ def _verdict_of_least_squares(identification: Identification) -> str:
     lines = [first]
     if verdict.violations:
         names = [violation.block for violation in verdict.violations]
-        more = f" and {len(names) - 4} more" if len(names) > 4 else ""
-        lines.append(f"Impossible: {', '.join(names[:4])}{more}.")
+        lines.append(f"Impossible: {listed(names, 4)}.")
     if verdict.feasible is False and verdict.certificate is not None:
         lines.append("Proved, and the proof verified in exact arithmetic.")
     word = {True: "Feasible", False: "Infeasible", None: "Undecided"}[verdict.feasible]

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from .html_document import Markup
 
-__all__ = ["across", "bar", "interval_bar"]
+__all__ = ["BAR", "across", "bar", "interval_bar"]
+
+BAR = 120.0  # pixels, of a bar that stands for itself
 
 _EDGE = 4.0  # pixels that are left at each end for a dot or an arrow
 
@@ -29,14 +31,12 @@ def bar(drawn: str, width: float, height: int = 14, kind: str = "") -> Markup:
     )
 
 
-def interval_bar(
-    interval: tuple[float, float], mark: float, value: float, scale: tuple[float, float], width: float, kind: str
-) -> Markup:
-    """Return the picture of an interval with a mark across it, such as zero, and a dot at a value."""
-    begin, end, middle, at = (across(one, scale, width) for one in (*interval, mark, value))
+def interval_bar(interval: tuple[float, float], value: float, scale: tuple[float, float], kind: str) -> Markup:
+    """Return the picture of an interval with a mark across it at zero, and a dot at a value."""
+    begin, end, middle, at = (across(one, scale, BAR) for one in (*interval, 0.0, value))
     return bar(
         f'<path class="span" d="M{begin:.1f} 7H{end:.1f}"/><path class="cad" d="M{middle:.1f} 1V13"/>'
         f'<circle cx="{at:.1f}" cy="7" r="3.2"/>',
-        width,
+        BAR,
         kind=kind,
     )

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from steelyard import __version__
 from steelyard.errors import InputError
-from steelyard.files import file_hash
+from steelyard.files import file_hash, listed
 from steelyard.identification import Identification
 from steelyard.identification.missed_terms import undescribed_kinds
 from steelyard.recording.formats import content_hash, hashed_log
@@ -233,8 +233,7 @@ def columns(identification: Identification) -> Markup:
     """Return what the columns of the logs were understood to be."""
     parts: list[str] = []
     for index, (layout, logs) in enumerate(identification.columns()):
-        more = f" and {len(logs) - MOST_LOGS} more" if len(logs) > MOST_LOGS else ""
-        title = f"Columns of {', '.join(logs[:MOST_LOGS])}{more}"
+        title = f"Columns of {listed(logs, MOST_LOGS)}"
         rows = layout.rows()
         parts.append(table(title, layout.heads, rows, identifier=f"columns-{index}", texts=range(len(layout.heads))))
         parts += [f"<p>{escape(guess)}</p>" for guess in layout.guesses]

@@ -15,6 +15,7 @@ from steelyard.collision.robot_geometry import visual_shapes
 from steelyard.collision.shapes import PlacedShape
 from steelyard.dynamics import Model
 from steelyard.errors import InputError, MissingExtraError
+from steelyard.files import listed
 from steelyard.identification.default_terms import model_of_estimate
 from steelyard.identification.parameter_table import Basis, LinkRows, ParameterTable, weakest
 from steelyard.identification.saved import matching_estimate
@@ -227,7 +228,7 @@ def _shapes(model: Model, remarks: list[str]) -> tuple[PlacedShape, ...]:
         return ()
     if skipped:
         links = list(dict.fromkeys(link for link, _ in skipped))
-        remarks.append(f"Shapes of {_first(links)} are left out: {skipped[0][1].rstrip('.')}.")
+        remarks.append(f"Shapes of {listed(links, 3)} are left out: {skipped[0][1].rstrip('.')}.")
     elif not found:
         remarks.append(f"{robot.source.name} has neither visual nor collision shapes; links are drawn as rods.")
     return found
@@ -242,18 +243,13 @@ def _odd(viewed: ViewedRobot) -> Sequence[str]:
         odd = [name for name, body in bodies if not body.possible]
         if odd:
             found.append(
-                f"No body of positive density has the inertia that {words} gives {_first(odd)}, so that only the "
+                f"No body of positive density has the inertia that {words} gives {listed(odd, 3)}, so that only the "
                 "centre of mass is drawn."
             )
         large = [name for name, body in bodies if viewed.is_too_large(body)]
         if large:
             found.append(
-                f"The inertia that {words} gives {_first(large)} belongs to a body larger than the robot; its "
+                f"The inertia that {words} gives {listed(large, 3)} belongs to a body larger than the robot; its "
                 f"ellipsoid is hidden at first (layer: {TOO_LARGE})."
             )
     return found
-
-
-def _first(names: Sequence[str]) -> str:
-    more = f" and {len(names) - 3} more" if len(names) > 3 else ""
-    return f"{', '.join(names[:3])}{more}"

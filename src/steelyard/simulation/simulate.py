@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from steelyard.dynamics import Model
 from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
-from steelyard.files import tell
+from steelyard.files import listed, tell
 from steelyard.files.arguments import positive, read_whole
 
 from .actuators import Actuators
@@ -599,9 +599,8 @@ actuators, environment, stopping_conditions, rate
             if name == "parameters" and not self.base:
                 unknown = np.flatnonzero(~np.isfinite(np.atleast_2d(array)).all(axis=0))
                 names = [self.model.parameter_names[k] for k in unknown]
-                listed = ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
                 raise InputError(
-                    f"The parameters {listed} of {self.model.robot.name} are not finite numbers; "
+                    f"The parameters {listed(names, 6)} of {self.model.robot.name} are not finite numbers; "
                     "give an estimate, or values for what the description leaves out."
                 )
             raise InputError(

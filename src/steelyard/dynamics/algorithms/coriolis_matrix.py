@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from .inertia_matrix import second_moments
 from .kinematics import ZERO, JointFrame, Matrix3, Vector3, add, coordinate_count, cross, dot, scale, times
 from .newton_euler import joint_torques
 
@@ -41,11 +42,7 @@ def _turning(angular_rate: Vector3, w: Vector3, u: Vector3) -> Matrix3:
 
 def _wrench(field: _Field, p: Sequence[Any]) -> tuple[Vector3, Vector3]:
     """Return moment and force of the changing field on a body with ten barycentric parameters."""
-    xx, xy, xz, yy, yz, zz = p[:6]
-    first, t = (p[6], p[7], p[8]), field.turning
-    # Second moments of mass, from the moment of inertia.
-    a, b, c = 0.5 * (yy + zz - xx), 0.5 * (xx + zz - yy), 0.5 * (xx + yy - zz)
-    second = ((a, -xy, -xz), (-xy, b, -yz), (-xz, -yz, c))
+    first, second, t = (p[6], p[7], p[8]), second_moments(p), field.turning
     force = add(scale(field.rate, p[9]), times(t, first))
     moment = (
         dot(t[2], second[1]) - dot(t[1], second[2]),

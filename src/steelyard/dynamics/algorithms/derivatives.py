@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from .inertia_matrix import Body, in_parent, joined, rigid_body
+from .inertia_matrix import Body, in_parent, joined, rigid_body, second_moments
 from .kinematics import (
     ZERO,
     JointFrame,
@@ -75,11 +75,7 @@ def _crossed(v: _Twist, s: _Twist) -> _Twist:
 
 def _momentum(v: _Twist, p: Sequence[Any]) -> tuple[Matrix3, Vector3]:
     """Return ``Q = sum m v r'`` and the momentum of a body that moves with a twist."""
-    xx, xy, xz, yy, yz, zz, lx, ly, lz, m = p
-    a, b, c = 0.5 * (yy + zz - xx), 0.5 * (xx + zz - yy), 0.5 * (xx + yy - zz)
-    second: Matrix3 = ((a, -xy, -xz), (-xy, b, -yz), (-xz, -yz, c))
-    first = (lx, ly, lz)
-    w = v[0]
+    first, m, second, w = (p[6], p[7], p[8]), p[9], second_moments(p), v[0]
     turning: Matrix3 = ((0.0, -w[2], w[1]), (w[2], 0.0, -w[0]), (-w[1], w[0], 0.0))
     return matrix_add(_outer(v[1], first), product(turning, second)), add(scale(v[1], m), cross(w, first))
 

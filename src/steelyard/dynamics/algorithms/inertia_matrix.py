@@ -20,7 +20,7 @@ from .kinematics import (
     transposed,
 )
 
-__all__ = ["Body", "in_parent", "inertia_matrix", "joined", "rigid_body"]
+__all__ = ["Body", "in_parent", "inertia_matrix", "joined", "rigid_body", "second_moments"]
 
 Body = tuple[Matrix3, Vector3, Any]  # moment of inertia about the origin, first moment, mass
 
@@ -44,6 +44,13 @@ def rigid_body(p: Sequence[Any]) -> Body:
     """Return a body from its ten barycentric parameters."""
     xx, xy, xz, yy, yz, zz, lx, ly, lz, m = p
     return ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)), (lx, ly, lz), m
+
+
+def second_moments(p: Sequence[Any]) -> Matrix3:
+    """Return the second moments of mass of a body from its ten barycentric parameters."""
+    xx, xy, xz, yy, yz, zz = p[:6]
+    a, b, c = 0.5 * (yy + zz - xx), 0.5 * (xx + zz - yy), 0.5 * (xx + yy - zz)
+    return ((a, -xy, -xz), (-xy, b, -yz), (-xz, -yz, c))
 
 
 def in_parent(frame: JointFrame, body: Body) -> Body:

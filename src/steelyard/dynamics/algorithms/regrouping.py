@@ -55,10 +55,14 @@ def _line_of_mass(p: Vector3, e: Vector3, mass: Any, first: Any) -> list[Any]:
     """Ten parameters of mass on the line ``p + s e``: its mass, and its first moment along the line about p."""
     moment = add(scale(p, mass), scale(e, first))
     # Second moments p l' + first e p', of which L = tr(S) 1 - S.
-    second = [[p[i] * moment[j] + (first * p[j]) * e[i] for j in range(3)] for i in range(3)]
-    xx, yy, zz = second[0][0], second[1][1], second[2][2]
-    inertia = [yy + zz, -second[0][1], -second[0][2], xx + zz, -second[1][2], xx + yy]
+    inertia = _inertia([[p[i] * moment[j] + (first * p[j]) * e[i] for j in range(3)] for i in range(3)])
     return [*inertia, *moment, mass]
+
+
+def _inertia(second: Sequence[Sequence[Any]]) -> list[Any]:
+    """Return ``Lxx Lxy Lxz Lyy Lyz Lzz`` of second moments of mass."""
+    xx, yy, zz = second[0][0], second[1][1], second[2][2]
+    return [yy + zz, -second[0][1], -second[0][2], xx + zz, -second[1][2], xx + yy]
 
 
 def _moved(parameters: Sequence[Any], s: Vector3) -> list[Any]:
@@ -66,9 +70,7 @@ def _moved(parameters: Sequence[Any], s: Vector3) -> list[Any]:
     first, mass = (parameters[6], parameters[7], parameters[8]), parameters[9]
     shift = scale(s, mass)
     both = add(first, shift)
-    second = [[s[i] * both[j] + first[i] * s[j] for j in range(3)] for i in range(3)]
-    xx, yy, zz = second[0][0], second[1][1], second[2][2]
-    change = [yy + zz, -second[0][1], -second[0][2], xx + zz, -second[1][2], xx + yy]
+    change = _inertia([[s[i] * both[j] + first[i] * s[j] for j in range(3)] for i in range(3)])
     inertia = [p + c for p, c in zip(parameters[:6], change, strict=True)]
     return [*inertia, *both, mass]
 

@@ -94,28 +94,11 @@ class Functions(NamedTuple):
 @cache
 def compiled(sizes: tuple[int, ...]) -> Functions:
     """Return the method for regions with groups of matrices of these sizes."""
-    machine = host_machine(batch_lanes())
-
-    def source() -> str:
-        from steelyard.graph.loops import Code
-
-        code = Code(batch_lanes(), machine.triple)
-        _Method(code, sizes).write()
-        return code.text
-
-    # To write it takes 40 ms.
-    loaded = machine.load_source(source, Functions._fields, {}, _identity(sizes))
-    kind = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3)
-
-    def called(name: str) -> Function:
-        function = kind(loaded.addresses[name])
-
-        def call(table: int, problem: int, room: int, _kept: object = loaded) -> None:
-            function(table, problem, room)
-
-        return call
-
-    return Functions(*map(called, Functions._fields))
+    # To write it takes 40 ms, for which it has an identity.
+    loaded = host_machine(batch_lanes()).load_code(
+        lambda code: _Method(code, sizes).write(), Functions._fields, _identity(sizes)
+    )
+    return Functions(*(loaded.function(name, *[ctypes.c_void_p] * 3) for name in Functions._fields))
 
 
 def _identity(sizes: tuple[int, ...]) -> str | None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import MISSING, dataclass, fields, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -27,6 +27,7 @@ __all__ = [
     "LinkParameters",
     "ModelLike",
     "blocks_of",
+    "call_text",
     "distinct_blocks",
     "equalities_of",
     "equation",
@@ -87,6 +88,13 @@ class Equality:
     def __repr__(self) -> str:
         plural = "" if len(self.indices) == 1 else "s"
         return f"Equality({self.name!r}, of {len(self.indices)} parameter{plural})"
+
+
+def call_text(constraint: Any, *given: object) -> str:
+    """Return the call that makes a constraint: with these arguments, and by name what is not as it is by default."""
+    values = [(one.name, getattr(constraint, one.name), one.default) for one in fields(constraint)]
+    named = (f"{name}={value!r}" for name, value, default in values if default is not MISSING and value != default)
+    return f"{type(constraint).__name__}({', '.join([*map(repr, given), *named])})"
 
 
 class Constraint(Protocol):

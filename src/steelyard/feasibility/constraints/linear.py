@@ -17,7 +17,7 @@ from steelyard.files import is_real, read_number, suggestion
 from steelyard.lmi import AffineBlock, LinearExpression, as_expression
 from steelyard.regression import Estimate
 
-from .constraint import Equality, ModelLike, scalar_block
+from .constraint import Equality, ModelLike, call_text, scalar_block
 from .toml_section import read_quantity, table
 
 __all__ = ["ConfidenceInterval", "LinearBound", "confidence_intervals"]
@@ -80,11 +80,7 @@ class LinearBound:
             raise InputError(f"{where} has minimum {low:g} above its maximum {high:g}; swap or correct them.")
 
     def __repr__(self) -> str:
-        text = f"LinearBound({str(self.expression)!r}"
-        for key in ("minimum", "maximum", "equal", "unit"):
-            if getattr(self, key) is not None:
-                text += f", {key}={getattr(self, key)!r}"
-        return f"{text})"
+        return call_text(self, str(self.expression))
 
     @classmethod
     def from_dict(cls, entry: Mapping[str, Any], folder: Path | None = None) -> LinearBound:

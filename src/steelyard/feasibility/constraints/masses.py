@@ -14,7 +14,7 @@ from steelyard.errors import InputError
 from steelyard.files import is_real
 from steelyard.lmi import AffineBlock
 
-from .constraint import Equality, LinkParameters, ModelLike, scalar_block
+from .constraint import Equality, LinkParameters, ModelLike, call_text, scalar_block
 from .toml_section import read_quantity, table
 
 __all__ = ["MeasuredMass", "TotalMass"]
@@ -149,11 +149,7 @@ class MeasuredMass:
         object.__setattr__(self, "deviations", factor)
 
     def __repr__(self) -> str:
-        text = f"MeasuredMass({self.value!r}"
-        for key, default in (("links", None), ("standard_deviation", None), ("deviations", 3.0)):
-            if getattr(self, key) != default:
-                text += f", {key}={getattr(self, key)!r}"
-        return f"{text})"
+        return call_text(self, self.value)
 
     @classmethod
     def from_dict(cls, entry: Mapping[str, Any], folder: Path | None = None) -> MeasuredMass:

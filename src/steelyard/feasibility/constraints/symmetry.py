@@ -16,7 +16,7 @@ from steelyard.lmi import AffineBlock
 from steelyard.robot.inertia import transformation
 from steelyard.robot.placement import axis_frame
 
-from .constraint import Equality, LinkParameters, ModelLike, equation, independent_rows
+from .constraint import Equality, LinkParameters, ModelLike, call_text, equation, independent_rows
 from .toml_section import read_placement, read_vector, table
 
 __all__ = ["EqualLinks", "SymmetricLink"]
@@ -83,11 +83,7 @@ class SymmetricLink:
             read_whole(self.order, f"order of {where}", 2)
 
     def __repr__(self) -> str:
-        text = f"SymmetricLink({self.link!r}"
-        for key, default in (("plane", None), ("axis", None), ("order", None), ("through", (0.0, 0.0, 0.0))):
-            if getattr(self, key) != default:
-                text += f", {key}={getattr(self, key)!r}"
-        return f"{text})"
+        return call_text(self, self.link)
 
     @classmethod
     def from_dict(cls, entry: Mapping[str, Any], folder: Path | None = None) -> SymmetricLink:
@@ -174,11 +170,7 @@ class EqualLinks:
             object.__setattr__(self, "terms", tuple(dict.fromkeys(symbols)))
 
     def __repr__(self) -> str:
-        text = f"EqualLinks({self.first!r}, {self.second!r}"
-        for key, default in (("mirror", None), ("placement", None), ("terms", False)):
-            if getattr(self, key) != default:
-                text += f", {key}={getattr(self, key)!r}"
-        return f"{text})"
+        return call_text(self, self.first, self.second)
 
     @classmethod
     def from_dict(cls, entry: Mapping[str, Any], folder: Path | None = None) -> EqualLinks:
