@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from steelyard import graph
 from steelyard.errors import InputError
 from steelyard.files import shown, suggestion
+from steelyard.files.arguments import real_array
 from steelyard.graph import Argument, Function, Graph, Kernel, Node, Output, operation_count
 from steelyard.graph.expression import reachable
 from steelyard.once import cached_property
@@ -482,15 +483,8 @@ def parameter_values(parameters: ArrayLike, names: Sequence[str], robot_name: st
         )
     if own and base:
         return np.asarray(parameters.base, dtype=np.float64)  # type: ignore[union-attr]
-    try:
-        return np.asarray(parameters, dtype=np.float64)
-    except InputError:  # which is a ValueError, too
-        raise
-    except (TypeError, ValueError):
-        raise InputError(
-            f"The parameters of {robot_name} must be one number for each of {len(names)} names, or an estimate, got "
-            f"{shown(parameters)}."
-        ) from None
+    expected = f"one number for each of {len(names)} names, or an estimate"
+    return real_array(parameters, f"The parameters of {robot_name}", expected)
 
 
 # Calls from which on machine code looks at the arrays. It saves 4 µs a call, and takes 1 ms to bring into memory, or 20
@@ -645,7 +639,7 @@ class Evaluator:
         return result
 
     def _motion(self, arrays: Sequence[ArrayLike], widths: Sequence[int]) -> tuple[list[Array], tuple[int, ...]]:
-        converted = [np.asarray(a, dtype=np.float64) for a in arrays]
+        converted = [real_array(a, f"The motion of {self._robot.name}") for a in arrays]
         for array, n in zip(converted, widths, strict=True):
             if array.ndim == 0 or array.shape[-1] != n:
                 raise InputError(
@@ -662,7 +656,7 @@ class Evaluator:
         return [np.ascontiguousarray(np.broadcast_to(a, (*lead, n))).reshape(-1, n) for a, n in pairs], lead
 
     def _vector(self, values: ArrayLike, size: int, what: str) -> Array:
-        vector = np.asarray(values, dtype=np.float64)
+        vector = real_array(values, f"The {what} of {self._robot.name}")
         if vector.shape != (size,):
             raise InputError(f"{self._robot.name} has {size} {what}: expected shape ({size},), got {vector.shape}.")
         return np.ascontiguousarray(vector)

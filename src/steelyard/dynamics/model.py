@@ -266,7 +266,8 @@ class Model:
         parameters : array_like
             (n,).
         q : array_like, optional
-            (..., N); matters to springs only.
+            (..., N), zeros where not given; matters to terms that depend on it, such as springs, cogging, and friction
+            by the load.
         term : str, optional
             Kind of the term, such as ``"viscous"``.
         out : ndarray, optional
@@ -375,9 +376,8 @@ class Model:
         # The sum of one sample is finite unless a number is not, or they are enormous; then all are looked at.
         if result.ndim == 1 and math.isfinite(sum(result.tolist())):
             return result
-        if not np.isfinite(result).all() and all(
-            np.isfinite(np.asarray(a, dtype=np.float64)).all() for a in (q, dq, tau, parameters)
-        ):
+        given = (q, dq, tau, parameters, 0.0 if gravity is None else gravity)
+        if not np.isfinite(result).all() and all(np.isfinite(np.asarray(a, dtype=np.float64)).all() for a in given):
             raise InputError(
                 f"The inertia matrix of {self.robot.name} is singular with these parameters; "
                 "steelyard.check tells which link is not physically possible."

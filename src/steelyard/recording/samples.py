@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.display import html_table, joint_label
 from steelyard.errors import InputError
+from steelyard.files.arguments import real_array
 
 from .cutoff.evidence import CutoffChoice
 
@@ -362,10 +363,7 @@ def joined_channels(
 
 def read_only_matrix(values: ArrayLike, what: str) -> NDArray[np.float64]:
     """Return `values` as a read-only (S, N) float64 array in C order, S and N at least 1."""
-    try:
-        array = np.ascontiguousarray(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{what} is not an array of numbers ({error}).") from None
+    array = np.ascontiguousarray(real_array(values, what, "an array of real numbers, NaN where there is none"))
     if array.ndim != 2 or 0 in array.shape:
         raise InputError(f"{what} has shape {array.shape}; expected one row per sample and one column per joint.")
     return _read_only(array)
@@ -373,10 +371,7 @@ def read_only_matrix(values: ArrayLike, what: str) -> NDArray[np.float64]:
 
 def read_only_vector(values: ArrayLike, what: str) -> NDArray[np.float64]:
     """Return `values` as a read-only (S,) float64 array."""
-    try:
-        array = np.ascontiguousarray(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{what} is not an array of numbers ({error}).") from None
+    array = np.ascontiguousarray(real_array(values, what, "an array of real numbers, NaN where there is none"))
     if array.ndim != 1 or array.size == 0:
         raise InputError(f"{what} has shape {array.shape}; expected one value per sample.")
     return _read_only(array)
