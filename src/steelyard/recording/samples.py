@@ -39,6 +39,8 @@ TOO_EARLY = "at a beginning, before presliding friction is known"
 class Samples:
     """Joint motion and torque at S instants of N joints, the input of a regression.
 
+    The arrays are kept as read-only float64 in C order; an array that is so already is not copied.
+
     Parameters
     ----------
     q, dq, ddq
@@ -61,14 +63,11 @@ class Samples:
     regressor, regressor_model
         (S, C) the entries of the base regressor of this model, as its `base_columns` order them, which went through the
         same filters at the rate of the log; None where they did not.
-
     channels
         What was logged beside the motion and is needed by terms of the model, such as a temperature: (S,) or (S, N) by
         name; None where there is nothing.
     bristles
         Whose state of presliding friction the channels hold; None where it was logged, or there is none.
-
-    The arrays are kept as read-only float64 in C order; an array that is so already is not copied.
 
     Raises
     ------
