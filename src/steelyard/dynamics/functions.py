@@ -26,7 +26,16 @@ from .catalogue import CATALOGUE, Entry, Scene, forward_dynamics_function
 from .layout import ParameterLayout
 from .terms import is_known_term
 
-__all__ = ["DEFAULT_FUNCTIONS", "BaseColumns", "Call", "Evaluator", "ModelFunctions", "SmoothSign", "parameter_values"]
+__all__ = [
+    "DEFAULT_FUNCTIONS",
+    "BaseColumns",
+    "Call",
+    "Evaluator",
+    "ModelFunctions",
+    "SmoothSign",
+    "given_parameters",
+    "parameter_values",
+]
 
 DEFAULT_FUNCTIONS = ("inverse_dynamics", "forward_dynamics", "inertia_matrix", "coriolis", "gravity", "regressor")
 """The functions of which source is generated where none are named; ``presliding_step`` as well where friction has a
@@ -485,6 +494,33 @@ def parameter_values(parameters: ArrayLike, names: Sequence[str], robot_name: st
         return np.asarray(parameters.base, dtype=np.float64)  # type: ignore[union-attr]
     expected = f"one number for each of {len(names)} names, or an estimate"
     return real_array(parameters, f"The parameters of {robot_name}", expected)
+
+
+def given_parameters(model: Any, parameters: ArrayLike, *, base: bool = False) -> Array:
+    """Return parameters of a model as an array, of whatever shape; an estimate must be one of its robot and terms.
+
+    Parameters
+    ----------
+    model : Model
+    parameters : array_like
+        As `parameter_values` takes them.
+    base : bool
+        Whether they are base parameters.
+
+    Raises
+    ------
+    InputError
+        As `parameter_values`.
+
+    Examples
+    --------
+    >>> import steelyard as sy
+    >>> model = sy.Model(sy.Robot.from_dh([(0, 1.0, 0, "q")], gravity=(0, -9.81, 0)))
+    >>> given_parameters(model, [2, 1, 0], base=True).tolist()
+    [2.0, 1.0, 0.0]
+    """
+    names = model.base_parameters().expressions if base else model.parameter_names
+    return parameter_values(parameters, names, model.robot.name, base=base)
 
 
 # Calls from which on machine code looks at the arrays. It saves 4 µs a call, and takes 1 ms to bring into memory, or 20

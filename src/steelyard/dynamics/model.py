@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from steelyard import dynamics
 from steelyard.display import html_table
 from steelyard.errors import InputError
+from steelyard.files.arguments import real_array
 from steelyard.graph import Function, Kernel
 from steelyard.lmi import AffineBlock
 from steelyard.once import cached_property
@@ -505,7 +506,7 @@ class Model:
         for name in self.robot.channels:
             if channels is None or name not in channels:
                 raise InputError(self._lacks(name))
-            values = np.asarray(channels[name], dtype=np.float64)
+            values = real_array(channels[name], f"The channel {name!r}")
             if values.ndim < len(shape):
                 values = values[..., None]
             try:

@@ -313,6 +313,10 @@ class FeasibleSet:
         return self._vector(parameters, self.parameter_count, "parameters", "standard parameters")
 
     def _vector(self, values: npt.ArrayLike, count: int, name: str, kind: str) -> Vector:
+        if hasattr(values, "parameter_names"):  # an estimate
+            from steelyard.dynamics.functions import given_parameters  # which most questions do not need
+
+            values = given_parameters(self.model, values, base=name == "base")
         vector = real_array(values, name, f"the model's {count} {kind}")
         if vector.shape != (count,):
             raise InputError(f"{name} must hold the model's {count} {kind}, got an array of shape {vector.shape}.")

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
+from steelyard.files.arguments import real_array
 from steelyard.robot import Robot
 
 __all__ = ["Event", "Occurrence", "Status", "at_time", "joint_limits"]
@@ -173,8 +174,8 @@ def joint_limits(
     0.25
     """
     described = robot.position_limits
-    below = np.array(described[0] if lower is None else lower, dtype=np.float64)
-    above = np.array(described[1] if upper is None else upper, dtype=np.float64)
+    below = np.array(real_array(described[0] if lower is None else lower, "lower of joint_limits"))
+    above = np.array(real_array(described[1] if upper is None else upper, "upper of joint_limits"))
     if below.shape != (robot.dof,) or above.shape != (robot.dof,):
         raise InputError(
             f"{robot.name} has {robot.dof} joints: lower and upper must have shape ({robot.dof},), got {below.shape} "
