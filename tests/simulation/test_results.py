@@ -171,3 +171,7 @@ def test_walls_are_checked():
         ElasticContact("a", (0, 0, 0), (0, 0, 0), 1.0)
     with pytest.raises(InputError, match="stiffness of an elastic contact must be at least 0"):
         ElasticContact("a", (0, 0, 0), (0, 0, 1), -1.0)
+    with pytest.raises(InputError, match="stiffness of an elastic contact must be at least 0 N/m, got 'hard'"):
+        ElasticContact("a", (0, 0, 0), (0, 0, 1), "hard")
+    with pytest.raises(InputError, match="surface of an elastic contact must be three finite numbers, got 'floor'"):
+        ElasticContact("a", "floor", (0, 0, 1), 1.0)
