@@ -43,6 +43,15 @@ def test_an_estimate_of_other_terms_is_refused(estimates, use):
         USES[use](other, feasible)
 
 
+def test_data_of_a_model_with_terms_in_another_order_is_refused(estimates):
+    model, _, _, _ = estimates
+    q, dq, ddq, torque = np.random.default_rng(1).normal(size=(4, 100, 2))
+    info = sy.Information.from_samples(model, sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque))
+    other = sy.Model(ARM.with_terms(sy.Coulomb(), sy.Viscous()))
+    with pytest.raises(sy.InputError, match="base parameters of the feasible set in another order"):
+        sy.fit(info, sy.FeasibleSet(other))
+
+
 def test_base_parameters_of_an_estimate_simulate_the_robot(estimates):
     model, truth, feasible, least_squares = estimates
     wanted = sy.simulate(model, truth, REST, REST + 1.0, 0.1)
