@@ -141,6 +141,13 @@ def test_broken_files_name_the_line(read, text, line, words):
     assert "\n" not in str(caught.value)
 
 
+def test_matrices_of_texts_are_refused():
+    with pytest.raises(
+        InputError, match=r"a block of F1 of a semidefinite program must be real numbers, got \[\['x'\]\]"
+    ):
+        SemidefiniteProgram.from_matrices([1.0], [[[[1.0]]], [[["x"]]]])
+
+
 def test_files_that_cannot_be_opened(tmp_path):
     with pytest.raises(InputError, match=r"absent\.dat-s: cannot be read \(No such file"):
         SemidefiniteProgram.read(tmp_path / "absent.dat-s")

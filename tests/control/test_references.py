@@ -15,10 +15,12 @@ from steelyard.control import (
     NumericalDifference,
     PoseFunction,
     PoseTrajectory,
+    Tool,
     TrajectoryReference,
     rotation_matrix,
     rotation_vector,
 )
+from steelyard.errors import InputError
 from steelyard.identification.wam import TRAJECTORIES
 from steelyard.simulation import Measurement
 
@@ -167,3 +169,9 @@ def test_no_time_no_change():
     np.testing.assert_array_equal(estimator.velocity(seen), 0.0)
     estimator.velocity(Measurement(t=0.1, q=np.full(2, 2.0)))
     np.testing.assert_allclose(estimator.velocity(Measurement(t=0.1, q=np.full(2, 2.0))), 10.0)
+
+
+@pytest.mark.parametrize("placement", ["tip", [[1.0], [2.0, 3.0]], np.eye(4) * 1j, np.eye(3)])
+def test_a_tool_is_placed_by_a_pose_or_a_position(placement):
+    with pytest.raises(InputError, match=r"on 'link2' must be a pose \(4, 4\) or a position \(3,\), got [^ ]"):
+        Tool("link2", placement)

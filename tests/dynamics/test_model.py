@@ -133,6 +133,8 @@ def test_forward_dynamics_undoes_inverse_dynamics(wam, random):
     np.testing.assert_allclose(wam.forward_dynamics(q, dq, torque, true_parameters()), ddq, atol=1e-8)
     with pytest.raises(sy.InputError, match="inertia matrix of wam is singular"):
         wam.forward_dynamics(q, dq, torque, np.zeros(wam.parameter_count))
+    unknown = wam.forward_dynamics(q, dq, torque, true_parameters(), gravity=[np.nan, 0.0, 0.0])
+    assert np.isnan(unknown).any()  # not the fault of the parameters
 
 
 def test_shapes_of_one_sample_and_of_batches(wam):
@@ -154,6 +156,10 @@ def test_shapes_of_one_sample_and_of_batches(wam):
             "wam has 7 joints: expected arrays of shape (..., 7), got (6,)",
         ),
         (lambda m: m.gravity(np.zeros(7), np.zeros(118)), "wam has 119 parameters: expected shape (119,), got (118,)"),
+        (lambda m: m.gravity(np.zeros(7) + 1e-20j, np.zeros(119)), "wam must be real numbers, got an array of complex"),
+        (lambda m: m.gravity(np.zeros(7), 1j * np.zeros(119)), "or an estimate, got an array of complex128"),
+        (lambda m: m.gravity(["0"] * 7, np.zeros(119)), "The motion of wam must be real numbers, got ['0', '0'"),
+        (lambda m: m.jacobian(np.zeros(7), 0, "xyz"), "coordinates of a point of wam must be real numbers, got 'xyz'"),
         (lambda m: m.pose(np.zeros(7), "hand"), '"wam" has no link "hand"'),
         (lambda m: m.jacobian(np.zeros(7), 7), "wam has moving links 0 to 6, got 7"),
         (lambda m: m.operation_count("mass"), "There is no function 'mass'"),

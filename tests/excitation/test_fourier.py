@@ -29,6 +29,8 @@ def test_sampling_covers_whole_periods():
 
 
 def test_sizes_that_do_not_fit_are_refused():
+    with pytest.raises(sy.InputError, match=r"a of a Fourier trajectory must be real numbers, got \[\['1'\]\]"):
+        FourierTrajectory(a=[["1"]], b=[[1.0]], center=[0.0], frequency=1.0)
     with pytest.raises(sy.InputError, match="of one shape"):
         FourierTrajectory(a=np.ones((2, 3)), b=np.ones((2, 2)), center=np.zeros(2), frequency=1.0)
     with pytest.raises(sy.InputError, match="frequency must be positive"):

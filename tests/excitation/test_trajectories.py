@@ -170,6 +170,7 @@ def test_splines_agree_with_scipy():
             "periods, ramp_time and slow_time",
         ),
         (lambda: make_family("spline", period=1, harmonics=1, points=2, ramp_time=None, periods=1), "points must be"),
+        (lambda: SplineTrajectory(points=[["a", "b"]], duration=1.0), "points of a spline must be real numbers"),
     ],
 )
 def test_what_cannot_be_is_refused_in_one_sentence(make, message):

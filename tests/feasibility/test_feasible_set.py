@@ -169,7 +169,11 @@ def test_bad_options_are_refused(two_links, options, message):
 
 @pytest.mark.parametrize(
     ("base", "message"),
-    [(np.zeros(5), "the model's 6 base parameters, got an array of shape"), ([1, 2, 3, np.nan, 1, 1], "number 4")],
+    [
+        (np.zeros(5), "the model's 6 base parameters, got an array of shape"),
+        ([1, 2, 3, np.nan, 1, 1], "number 4"),
+        (["a"] * 6, r"base must be the model's 6 base parameters, got \['a', "),
+    ],
 )
 def test_bad_vectors_are_refused(two_links, base, message):
     with pytest.raises(InputError, match=message):

@@ -7,6 +7,7 @@ import pytest
 
 from steelyard.errors import InputError
 from steelyard.files import is_number, read_number
+from steelyard.files.arguments import real_array
 
 
 @pytest.mark.parametrize("value", [2, 2.0, np.float32(2.0), np.int64(2)])
@@ -48,3 +49,27 @@ def test_limits(value, limits, good):
     else:
         with pytest.raises(InputError):
             read_number(value, "gain", **limits)
+
+
+@pytest.mark.parametrize(
+    ("value", "found"),
+    [
+        (np.array([[1.0, 2.0 + 1e-20j]]), "an array of complex128"),
+        (np.ma.array([[1.0, 2.0]], mask=[[False, True]]), "an array with masked numbers"),
+        (["1.0", "2.0"], "['1.0', '2.0']"),
+        ([[1.0], [1.0, 2.0]], "[[1.0], [1.0, 2.0]]"),
+        (np.array(["2026-01-01"], dtype="datetime64[s]"), "an array of datetime64[s]"),
+        ([None, "a"], "[None, 'a']"),
+    ],
+)
+def test_what_are_no_real_numbers_is_refused(value, found):
+    with pytest.raises(InputError) as caught:
+        real_array(value, "q")
+    assert str(caught.value) == f"q must be real numbers, got {found}."
+
+
+@pytest.mark.parametrize("value", [[1, 2], (True, 2.0), np.array([1.0, 2.0], dtype=object), np.ma.array([1.0, 2.0])])
+def test_real_numbers_become_floats(value):
+    found = real_array(value, "q")
+    assert found.dtype == np.float64
+    assert found.tolist() == [1.0, 2.0]

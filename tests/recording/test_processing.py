@@ -221,6 +221,8 @@ def test_samples_check_what_they_are_given() -> None:
         Samples(q=good, dq=np.where(np.arange(8).reshape(4, 2) == 5, np.nan, 0.0), ddq=good, torque=good)
     with pytest.raises(InputError, match="must be boolean"):
         Samples(q=good, dq=good, ddq=good, torque=good, mask=np.ones((4, 2)))  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"`torque` of Samples must be .*, NaN where .*, got an array with masked"):
+        Samples(q=good, dq=good, ddq=good, torque=np.ma.array(good, mask=good == 0.0))
     with pytest.raises(InputError, match="one row per sample"):
         Samples(q=np.zeros(4), dq=good, ddq=good, torque=good)
 

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from steelyard.errors import InputError
 from steelyard.robot import INERTIA_SYMBOLS, Inertia
 
 
@@ -89,5 +90,15 @@ def test_values_cannot_be_changed():
 
 
 def test_a_wrong_shape_is_refused():
-    with pytest.raises(ValueError, match="shape"):
+    with pytest.raises(InputError, match=r"The first moment of a body must have the shape \(3,\), got \(2,\)"):
         Inertia(1.0, np.zeros(2), np.eye(3))
+    with pytest.raises(InputError, match=r"The centre of mass of a body must have the shape \(3,\), got \(2,\)"):
+        Inertia.from_com(1.0, (0.1, 0.2), np.eye(3))
+    with pytest.raises(InputError, match=r"The parameters of a body must have the shape \(10,\), got \(9,\)"):
+        Inertia.from_parameters(np.zeros(9))
+
+
+def test_half_of_an_inertia_is_refused():
+    """The products of one triangle were taken as they are, and halved where the frame was moved."""
+    with pytest.raises(InputError, match=r"symmetric matrix, .* write each product of inertia at both of its places"):
+        Inertia.from_com(2.0, (0, 0, 0), [[2.0, 0.5, 0.1], [0.0, 3.0, 0.2], [0.0, 0.0, 4.0]])

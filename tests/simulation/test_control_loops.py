@@ -174,6 +174,14 @@ def test_the_stopping_conditions_watch_the_reference(slide):
         StoppingConditions(tracking=0.1)
 
 
+def test_a_range_of_other_joints_is_refused(slide):
+    model, delta = slide
+    for side in ("lower", "upper"):
+        conditions = StoppingConditions(**{side: [-1.0, 1.0]})
+        with pytest.raises(InputError, match=rf"{side} of StoppingConditions must be .* each of 1 joints, got shape"):
+            simulate(model, delta, [0.0], [0.0], 1.0, stopping_conditions=conditions)
+
+
 def test_stopping_conditions_stop_a_robot_whose_motors_are_off(pendulum):
     model, delta = pendulum
     for method in ("dormand_prince", "runge_kutta_4"):

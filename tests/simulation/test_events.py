@@ -66,6 +66,27 @@ def test_a_joint_that_passes_its_limit_is_named(two_links):
     assert abs(np.minimum(q - [-1.0, -np.inf], [1.0, 0.5] - q).min()) < 1e-9
 
 
+GRIPPER = """<robot name="gripper"><link name="palm"/>
+<link name="thumb"><inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>
+</link>
+<link name="finger"><inertial><mass value="2"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>
+</link>
+<joint name="grip" type="prismatic"><parent link="palm"/><child link="thumb"/><axis xyz="1 0 0"/>
+  <limit lower="-9" upper="9" velocity="0" effort="0"/></joint>
+<joint name="mirror" type="prismatic"><parent link="palm"/><child link="finger"/><axis xyz="0 1 0"/>
+  <mimic joint="grip" multiplier="-2" offset="0.5"/><limit lower="-1.5" upper="2" velocity="0" effort="0"/></joint>
+</robot>"""
+
+
+def test_limits_of_a_joint_that_mimics_end_a_run(tmp_path):
+    (tmp_path / "gripper.urdf").write_text(GRIPPER)
+    robot = sy.Robot.from_urdf(tmp_path / "gripper.urdf")
+    result = simulate(sy.Model(robot), robot.parameters, [0.0], [0.25], 9.0, events=joint_limits(robot))
+    assert result.status == "event"
+    assert abs(result.end_time - 4.0) < 1e-9  # -2 q + 0.5 = -1.5, at a constant speed
+    assert result.message.startswith("joint 'grip' passed its upper limit 1 ")
+
+
 @pytest.mark.slow
 def test_events_of_a_batch_are_those_of_each_run(pendulum):
     model, delta = pendulum

@@ -121,6 +121,8 @@ def test_values_between_samples(pendulum, method):
     np.testing.assert_allclose(result.at(0.5017)[0], q[2])
     with pytest.raises(sy.errors.InputError, match=r"from 0 to 1 s, got 1.5"):
         result.at(1.5)
+    with pytest.raises(sy.errors.InputError, match=r"one time or a row of times, got an array of shape \(1, 2\)"):
+        result.at([[0.1, 0.2]])
 
 
 def test_accelerations_are_those_of_the_motion(pendulum):

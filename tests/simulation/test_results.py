@@ -142,7 +142,7 @@ def test_a_wall_may_grow_hard_with_time():
     [
         ({"q0": [0.0, 0.0]}, r"has 1 joints: q0 must have shape \(1,\), or \(R, 1\) for R runs, got \(2,\)"),
         ({"q0": [np.nan]}, r"q0 must be finite, got \[nan\]"),
-        ({"q0": "zero"}, "q0 must be an array of numbers, got str"),
+        ({"q0": "zero"}, "q0 must be an array of numbers, got 'zero'"),
         ({"parameters": np.zeros(3)}, r"has 10 parameters: parameters must have shape \(10,\)"),
         ({"parameters": np.r_[np.zeros(9), np.nan]}, "The parameters m1 of pendulum are not finite numbers"),
         ({"duration": -1.0}, "duration must be a positive number, in s, got -1.0"),
@@ -171,3 +171,7 @@ def test_walls_are_checked():
         ElasticContact("a", (0, 0, 0), (0, 0, 0), 1.0)
     with pytest.raises(InputError, match="stiffness of an elastic contact must be at least 0"):
         ElasticContact("a", (0, 0, 0), (0, 0, 1), -1.0)
+    with pytest.raises(InputError, match="stiffness of an elastic contact must be at least 0 N/m, got 'hard'"):
+        ElasticContact("a", (0, 0, 0), (0, 0, 1), "hard")
+    with pytest.raises(InputError, match="surface of an elastic contact must be three finite numbers, got 'floor'"):
+        ElasticContact("a", "floor", (0, 0, 1), 1.0)

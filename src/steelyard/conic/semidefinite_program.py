@@ -17,6 +17,7 @@ import scipy.sparse as sparse
 
 from steelyard.errors import InputError
 from steelyard.files import LARGEST_JSON, read_bytes, write_text
+from steelyard.files.arguments import real_array
 
 from .problem import Cone, ConicProblem, ConicSolution, stacked_triangle
 from .solver import solve
@@ -142,8 +143,11 @@ class SemidefiniteProgram:
         InputError
             If the number of matrices or a shape does not fit, or a block is not symmetric.
         """
-        costs = np.atleast_1d(np.asarray(cost, dtype=float))
-        dense = [[np.asarray(block, dtype=float) for block in blocks] for blocks in matrices]
+        costs = np.atleast_1d(real_array(cost, "the cost of a semidefinite program"))
+        dense = [
+            [real_array(block, f"a block of F{number} of a semidefinite program") for block in blocks]
+            for number, blocks in enumerate(matrices)
+        ]
         if len(dense) != len(costs) + 1:
             raise InputError(f"{len(costs)} variables need {len(costs) + 1} matrices F₀, F₁, …, got {len(dense)}.")
         shapes = [block.shape for block in dense[0]]

@@ -153,7 +153,10 @@ class AdaptiveForceControl(TaskControl):
         As in :class:`TaskSpaceControl`, for the axes that follow the pose.
     options : ForceControlOptions, optional
         How the force loop is tuned; the defaults suit a quiet sensor.
-    null_space, base, compensate_drives, sign_width, largest_mass, length, sample_time, velocity
+
+    Other Parameters
+    ----------------
+    null_space, base, compensate_drives, sign_width, largest_mass, length, sample_time, velocity : optional
         As in :class:`TaskSpaceControl`.
 
     Attributes

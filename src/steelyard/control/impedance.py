@@ -48,7 +48,12 @@ class ImpedanceControl(TaskControl):
     frame : {"base", "target"}
         The frame whose axes stiffness, damping and inertia refer to; ``"target"`` needs a task of whole poses,
         positions or orientations.
-    axes, null_space, base, compensate_drives, sign_width, largest_mass, length, sample_time, velocity
+    axes
+        As in :class:`TaskSpaceControl`.
+
+    Other Parameters
+    ----------------
+    null_space, base, compensate_drives, sign_width, largest_mass, length, sample_time, velocity : optional
         As in :class:`TaskSpaceControl`.
 
     Attributes

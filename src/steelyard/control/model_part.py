@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.dynamics import Model
+from steelyard.dynamics.functions import given_parameters
 from steelyard.errors import InputError
 from steelyard.files.arguments import positive
 
@@ -67,7 +68,7 @@ class ModelPart:
         self.model = model.without_channels
         self.base = bool(base)
         self.functions = tuple(functions)
-        values = np.array(parameters, dtype=np.float64)
+        values = np.array(given_parameters(model, parameters, base=self.base))
         size = model.base_parameters().count if base else model.parameter_count
         kind = "base parameters" if base else "parameters"
         if values.shape != (size,):

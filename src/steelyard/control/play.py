@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.dynamics import Model
+from steelyard.dynamics.functions import given_parameters
 from steelyard.errors import InputError
 from steelyard.excitation import Trajectory
 from steelyard.files import listed
@@ -192,7 +193,7 @@ def _default_controller(
     the loop may be in sampled time, and the smallest whether it is damped.
     """
     q = reference.trajectory.motion(np.linspace(0.0, reference.duration, _LOOKED_AT))[0]
-    ratios = _ratios(*(_inertia(model, np.asarray(p, dtype=np.float64), q, base) for p in (nominal, parameters)))
+    ratios = _ratios(*(_inertia(model, given_parameters(model, p, base=base), q, base) for p in (nominal, parameters)))
     modes = 1.0 / np.array([ratios.min(), ratios.max()]).reshape(2, 1, 1)
     loop = SampledLoop(modes, 0.0 * modes, sample_time, velocity.transfer(sample_time))
     frequency = _FREQUENCY

@@ -107,14 +107,17 @@ class TaskSpaceControl(TaskControl):
         A number, one number for each axis, or a symmetric matrix, 1/s² and 1/s.
     axes : str or sequence of str
         ``"pose"``, ``"position"``, ``"orientation"``, or some of ``"x" "y" "z" "rx" "ry" "rz"`` (base frame).
+    sensing : bool
+        Whether the measured force of the environment is compensated, ``mu_e`` of eq. 2.33.
+
+    Other Parameters
+    ----------------
     null_space : NullSpaceControl, optional
         Motion of a redundant arm in the null space of the task; damping by default.
     base, compensate_drives : bool
         Whether `parameters` are base parameters; whether friction and rotors are compensated.
     sign_width : float
         See :class:`ComputedTorque`.
-    sensing : bool
-        Whether the measured force of the environment is compensated, ``mu_e`` of eq. 2.33.
     largest_mass, length : float, optional
         Limit of the apparent mass near singularities, kg, and the lever arm by which moments of inertia are compared
         with it, m; see :class:`TaskDynamics`.

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
+from steelyard.files.arguments import real_array
 from steelyard.simulation import Measurement
 
 __all__ = ["ForceSensing", "Tool", "require_force"]
@@ -42,7 +43,8 @@ class Tool:
     placement: Array = field(default_factory=lambda: np.eye(4))
 
     def __post_init__(self) -> None:
-        given = np.array(self.placement, dtype=np.float64)
+        expected = "a pose (4, 4) or a position (3,)"
+        given = np.array(real_array(self.placement, f"The placement of a tool on {self.link!r}", expected))
         if given.shape == (3,):
             given, place = np.eye(4), given
             given[:3, 3] = place
@@ -50,8 +52,8 @@ class Tool:
         proper = np.isfinite(given).all() and np.allclose(turn @ turn.T, np.eye(3), atol=1e-6)
         if not proper or np.linalg.det(turn) < 0.0 or not np.array_equal(given[3], [0.0, 0.0, 0.0, 1.0]):
             raise InputError(
-                f"The placement of a tool on {self.link!r} must be a pose (4, 4) or a position (3,), got "
-                f" {np.asarray(self.placement).tolist()}."
+                f"The placement of a tool on {self.link!r} must be {expected}, got "
+                f"{np.asarray(self.placement).tolist()}."
             )
         object.__setattr__(self, "placement", given)
 

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from steelyard import graph
 from steelyard.errors import InputError
 from steelyard.files import shown, suggestion
+from steelyard.files.arguments import real_array
 from steelyard.graph import Argument, Function, Graph, Kernel, Node, Output, operation_count
 from steelyard.graph.expression import reachable
 from steelyard.once import cached_property
@@ -25,7 +26,16 @@ from .catalogue import CATALOGUE, Entry, Scene, forward_dynamics_function
 from .layout import ParameterLayout
 from .terms import is_known_term
 
-__all__ = ["DEFAULT_FUNCTIONS", "BaseColumns", "Call", "Evaluator", "ModelFunctions", "SmoothSign", "parameter_values"]
+__all__ = [
+    "DEFAULT_FUNCTIONS",
+    "BaseColumns",
+    "Call",
+    "Evaluator",
+    "ModelFunctions",
+    "SmoothSign",
+    "given_parameters",
+    "parameter_values",
+]
 
 DEFAULT_FUNCTIONS = ("inverse_dynamics", "forward_dynamics", "inertia_matrix", "coriolis", "gravity", "regressor")
 """The functions of which source is generated where none are named; ``presliding_step`` as well where friction has a
@@ -482,15 +492,35 @@ def parameter_values(parameters: ArrayLike, names: Sequence[str], robot_name: st
         )
     if own and base:
         return np.asarray(parameters.base, dtype=np.float64)  # type: ignore[union-attr]
-    try:
-        return np.asarray(parameters, dtype=np.float64)
-    except InputError:  # which is a ValueError, too
-        raise
-    except (TypeError, ValueError):
-        raise InputError(
-            f"The parameters of {robot_name} must be one number for each of {len(names)} names, or an estimate, got "
-            f"{shown(parameters)}."
-        ) from None
+    expected = f"one number for each of {len(names)} names, or an estimate"
+    return real_array(parameters, f"The parameters of {robot_name}", expected)
+
+
+def given_parameters(model: Any, parameters: ArrayLike, *, base: bool = False) -> Array:
+    """Return parameters of a model as an array, of whatever shape; an estimate must be one of its robot and terms.
+
+    Parameters
+    ----------
+    model : Model
+    parameters : array_like
+        As `parameter_values` takes them.
+    base : bool
+        Whether they are base parameters.
+
+    Raises
+    ------
+    InputError
+        As `parameter_values`.
+
+    Examples
+    --------
+    >>> import steelyard as sy
+    >>> model = sy.Model(sy.Robot.from_dh([(0, 1.0, 0, "q")], gravity=(0, -9.81, 0)))
+    >>> given_parameters(model, [2, 1, 0], base=True).tolist()
+    [2.0, 1.0, 0.0]
+    """
+    names = model.base_parameters().expressions if base else model.parameter_names
+    return parameter_values(parameters, names, model.robot.name, base=base)
 
 
 # Calls from which on machine code looks at the arrays. It saves 4 µs a call, and takes 1 ms to bring into memory, or 20
@@ -645,7 +675,7 @@ class Evaluator:
         return result
 
     def _motion(self, arrays: Sequence[ArrayLike], widths: Sequence[int]) -> tuple[list[Array], tuple[int, ...]]:
-        converted = [np.asarray(a, dtype=np.float64) for a in arrays]
+        converted = [real_array(a, f"The motion of {self._robot.name}") for a in arrays]
         for array, n in zip(converted, widths, strict=True):
             if array.ndim == 0 or array.shape[-1] != n:
                 raise InputError(
@@ -662,7 +692,7 @@ class Evaluator:
         return [np.ascontiguousarray(np.broadcast_to(a, (*lead, n))).reshape(-1, n) for a, n in pairs], lead
 
     def _vector(self, values: ArrayLike, size: int, what: str) -> Array:
-        vector = np.asarray(values, dtype=np.float64)
+        vector = real_array(values, f"The {what} of {self._robot.name}")
         if vector.shape != (size,):
             raise InputError(f"{self._robot.name} has {size} {what}: expected shape ({size},), got {vector.shape}.")
         return np.ascontiguousarray(vector)

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from steelyard import dynamics
 from steelyard.display import html_table
 from steelyard.errors import InputError
+from steelyard.files.arguments import real_array
 from steelyard.graph import Function, Kernel
 from steelyard.lmi import AffineBlock
 from steelyard.once import cached_property
@@ -266,7 +267,8 @@ class Model:
         parameters : array_like
             (n,).
         q : array_like, optional
-            (..., N); matters to springs only.
+            (..., N), zeros where not given; matters to terms that depend on it, such as springs, cogging, and friction
+            by the load.
         term : str, optional
             Kind of the term, such as ``"viscous"``.
         out : ndarray, optional
@@ -375,9 +377,8 @@ class Model:
         # The sum of one sample is finite unless a number is not, or they are enormous; then all are looked at.
         if result.ndim == 1 and math.isfinite(sum(result.tolist())):
             return result
-        if not np.isfinite(result).all() and all(
-            np.isfinite(np.asarray(a, dtype=np.float64)).all() for a in (q, dq, tau, parameters)
-        ):
+        given = (q, dq, tau, parameters, 0.0 if gravity is None else gravity)
+        if not np.isfinite(result).all() and all(np.isfinite(np.asarray(a, dtype=np.float64)).all() for a in given):
             raise InputError(
                 f"The inertia matrix of {self.robot.name} is singular with these parameters; "
                 "steelyard.check tells which link is not physically possible."
@@ -505,7 +506,7 @@ class Model:
         for name in self.robot.channels:
             if channels is None or name not in channels:
                 raise InputError(self._lacks(name))
-            values = np.asarray(channels[name], dtype=np.float64)
+            values = real_array(channels[name], f"The channel {name!r}")
             if values.ndim < len(shape):
                 values = values[..., None]
             try:

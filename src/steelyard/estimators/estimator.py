@@ -100,10 +100,19 @@ def proved_estimate(
 
     Raises
     ------
+    InputError
+        If the data has the base parameters of the set in another order, as with terms in another order.
     SolverError
         If the parameters are not feasible.
     """
     model = feasible_set.model
+    names = tuple(getattr(model.base_parameters(), "names", ()))  # which models of other makes may lack
+    # Reduced data may have names of its own.
+    if info.base_names != names and sorted(info.base_names) == sorted(names):
+        raise InputError(
+            "The data has the base parameters of the feasible set in another order, such as that of a robot with its "
+            "terms in another order; use the Information and the FeasibleSet of one model."
+        )
     parameters = np.asarray(parameters, dtype=np.float64)
     if parameters.shape != (feasible_set.parameter_count,) or not np.isfinite(parameters).all():
         raise InputError(

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
+from steelyard.files.arguments import real_array
 
 from .trajectory import SampledTrajectory, times_of
 
@@ -48,7 +49,7 @@ class FourierTrajectory(SampledTrajectory):
 
     def __post_init__(self) -> None:
         for name in ("a", "b", "center"):
-            object.__setattr__(self, name, np.array(getattr(self, name), dtype=np.float64))
+            object.__setattr__(self, name, np.array(real_array(getattr(self, name), f"{name} of a Fourier trajectory")))
         if self.a.ndim != 2 or self.a.shape != self.b.shape or self.center.shape != self.a.shape[:1]:
             raise InputError(
                 f"A Fourier trajectory needs a and b of one shape (N, H) and center of shape (N,), got {self.a.shape}, "

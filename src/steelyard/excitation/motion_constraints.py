@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.dynamics import Model
+from steelyard.dynamics.functions import given_parameters
 from steelyard.errors import InputError
 from steelyard.once import cached_property
 
@@ -175,7 +176,7 @@ def predicted_parameters(model: Model, parameters: ArrayLike | None) -> Array:
     """
     robot = model.robot
     if parameters is not None:
-        given = np.asarray(parameters, dtype=np.float64)
+        given = given_parameters(model, parameters)
         if given.shape != (model.parameter_count,) or not np.isfinite(given).all():
             raise InputError(
                 f"parameters must be {model.parameter_count} finite numbers, as model.parameter_names lists them, "

@@ -112,13 +112,11 @@ class MotionLimits:
         The limits of a joint that mimics another one are limits of the joint that it mimics.
         """
         count = robot.dof
-        lower, upper = np.full(count, -np.inf), np.full(count, np.inf)
+        lower, upper = robot.position_limits
         velocity, torque = np.full(count, np.inf), np.full(count, np.inf)
         for joint in robot.joints:
             k = joint.coordinate
             if joint.multiplier != 0.0:
-                ends = sorted((x - joint.offset) / joint.multiplier for x in (joint.lower, joint.upper))
-                lower[k], upper[k] = max(lower[k], ends[0]), min(upper[k], ends[1])
                 velocity[k] = min(velocity[k], joint.velocity_limit / abs(joint.multiplier))
             if joint.mimics is None:
                 torque[k] = joint.effort_limit

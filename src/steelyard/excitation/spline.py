@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
+from steelyard.files.arguments import real_array
 from steelyard.once import cached_property
 
 from .trajectory import SampledTrajectory, times_of
@@ -67,7 +68,7 @@ class SplineTrajectory(SampledTrajectory):
     duration: float
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "points", np.array(self.points, dtype=np.float64))
+        object.__setattr__(self, "points", np.array(real_array(self.points, "points of a spline")))
         if self.points.ndim != 2 or self.points.shape[1] < 2 or not np.isfinite(self.points).all():
             raise InputError(
                 "A spline trajectory needs finite control points of shape (N, P) with P at least 2, "
@@ -165,7 +166,7 @@ class QuinticTrajectory(SampledTrajectory):
 
     def __post_init__(self) -> None:
         for name in ("times", "q", "dq", "ddq"):
-            object.__setattr__(self, name, np.array(getattr(self, name), dtype=np.float64))
+            object.__setattr__(self, name, np.array(real_array(getattr(self, name), f"{name} of a motion")))
         shape = self.q.shape
         fits = self.q.ndim == 2 and self.dq.shape == shape == self.ddq.shape and self.times.shape == shape[:1]
         if not fits or len(self.times) < 2:
@@ -196,8 +197,8 @@ class QuinticTrajectory(SampledTrajectory):
         spans : array_like
             (K - 1,) durations of the moves, s.
         """
-        places = np.array(points, dtype=np.float64)
-        lengths = np.asarray(spans, dtype=np.float64)
+        places = real_array(points, "points of a point-to-point motion")
+        lengths = real_array(spans, "spans of a point-to-point motion")
         if places.ndim != 2 or lengths.shape != (len(places) - 1,):
             raise InputError(
                 "Point-to-point motion needs points of shape (K, N) and K - 1 durations, "

@@ -12,6 +12,7 @@ from steelyard.conic import Cone, Rows
 from steelyard.display import html_table
 from steelyard.errors import InputError
 from steelyard.files import read_number, suggestion
+from steelyard.files.arguments import real_array
 from steelyard.lmi import AffineBlock, AffineStack
 from steelyard.once import cached_property
 from steelyard.regression import Reduced
@@ -312,7 +313,11 @@ class FeasibleSet:
         return self._vector(parameters, self.parameter_count, "parameters", "standard parameters")
 
     def _vector(self, values: npt.ArrayLike, count: int, name: str, kind: str) -> Vector:
-        vector = np.asarray(values, dtype=float)
+        if hasattr(values, "parameter_names"):  # an estimate
+            from steelyard.dynamics.functions import given_parameters  # which most questions do not need
+
+            values = given_parameters(self.model, values, base=name == "base")
+        vector = real_array(values, name, f"the model's {count} {kind}")
         if vector.shape != (count,):
             raise InputError(f"{name} must hold the model's {count} {kind}, got an array of shape {vector.shape}.")
         bad = np.flatnonzero(~np.isfinite(vector))

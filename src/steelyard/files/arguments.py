@@ -25,6 +25,7 @@ __all__ = [
     "positive",
     "read_number",
     "read_whole",
+    "real_array",
     "suggestion",
 ]
 
@@ -124,6 +125,46 @@ def read_whole(value: object, what: str, least: int = 0) -> int:
     return int(value)
 
 
+def real_array(values: Any, what: str, expected: str = "real numbers") -> Array:
+    """Return numbers as an array of floats, of whatever shape.
+
+    Parameters
+    ----------
+    values : array_like
+    what : str
+        What they are; begins the message.
+    expected : str
+        What they must be, in the message.
+
+    Raises
+    ------
+    InputError
+        If they are texts, times, or rows of different lengths; or complex or masked, since imaginary parts and masks
+        would be lost.
+
+    Examples
+    --------
+    >>> real_array([[1, 2]], "q").tolist()
+    [[1.0, 2.0]]
+    >>> real_array([1.0 + 1e-20j], "q")
+    Traceback (most recent call last):
+        ...
+    steelyard.errors.InputError: q must be real numbers, got [(1+1e-20j)].
+    """
+    try:
+        given = np.asarray(values)
+        if given.dtype.kind in "biufO" and not np.ma.is_masked(values):
+            return given.astype(np.float64, copy=False)
+    except InputError:  # which is a ValueError, too
+        raise
+    except (TypeError, ValueError):
+        pass
+    found = shown(values)
+    if isinstance(values, np.ndarray):
+        found = "an array with masked numbers" if np.ma.is_masked(values) else f"an array of {values.dtype}"
+    raise InputError(f"{what} must be {expected}, got {found}.")
+
+
 def closest(name: object, known: Iterable[str]) -> str | None:
     """Return the known name that is closest to another one, whatever its capitals; None where none is close."""
     if not isinstance(name, str):
@@ -202,10 +243,7 @@ def per_joint(
     >>> per_joint(2.0, 3, "kp").tolist()
     [2.0, 2.0, 2.0]
     """
-    try:
-        array = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f"{name} must be a number, or one for each joint, got {value!r}.") from None
+    array = real_array(value, name, "a number, or one for each joint")
     if array.shape not in ((), (count,)):
         raise InputError(f"{name} must be a number, or one for each of {count} joints, got shape {array.shape}.")
     in_range = np.isfinite(array) if finite else ~np.isnan(array)

@@ -316,11 +316,11 @@ class LinearMatrixInequality:
     def substitute(self, values: Mapping[str, Any]) -> LinearMatrixInequality:
         """Return the same inequality with expressions or numbers for some variables, all at once.
 
+        New variables take the places of those that they replace.
+
         Parameters
         ----------
         values : mapping from name to number, text, LinearExpression or SymPy expression
-
-        New variables take the places of those that they replace.
 
         Raises
         ------

@@ -379,7 +379,7 @@ def as_expression(value: Any, names: Iterable[str] | None = None, where: str = "
     else:
         raise InputError(f"{where} must be a number, a text or an expression, got {value!r}; write {_ALLOWED}.")
     if names is not None:
-        known = set(names)
+        known = dict.fromkeys(names)  # in their order, for the message
         for name in found.names:
             if name not in known:
                 raise InputError(f"{where} {str(found)!r}: {_unknown(name, known)}")
@@ -387,8 +387,7 @@ def as_expression(value: Any, names: Iterable[str] | None = None, where: str = "
 
 
 def _unknown(name: str, known: Iterable[str]) -> str:
-    text = suggestion(name, known)
-    return f"{name!r} is not among the names; {text}{'' if text.endswith('?') else '.'}"
+    return f"{name!r} is not among the names; {suggestion(name, known)}"
 
 
 class _Reader:

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.display import html_table, joint_label
 from steelyard.errors import InputError
+from steelyard.files.arguments import real_array
 
 from .cutoff.evidence import CutoffChoice
 
@@ -38,6 +39,8 @@ TOO_EARLY = "at a beginning, before presliding friction is known"
 class Samples:
     """Joint motion and torque at S instants of N joints, the input of a regression.
 
+    The arrays are kept as read-only float64 in C order; an array that is so already is not copied.
+
     Parameters
     ----------
     q, dq, ddq
@@ -60,14 +63,11 @@ class Samples:
     regressor, regressor_model
         (S, C) the entries of the base regressor of this model, as its `base_columns` order them, which went through the
         same filters at the rate of the log; None where they did not.
-
     channels
         What was logged beside the motion and is needed by terms of the model, such as a temperature: (S,) or (S, N) by
         name; None where there is nothing.
     bristles
         Whose state of presliding friction the channels hold; None where it was logged, or there is none.
-
-    The arrays are kept as read-only float64 in C order; an array that is so already is not copied.
 
     Raises
     ------
@@ -377,10 +377,7 @@ def read_only_vector(values: ArrayLike, what: str) -> NDArray[np.float64]:
 
 
 def _numbers(values: ArrayLike, what: str) -> NDArray[np.float64]:
-    try:
-        return np.ascontiguousarray(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{what} is not an array of numbers ({error}).") from None
+    return np.ascontiguousarray(real_array(values, what, "an array of real numbers, NaN where there is none"))
 
 
 def column_extremes(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from steelyard.errors import InputError
+
 from .placement import frozen
 
 __all__ = [
@@ -134,6 +136,22 @@ def inertia_tensor(elements: ArrayLike) -> Matrix:
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
+# Differences of opposite elements that are more than rounding, as a part of the largest element.
+_ASYMMETRIC = 1e-6
+
+
+def _given(values: ArrayLike, shape: tuple[int, ...], what: str) -> Matrix:
+    array = np.asarray(values, dtype=float)
+    if array.shape != shape:
+        raise InputError(f"The {what} of a body must have the shape {shape}, got {array.shape}.")
+    if array.ndim == 2 and (np.abs(array - array.T) > _ASYMMETRIC * np.abs(array).max()).any():
+        raise InputError(
+            f"The {what} of a body must be a symmetric matrix, got {array.tolist()}; write each product of inertia at "
+            "both of its places."
+        )
+    return array
+
+
 def _cross(vector: Matrix) -> Matrix:
     x, y, z = vector
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
@@ -153,6 +171,11 @@ class Inertia:
         Inertia about the frame's *origin*, kg m². It is the tensor itself: the element Lxy is minus the integral of
         x y dm, as `ixy` in URDF.
 
+    Raises
+    ------
+    InputError
+        If a shape is another one, or the inertia is not symmetric.
+
     See Also
     --------
     Inertia.from_com : from the centre of mass and the inertia about it, as CAD programs and URDF give it.
@@ -169,9 +192,10 @@ class Inertia:
     about_origin: Matrix
 
     def __post_init__(self) -> None:
+        first, second = _given(self.first_moment, (3,), "first moment"), _given(self.about_origin, (3, 3), "inertia")
         object.__setattr__(self, "mass", float(self.mass))
-        object.__setattr__(self, "first_moment", frozen(self.first_moment, (3,)))
-        object.__setattr__(self, "about_origin", frozen(self.about_origin, (3, 3)))
+        object.__setattr__(self, "first_moment", frozen(first, (3,)))
+        object.__setattr__(self, "about_origin", frozen(second, (3, 3)))
 
     @classmethod
     def zero(cls) -> Inertia:
@@ -181,9 +205,9 @@ class Inertia:
     @classmethod
     def from_com(cls, mass: float, com: ArrayLike, about_com: ArrayLike) -> Inertia:
         """From mass (kg), centre of mass (3,) in m and inertia (3, 3) about the *centre of mass*, kg m²."""
-        centre = np.asarray(com, dtype=float)
+        centre = _given(com, (3,), "centre of mass")
         cross = _cross(centre)
-        return cls(mass, mass * centre, np.asarray(about_com, dtype=float) - mass * cross @ cross)
+        return cls(mass, mass * centre, _given(about_com, (3, 3), "inertia") - mass * cross @ cross)
 
     @classmethod
     def from_inertial_frame(cls, mass: float, placement: Matrix, about_com: Matrix) -> Inertia:
@@ -203,7 +227,7 @@ class Inertia:
     @classmethod
     def from_parameters(cls, parameters: ArrayLike) -> Inertia:
         """From the ten parameters (10,) in the order Lxx Lxy Lxz Lyy Lyz Lzz lx ly lz m."""
-        values = np.asarray(parameters, dtype=float)
+        values = _given(parameters, (10,), "parameters")
         return cls(values[9], values[6:9], inertia_tensor(values[:6]))
 
     @property

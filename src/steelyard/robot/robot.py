@@ -628,6 +628,17 @@ class Robot:
         return tuple("rad" if self.joints[index].rotates else "m" for index in self.driving_joints)
 
     @cached_property
+    def position_limits(self) -> tuple[Matrix, Matrix]:
+        """Lower and upper limits (N,) of the positions, rad or m; limits of joints that mimic others count, too."""
+        lower, upper = np.full(self.dof, -np.inf), np.full(self.dof, np.inf)
+        for joint in self.joints:
+            if joint.multiplier != 0.0:
+                k, ends = joint.coordinate, ((x - joint.offset) / joint.multiplier for x in (joint.lower, joint.upper))
+                low, high = sorted(ends)
+                lower[k], upper[k] = max(lower[k], low), min(upper[k], high)
+        return frozen(lower, (self.dof,)), frozen(upper, (self.dof,))
+
+    @cached_property
     def torque_units(self) -> tuple[str, ...]:
         """Units (N,) of the torques: N·m, or N where a joint slides."""
         return tuple("N·m" if self.joints[index].rotates else "N" for index in self.driving_joints)

@@ -11,6 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.dynamics import Model
 from steelyard.errors import InputError
+from steelyard.files import read_number
+from steelyard.files.arguments import real_array
 
 __all__ = ["Contact", "ElasticContact", "Environment"]
 
@@ -88,7 +90,7 @@ class ElasticContact:
 
     def __post_init__(self) -> None:
         for name in ("surface", "normal", "point"):
-            vector = np.array(getattr(self, name), dtype=np.float64)
+            vector = np.array(real_array(getattr(self, name), f"{name} of an elastic contact", "three finite numbers"))
             if vector.shape != (3,) or not np.isfinite(vector).all():
                 raise InputError(f"{name} of an elastic contact must be three finite numbers, got {vector.tolist()}.")
             object.__setattr__(self, name, vector)
@@ -96,10 +98,9 @@ class ElasticContact:
         if length == 0.0:
             raise InputError("normal of an elastic contact must point somewhere, got (0, 0, 0).")
         object.__setattr__(self, "normal", np.asarray(self.normal) / length)
-        if not callable(self.stiffness) and not (np.isfinite(self.stiffness) and self.stiffness >= 0.0):
-            raise InputError(f"stiffness of an elastic contact must be at least 0 N/m, got {self.stiffness}.")
-        if not (np.isfinite(self.damping) and self.damping >= 0.0):
-            raise InputError(f"damping of an elastic contact must be at least 0 N·s/m, got {self.damping}.")
+        if not callable(self.stiffness):
+            read_number(self.stiffness, "stiffness of an elastic contact", "at least 0 N/m", least=0.0)
+        read_number(self.damping, "damping of an elastic contact", "at least 0 N·s/m", least=0.0)
 
     def wrench(self, t: Array | float, position: Array, rotation: Array, velocity: Array) -> Array:
         """Return the wrench on the link (..., 6)."""

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
+from steelyard.files.arguments import real_array
 from steelyard.robot import Robot
 
 __all__ = ["Event", "Occurrence", "Status", "at_time", "joint_limits"]
@@ -152,7 +153,7 @@ def joint_limits(
     ----------
     robot : Robot
     lower, upper : array_like, optional
-        (N,) limits, rad or m; those of the robot's description by default.
+        (N,) limits, rad or m; those of the robot's description by default, see `Robot.position_limits`.
     terminal : bool
         Whether the event ends the run.
 
@@ -172,9 +173,9 @@ def joint_limits(
     >>> joint_limits(pendulum, upper=[1.0]).function(0.0, np.array([0.75]), np.zeros(1)).item()
     0.25
     """
-    joints = [robot.joints[k] for k in robot.driving_joints]
-    below = np.array([j.lower for j in joints] if lower is None else lower, dtype=np.float64)
-    above = np.array([j.upper for j in joints] if upper is None else upper, dtype=np.float64)
+    described = robot.position_limits
+    below = np.array(real_array(described[0] if lower is None else lower, "lower of joint_limits"))
+    above = np.array(real_array(described[1] if upper is None else upper, "upper of joint_limits"))
     if below.shape != (robot.dof,) or above.shape != (robot.dof,):
         raise InputError(
             f"{robot.name} has {robot.dof} joints: lower and upper must have shape ({robot.dof},), got {below.shape} "
@@ -189,6 +190,6 @@ def joint_limits(
     def describe(q: Array, dq: Array) -> str:
         k = int(np.argmin(np.minimum(q - below, above - q)))
         side, limit = ("lower", below[k]) if q[k] - below[k] < above[k] - q[k] else ("upper", above[k])
-        return f"joint {joints[k].name!r} passed its {side} limit {limit:.6g}"
+        return f"joint {robot.joint_names[k]!r} passed its {side} limit {limit:.6g}"
 
     return Event(margin, "joint limit", direction=-1, terminal=terminal, describe=describe, from_start=True)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.dynamics import Model, Transmission
+from steelyard.dynamics.functions import given_parameters
 from steelyard.errors import InputError
 
 from .controller import Controller, Measurement
@@ -72,7 +73,7 @@ def at_rest(model: Model, parameters: ArrayLike, q: ArrayLike) -> Array:
     >>> at_rest(model, delta, [0.0]).round(6).tolist()
     [0.0, 0.01]
     """
-    given, delta = np.asarray(q, dtype=np.float64), np.asarray(parameters, dtype=np.float64)
+    given, delta = np.asarray(q, dtype=np.float64), given_parameters(model, parameters)
     found = np.concatenate([given, np.zeros(model.dof - len(given))])
     for place, motor in enumerate(motor_coordinates(model)):
         found[motor] = given[place]

@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.dynamics import Model
+from steelyard.dynamics.functions import given_parameters
 from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
 from steelyard.files import listed, tell
-from steelyard.files.arguments import positive, read_whole
+from steelyard.files.arguments import positive, read_whole, real_array
 
 from .actuators import Actuators
 from .bristle_friction import BristleFriction
@@ -540,13 +541,10 @@ actuators, environment, stopping_conditions, rate
 
     def _arrays(self) -> None:
         n = self.model.dof
-        given = {"q0": self.q0, "dq0": self.dq0, "parameters": self.parameters}
-        arrays: dict[str, Array] = {}
-        for name, value in given.items():
-            try:
-                arrays[name] = np.array(value, dtype=np.float64)
-            except (TypeError, ValueError):
-                raise InputError(f"{name} must be an array of numbers, got {type(value).__name__}.") from None
+        arrays = {
+            name: real_array(value, name, "an array of numbers") for name, value in (("q0", self.q0), ("dq0", self.dq0))
+        }
+        arrays["parameters"] = np.array(given_parameters(self.model, self.parameters, base=self.base))
         size = self.model.base_parameters().count if self.base else self.model.parameter_count
         kind = "base parameters" if self.base else "parameters"
         for name, width, what in (("q0", n, "joints"), ("dq0", n, "joints"), ("parameters", size, kind)):

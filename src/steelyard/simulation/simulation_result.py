@@ -141,9 +141,11 @@ class SimulationResult:
         Raises
         ------
         InputError
-            If a time is outside the run.
+            If a time is outside the run, or the times are no number and no row of numbers.
         """
         times = np.atleast_1d(np.asarray(t, dtype=np.float64))
+        if times.ndim > 1:
+            raise InputError(f"at() takes one time or a row of times, got an array of shape {times.shape}.")
         last = float(self.pieces[-1][1] if self.pieces else self.t[-1])
         if not ((times >= self.t[0]) & (times <= last)).all():
             raise InputError(f"at() knows times from {self.t[0]:.6g} to {last:.6g} s, got {np.asarray(t).tolist()}.")

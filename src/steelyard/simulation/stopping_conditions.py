@@ -89,8 +89,8 @@ class StoppingCheck:
         self._names = names
         self._velocity = per_joint(conditions.velocity, count, "velocity of StoppingConditions", zero=False)
         self._lower, self._upper = (
-            np.broadcast_to(np.asarray(side, dtype=np.float64), (count,))
-            for side in (conditions.lower, conditions.upper)
+            per_joint(getattr(conditions, side), count, f"{side} of StoppingConditions", signed=True)
+            for side in ("lower", "upper")
         )
         if not (self._lower < self._upper).all():
             raise InputError(
