@@ -227,7 +227,8 @@ class LogReader:
         self.file = file
         self.model = model
         self.chunk_rows = chunk_rows
-        self.columns = LogColumns.from_dict(file.section("log"), f"{file.path}, [log]")
+        columns = LogColumns.from_dict(file.section("log"), f"{file.path}, [log]")
+        self.columns = columns.of_joints(model.robot.position_units)
         self.stated = Processing.from_dict(file.section("processing"), f"{file.path}, [processing]")
         self.processing = self.near_rest = self.stated
         self.decided: dict[str, object] = {}
@@ -711,8 +712,8 @@ class JoinedSections:
 def against_limits(survey: LogSurvey, robot: Robot) -> tuple[str, ...]:
     """Compare a log with what the joints of a robot can do; see `steelyard.Recording.check_against`."""
     driving = [robot.joints[i] for i in robot.driving_joints]
-    limits = [[getattr(joint, key) for joint in driving] for key in ("lower", "upper", "velocity_limit")]
-    return survey.limit_remarks(*limits)
+    low, high, fastest = ([getattr(joint, key) for joint in driving] for key in ("lower", "upper", "velocity_limit"))
+    return survey.limit_remarks(low, high, fastest, robot.position_units)
 
 
 class DrawnRows:
