@@ -159,6 +159,11 @@ class ParameterTable:
         """Of the intervals, 0.95; None where there are none."""
         return None if all(row.basis == "unknown" for row in self.rows) else CONFIDENCE
 
+    @property
+    def has_physics(self) -> bool:
+        """Whether intervals are those of data and physics, and not of the data alone, as for many parameters."""
+        return TOO_MANY not in self.sentences
+
     def __getitem__(self, name: str) -> ParameterRow:
         for row in self.rows:
             if row.name == name:

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from steelyard.display import capital
 from steelyard.errors import InputError
 
-from .correction import toml_value
 from .measurements import Measurements
 from .samples import column_extremes
 
@@ -337,7 +336,8 @@ class LogSurvey:
             )
             words = {"deg": "degrees", "mm": "millimetres"}
             how = " and ".join(words[one] for one in dict.fromkeys(told[k] for k in far))
-            line = toml_value(told[j] if set(told) == {"deg"} else told)
+            quoted = [f'"{one}"' for one in told]
+            line = quoted[j] if set(told) == {"deg"} else f"[{', '.join(quoted)}]"
             raise InputError(
                 f"{self.source}: the position of {self.label(j)} goes from {reach_low[j]:.5g} to "
                 f"{reach_high[j]:.5g} {usual[j]}, far beyond its limits of {low[j]:.4g} and {high[j]:.4g} {usual[j]}, "
