@@ -261,3 +261,6 @@ def test_limits_that_stand_for_none_are_none(read):
     limit = '<axis xyz="1 0 0"/><limit lower="-999999" upper="0.5" velocity="4" effort="87"/>'
     slide = read(link("base", None), link("cart"), joint("slide", "prismatic", "base", "cart", limit)).joints[0]
     assert (slide.lower, slide.upper) == (-math.inf, 0.5)
+    unset = '<axis xyz="1 0 0"/><limit lower="-1" upper="0.5" velocity="0" effort="0"/>'
+    slide = read(link("base", None), link("cart"), joint("slide", "prismatic", "base", "cart", unset)).joints[0]
+    assert (slide.lower, slide.velocity_limit, slide.effort_limit) == (-1.0, math.inf, math.inf)

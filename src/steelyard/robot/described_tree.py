@@ -322,8 +322,9 @@ class _Assembly:
             mimics=None if drive.driver == joint.name else drive.driver,
             lower=joint.lower if abs(joint.lower) < ENDLESS else -math.inf,
             upper=joint.upper if abs(joint.upper) < ENDLESS else math.inf,
-            velocity_limit=joint.velocity_limit,
-            effort_limit=joint.effort_limit,
+            # Descriptions write a speed or an effort of zero where they know none.
+            velocity_limit=joint.velocity_limit if joint.velocity_limit > 0.0 else math.inf,
+            effort_limit=joint.effort_limit if joint.effort_limit > 0.0 else math.inf,
             damping=joint.damping,
             friction=joint.friction,
             rotor_inertia=joint.rotor_inertia,
