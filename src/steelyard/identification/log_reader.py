@@ -42,7 +42,7 @@ from steelyard.regression.reduction import FEWEST_EXACT, empty_factors, narrowed
 from steelyard.regression.time_blocks import MOST, TimeBlocks
 from steelyard.robot import Robot, RobotFile
 
-from .given import GivenLog, GivenSamples
+from .given import GivenLog, GivenSamples, wider_model
 
 if TYPE_CHECKING:
     from steelyard.dynamics.bristles import Bristles
@@ -254,8 +254,10 @@ class LogReader:
                 f"{recordings[0].source}: no torque changes within {recordings[0].count} rows; check `torque` in "
                 "[log], or record it again."
             )
-        # No model has currents that each drive turns into torques in its own way.
-        decision = decide(self.stated, recordings, None if self.columns.finds_gains else self.model)
+        # No model has currents that each drive turns into torques in its own way. Rotors that a model lacks are drawn
+        # into what it has: a cutoff of 1.4 Hz made up for them where 8.6 Hz was right.
+        model = wider_model(self.file, self.model) or self.model
+        decision = decide(self.stated, recordings, None if self.columns.finds_gains else model)
         self.processing, self.near_rest = decision.processing, decision.near_rest
         names = [name for name in ("cutoff", "velocity_threshold") if getattr(self.stated, name) == "auto"]
         self.decided = {name: getattr(decision.processing, name) for name in names}

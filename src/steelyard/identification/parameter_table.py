@@ -474,7 +474,7 @@ def _shares_of_rotors(feasible_set: FeasibleSet) -> tuple[Array, list[str]]:
         parameter.described_as == "rotor_inertia" for term in model.robot.terms for parameter in term.parameters
     ):
         return nothing
-    from .default_terms import with_rotors  # of robots without rotors alone
+    from .given import with_rotors  # of robots without rotors alone
 
     wider = with_rotors(model)
     narrow = {str(name): column for column, name in enumerate(wider.parameter_names)}
