@@ -362,6 +362,21 @@ def test_links_that_weigh_next_to_nothing_leave_room_for_a_fit(tmp_path):
     assert estimate.relative_error < 0.05
 
 
+def test_a_last_link_may_carry_a_tool_that_is_not_described(tmp_path):
+    """However light its flange is; a link that carries others is as heavy as its description says, within limits."""
+    flange = (0.15, "0 0 0.02", (2e-4, 2e-4, 3e-4))
+    model = arm(tmp_path, inertial(*GOOD), inertial(*GOOD), inertial(*flange))
+    prior = physical_prior(model)
+    masses = [link.parameters[9] for link in prior.links]
+    most = {one.links: one.maximum for one in prior.constraints if isinstance(one, TotalMass)}
+    assert most["l2",] == pytest.approx(10.0 * masses[1])
+    assert most["l3",] == pytest.approx(0.5 * sum(masses))
+    tool = Inertia.from_com(2.0, (0.0, 0.02, 0.1), np.diag([0.01, 0.01, 0.008])).parameters
+    carrying = np.nan_to_num(prior.parameters, nan=1.0)
+    carrying[model.link_columns[2]] += tool
+    assert satisfied(model, prior, carrying)
+
+
 # Meshes
 
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from steelyard.dynamics import Coulomb, Model
 from steelyard.errors import InputError
-from steelyard.feasibility import CenterOfMassBox, FeasibleSet, TotalMass, check
+from steelyard.feasibility import CenterOfMassBox, FeasibleSet, TotalMass, Verdict, check
 from steelyard.robot import Inertia, Robot
 
 
@@ -200,3 +200,10 @@ def test_violated_terms_have_their_unit():
     parameters[10] = -0.25
     (violation,) = check(FeasibleSet(model), parameters=parameters).violations
     assert str(violation) == "Fcj >= 0 at joint1 fails by 0.25 N·m"
+
+
+def test_what_looks_impossible_is_not_called_close_to_the_boundary() -> None:
+    """As where no proof is found since another link is a billion times as large."""
+    verdict = Verdict(None, "undecided", -0.07, np.zeros(1), None, None, (), "full")
+    assert "look impossible (margin -0.07), but it was not proved" in str(verdict)
+    assert "closer to the boundary" in str(replace(verdict, margin=-1e-9))

@@ -16,7 +16,8 @@ from steelyard.identification import (
     model_of_estimate,
     validate_estimate,
 )
-from steelyard.identification.default_terms import _shown, model_with, wider_model
+from steelyard.identification.default_terms import _shown, model_with
+from steelyard.identification.given import wider_model
 from steelyard.identification.simulated import simulate_files
 from steelyard.robot import RobotFile
 
@@ -95,6 +96,19 @@ def test_rotors_that_a_log_shows_do_not_end_in_the_links(found):
     assert found.options["terms"] == ["viscous", "coulomb", "offset", "rotor_inertia"]
     assert any("no place for" in remark and "rotor inertia" in remark for remark in found.remarks)
     assert not found.mistakes
+
+
+def test_rotors_that_are_not_stated_do_not_decide_the_filter(place):
+    """Without them in the model a cutoff near the frequencies of the motion made up for a part of their torques."""
+    rotors = (0.2, 0.12)
+    table = np.column_stack([T, np.round(motion()[0] / 5e-5) * 5e-5, torque_of(rotors)])
+    np.savetxt(place / "small.csv", table, delimiter=",", header="t,q1,q2,tau1,tau2", comments="", fmt="%.9g")
+    found = sy.identify(place / "arm.urdf", place / "small.csv")
+    assert found.options["decided"]["cutoff"] > 8.0 * RATES.max() / (2.0 * np.pi)
+    assert "rotor_inertia" in found.options["terms"]
+    rows = {row.name: row for row in found.parameters}
+    assert rows["Ia2"].lower < rotors[1] < rows["Ia2"].upper
+    assert rows["Lyy2"].lower < 0.03 + TRUE_MASS[1] * TRUE_COM[1] ** 2 < rows["Lyy2"].upper
 
 
 def test_stated_terms_are_taken_as_stated(place, found):

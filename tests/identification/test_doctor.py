@@ -413,3 +413,62 @@ def test_what_to_do_about_a_missing_torque_is_said_by_those_who_ask_no_doctor(ar
     torque[:, 1] = np.nan
     with pytest.raises(sy.InputError, match=r'`missing = "fill"` in \[log\] and `exclude_joints = \[2\]` in'):
         sy.identify(path, [written({**log, "tau": torque}, tmp_path / "silent.csv")])
+
+
+TURN_AND_SLIDE = """<robot name="polar"><link name="base"/>
+<link name="column"><inertial><mass value="4"/>
+  <inertia ixx="0.4" ixy="0" ixz="0" iyy="0.4" iyz="0" izz="0.5"/></inertial></link>
+<link name="boom"><inertial><mass value="2"/>
+  <inertia ixx="0.01" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.02"/></inertial></link>
+<joint name="turn" type="revolute"><parent link="base"/><child link="column"/><axis xyz="0 0 1"/>
+  <limit lower="-2" upper="2" velocity="9" effort="99"/></joint>
+<joint name="reach" type="prismatic"><parent link="column"/><child link="boom"/><axis xyz="1 0 0"/>
+  <limit lower="0" upper="0.6" velocity="9" effort="99"/></joint></robot>"""
+
+
+def polar(folder, limits):
+    """Write the description of a boom that turns and reaches out; return its path, a motion, and its torques."""
+    path = folder / "polar.urdf"
+    ends = 'lower="-2" upper="2"', 'lower="0" upper="0.6"'
+    text = TURN_AND_SLIDE
+    for end in () if limits else ends:
+        text = text.replace(end, 'lower="-999999" upper="999999"')
+    path.write_text(text)
+    w = np.array([[0.7, 1.9, 3.1], [1.1, 2.3, 2.9]])
+    a = np.array([[0.9, 0.3, 0.15], [0.12, 0.07, 0.04]])
+    angle = w[None] * T[:, None, None]
+    q = (a * np.sin(angle)).sum(axis=2) + np.array([0.0, 0.3])
+    dq, ddq = (a * w * np.cos(angle)).sum(axis=2), -(a * w * w * np.sin(angle)).sum(axis=2)
+    x, dx = q[:, 1], dq[:, 1]
+    torque = np.stack(
+        [(0.52 + 2.0 * x**2) * ddq[:, 0] + 4.0 * x * dx * dq[:, 0], 2.0 * (ddq[:, 1] - x * dq[:, 0] ** 2)], axis=1
+    )
+    torque += np.array([0.2, 0.5]) * np.sign(dq) + np.array([0.1, 0.8]) * dq
+    return path, q, torque + 0.01 * torque.std(axis=0) * np.random.default_rng(5).normal(size=q.shape)
+
+
+@pytest.mark.parametrize("limits", [True, False])
+@pytest.mark.parametrize("units", [("deg", "m"), ("rad", "mm"), ("deg", "mm")])
+def test_units_of_joints_that_turn_and_of_those_that_slide_are_told_apart(tmp_path, units, limits):
+    """By the limits where there are any, and by the model; both at once where both are wrong."""
+    path, q, torque = polar(tmp_path, limits)
+    scale = [{"rad": 1.0, "deg": 180.0 / np.pi, "m": 1.0, "mm": 1e3}[unit] for unit in units]
+    log = {"t": T, "q1": q[:, 0] * scale[0], "q2": q[:, 1] * scale[1], "tau1": torque[:, 0], "tau2": torque[:, 1]}
+    found = examine(log, path)
+    told = tomllib.loads(found.toml)["log"]["position_unit"]
+    assert told == list(units) or (told, units) == ("deg", ("deg", "m"))  # of all that can be in degrees
+    robot = tmp_path / "robot.toml"
+    robot.write_text(f'[description]\nurdf = "polar.urdf"\n{found.toml}')
+    assert examine(log, robot).findings == ()
+
+
+def test_one_unit_for_all_is_that_of_its_kind_of_joint(tmp_path):
+    """A slide whose metres were taken for degrees would weigh a thousand times as much, and predict as well."""
+    _, q, torque = polar(tmp_path, False)
+    log = {"t": T, "q1": np.degrees(q[:, 0]), "q2": q[:, 1], "tau1": torque[:, 0], "tau2": torque[:, 1]}
+    robot = tmp_path / "robot.toml"
+    robot.write_text('[description]\nurdf = "polar.urdf"\n[log]\nposition_unit = "deg"\n')
+    np.testing.assert_allclose(examine(log, robot).recording.q, q, atol=1e-12)
+    answer = sy.identify(robot, [log])
+    masses = [row.value for row in answer.parameters if row.name == "m2"]
+    assert masses == [pytest.approx(2.0, rel=0.02)]

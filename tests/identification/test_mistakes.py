@@ -315,6 +315,7 @@ def merged(robot, settings):
 REFUSED = {
     "degrees": 'state `position_unit = "deg"`',
     "degrees at a joint": "or a list with a unit for each joint, for the others fit as radians",
+    "mm": r'state `position_unit = \["mm", "rad", "rad", "rad", "rad"\]`',
 }
 """What is so wrong that the log is not read."""
 

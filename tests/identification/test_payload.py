@@ -71,6 +71,19 @@ def test_nothing_carried_is_said_first(logs, run, tmp_path):
     assert "is a folder" in err
 
 
+def test_a_payload_that_is_mounted_elsewhere_is_told(logs):
+    """Wherever it is said to be, some body comes out, with intervals that know of no wrong place."""
+    folder, _, _ = logs
+    files = (folder / "robot.toml", folder / "loaded.csv", folder / "unloaded.csv")
+    found = identify_payload(*files, frame="forearm_link")
+    (told,) = (remark for remark in found.remarks if "mounted elsewhere" in remark)
+    assert "fixed to wrist_3_link" in told
+    assert "tool0" in told
+    right = identify_payload(*files)
+    assert f"to {right.estimate.loaded_error:.2%} and not {found.estimate.loaded_error:.2%}" in told
+    assert not [remark for remark in right.remarks if "mounted elsewhere" in remark]
+
+
 @pytest.mark.slow
 def test_the_mounting_frame_stands_in_the_robot_file(logs):
     folder, truth, arm = logs

@@ -14,6 +14,7 @@ from steelyard.cli.main import app
 from steelyard.identification import Identification
 from steelyard.identification.mistakes import Hypothesis
 from steelyard.identification.next_steps import NextStep, found, next_steps
+from steelyard.identification.parameter_table import TOO_MANY
 from steelyard.recording.correction import Correction
 from steelyard.report import report_html
 
@@ -111,6 +112,23 @@ def test_a_mass_that_is_assumed_is_to_be_stated_once(identification: Identificat
     stated = sy.FeasibleSet(identification.model, constraints=[sy.TotalMass(maximum=3.0)])
     steps = next_steps(replace(identification, feasible_set=stated))
     assert not [step for step in steps if "total_mass" in step.code]
+
+
+def test_bounds_of_physics_are_not_told_where_they_were_not_looked_for(identification: Identification) -> None:
+    """As of a humanoid, whose mass neither data nor physics would allow to be zero."""
+    table = identification.parameters
+    assert table is not None
+    rows = [replace(row, lower=0.0, upper=np.inf) if row.name == "total mass" else row for row in table]
+    large = replace(identification, parameters=replace(table, rows=tuple(rows), sentences=(TOO_MANY,)))
+    (step,) = (step for step in next_steps(large) if "total_mass" in step.code)
+    assert "is assumed: the data do not show it." in step.reason
+    (sentence, *_) = found(large)
+    assert "kg in all (assumed): of" in sentence
+    assert "bounded by the data, and" in sentence
+    assert all("physics" not in one for one in (step.reason, sentence))
+    page = lxml.html.fromstring(report_html(large)).text_content()
+    assert "0 to ∞ kg" not in page
+    assert "Bounded: the data confine it" in page
 
 
 def test_weak_parameters_are_counted_and_long_sums_not_written_out(identification: Identification) -> None:

@@ -254,3 +254,13 @@ def test_exact_entries_survive_the_composition(read):
     )  # fmt: skip
     assert set(np.unique(robot.joints[0].before)) <= {-1.0, 0.0, 1.0}
     assert set(np.unique(robot.joints[0].after)) <= {-1.0, 0.0, 1.0}
+
+
+def test_limits_that_stand_for_none_are_none(read):
+    """As of the planar bases of some descriptions, whose slides would be thousands of kilometres long."""
+    limit = '<axis xyz="1 0 0"/><limit lower="-999999" upper="0.5" velocity="4" effort="87"/>'
+    slide = read(link("base", None), link("cart"), joint("slide", "prismatic", "base", "cart", limit)).joints[0]
+    assert (slide.lower, slide.upper) == (-math.inf, 0.5)
+    unset = '<axis xyz="1 0 0"/><limit lower="-1" upper="0.5" velocity="0" effort="0"/>'
+    slide = read(link("base", None), link("cart"), joint("slide", "prismatic", "base", "cart", unset)).joints[0]
+    assert (slide.lower, slide.velocity_limit, slide.effort_limit) == (-1.0, math.inf, math.inf)

@@ -293,6 +293,30 @@ def estimate_payload(
         return _estimated(problem, solver)
 
 
+def unexplained_with(
+    body: CarriedBody,
+    loaded: Information,
+    unloaded: Information | None = None,
+    *,
+    robot: KnownRobot | None = None,
+    weights: Literal["joint"] | ArrayLike | None = "joint",
+) -> float:
+    """Relative error that least squares leave of the torques of a loaded log, whether such a payload can exist or not.
+
+    Parameters
+    ----------
+    body, loaded, unloaded, robot, weights
+        As in `estimate_payload`.
+    """
+    with one_thread():
+        if unloaded is not None:
+            problem = _with_both(body, loaded, unloaded, "full", (), weights)
+        else:
+            assert robot is not None
+            problem = _with_known(body, loaded, robot, "full", weights)
+        return loaded.relative_error(problem.carrying @ problem.base + problem.offset)
+
+
 @dataclass(frozen=True, eq=False)
 class _Problem:
     """A pooled regression within its feasible set, and where the payload is in its parameters."""
@@ -586,7 +610,8 @@ def _require_weight(problem: _Problem) -> None:
         other = "the unloaded log" if problem.unloaded is not None else "the estimate of the robot"
         raise InputError(
             f"The payload comes out with a mass of {mass:.4g} kg: more was carried in {other} than in the loaded log; "
-            "check which log is which, the signs and units of the torques, and that both logs hold a whole motion."
+            "check which log is which, the frame in which the payload is mounted, the signs and units of the torques, "
+            "and that both logs hold a whole motion."
         )
 
 

@@ -55,6 +55,10 @@ class Violation:
         return f"{self.block} fails by {self.amount:.3g}{' ' + self.unit if self.unit else ''}"
 
 
+CLEARLY = -1e-5
+"""Margin below which an undecided point is not said to be close to the boundary: proofs also fail where sizes of links
+differ by more than floating point resolves, as where one of them has its inertia in kg mm²."""
+
 VERDICT_FORMAT = "steelyard-verdict-1"
 
 
@@ -109,6 +113,11 @@ class Verdict:
         elif self.status == "infeasible":
             found = [
                 f"Physically infeasible {kind}: no real robot has these values (largest margin {self.margin:.3g})."
+            ]
+        elif self.margin < CLEARLY:
+            found = [
+                f"Undecided {kind}: these values look impossible (margin {self.margin:.3g}), but it was not proved "
+                "that no robot moves like this."
             ]
         else:
             found = [f"Undecided {kind}: closer to the boundary than the solver can tell (margin {self.margin:.3g})."]

@@ -9,8 +9,7 @@ from typing import Any
 
 from steelyard.dynamics import Model
 from steelyard.files import plain
-from steelyard.identification.default_terms import wider_model
-from steelyard.identification.given import GivenLog, given_logs, given_robot, given_settings
+from steelyard.identification.given import GivenLog, given_logs, given_robot, given_settings, wider_model
 from steelyard.identification.log_reader import LogReader, LogTask, ReducedLog, one_by_one
 from steelyard.identification.validation import DRAWN_ROWS
 from steelyard.recording.formats import content_hash, hashed_log, require_unwritten, written_states

@@ -22,8 +22,7 @@ from steelyard.estimators.physical_prior import PhysicalPrior, physical_prior
 from steelyard.estimators.plausible_fit import plausible_fit, tried_prior
 from steelyard.feasibility import FeasibleSet, check
 from steelyard.files import file_hash, plain
-from steelyard.identification.default_terms import wider_model
-from steelyard.identification.given import given_constraints, given_logs
+from steelyard.identification.given import given_constraints, given_logs, wider_model
 from steelyard.identification.log_checks import copies_among
 from steelyard.identification.log_reader import ReducedLog
 from steelyard.identification.parameter_table import parameter_table

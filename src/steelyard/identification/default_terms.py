@@ -19,13 +19,13 @@ from steelyard.regression import Estimate, Information, least_squares
 from steelyard.regression.factor import solve
 from steelyard.robot import RobotFile
 
+from .given import wider_model
+
 __all__ = [
     "RotorDecision",
     "decide_rotors",
     "model_of_estimate",
     "model_with",
-    "wider_model",
-    "with_rotors",
 ]
 
 SURE_ROTOR = 4.0
@@ -82,17 +82,6 @@ class RotorDecision:
             f"The model has the inertia of a rotor at every joint, of which {source} says nothing: {self.reason}. "
             "Without it, links would get inertia that belongs to rotors; state [[terms]] in a robot.toml to choose."
         )
-
-
-def wider_model(file: RobotFile, model: Model) -> Model | None:
-    """Return the model with rotor inertia at every joint; None where the robot has it, or its terms are stated."""
-    stated = not file.terms_are_default or any(isinstance(term, RotorInertia) for term in model.robot.terms)
-    return None if stated else with_rotors(model)
-
-
-def with_rotors(model: Model) -> Model:
-    """Return the model with rotor inertia at every joint."""
-    return Model(model.robot.with_terms(*model.robot.terms, RotorInertia()))
 
 
 def model_with(names: Iterable[str], file: RobotFile, model: Model | None = None) -> Model:

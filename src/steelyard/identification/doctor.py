@@ -216,7 +216,8 @@ class _Patient:
     @property
     def columns(self) -> LogColumns:
         """[log] with the remedies so far."""
-        return LogColumns.from_dict(self.settings.get("log", {}), "[log]")
+        columns = LogColumns.from_dict(self.settings.get("log", {}), "[log]")
+        return columns if self.model is None else columns.of_joints(self.model.robot.position_units)
 
     @property
     def processing(self) -> Processing:
@@ -241,7 +242,10 @@ class _Patient:
         """Examine the log."""
         self.say("reading the log")
         files = LogFiles(self.log, self.columns)
-        self.layout = layout = self._layout(files)
+        layout = self._layout(files)
+        if self.model is not None:
+            layout = layout.with_sliding([unit == "m" for unit in self.model.robot.position_units])
+        self.layout = layout
         name = files.name
         self.sample = sample_of(files, layout)
         if self.sample is not None:

@@ -29,9 +29,10 @@ from steelyard.regression.time_blocks import TimeBlocks
 from steelyard.robot import RobotFile
 from steelyard.robot.description import URDF, description_format
 
-from .default_terms import decide_rotors, with_rotors
+from .default_terms import decide_rotors
 from .doctor import CHUNK_ROWS, POINTS, examine
 from .examination import Examination, merged
+from .given import with_rotors
 from .log_reader import LogReader
 
 __all__ = ["FirstRobotFile", "Guess", "first_robot_file"]
@@ -436,9 +437,7 @@ class _Draft:
         names = ", ".join(joint.name for joint in joints)
         sheet.comment(f"As the description has them, of {names}; motions that are designed keep them.")
         for key, (values, unit) in told.items():
-            # No joint has a limit of zero: descriptions write it where they know none.
-            known = [v if v > 0.0 or key in ("lower", "upper") else np.inf for v in map(float, values)]
-            sheet.state("limits", key, known, f"{unit}, from the description")
+            sheet.state("limits", key, list(map(float, values)), f"{unit}, from the description")
 
 
 class _Sheet:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from steelyard.dynamics import Model
+from steelyard.dynamics import Model, RotorInertia
 from steelyard.errors import InputError
 from steelyard.feasibility.constraints import Constraint, constraints_from_dict
 from steelyard.recording import LogFile, Measurements, Processing, Samples
@@ -32,6 +32,8 @@ __all__ = [
     "given_robot",
     "given_settings",
     "may_be_several",
+    "wider_model",
+    "with_rotors",
 ]
 
 
@@ -80,6 +82,17 @@ def given_robot(robot: GivenRobot) -> tuple[RobotFile, Model]:
     raise InputError(
         f"The robot is {_named(robot)}; give the path of a description or of a robot.toml, a sy.Robot or a sy.Model."
     )
+
+
+def wider_model(file: RobotFile, model: Model) -> Model | None:
+    """Return the model with rotor inertia at every joint; None where the robot has it, or its terms are stated."""
+    stated = not file.terms_are_default or any(isinstance(term, RotorInertia) for term in model.robot.terms)
+    return None if stated else with_rotors(model)
+
+
+def with_rotors(model: Model) -> Model:
+    """Return the model with rotor inertia at every joint."""
+    return Model(model.robot.with_terms(*model.robot.terms, RotorInertia()))
 
 
 def given_settings(

@@ -27,8 +27,18 @@ from steelyard.regression.batch_means import BatchMeansTree
 from steelyard.regression.reduction import empty_factors, narrowed, residuals
 from steelyard.regression.time_blocks import FOLDS, TimeBlocks
 
-from .default_terms import RotorDecision, decide_rotors, wider_model
-from .given import Data, GivenLog, GivenRobot, digests, given_constraints, given_logs, given_robot, given_settings
+from .default_terms import RotorDecision, decide_rotors
+from .given import (
+    Data,
+    GivenLog,
+    GivenRobot,
+    digests,
+    given_constraints,
+    given_logs,
+    given_robot,
+    given_settings,
+    wider_model,
+)
 from .late_logs import LateLog, late_hypotheses, late_logs
 from .log_checks import SHORTEST_DRIFT, change_in_log, copies_among, heavy_ends, mistakes_in_logs
 from .log_reader import DrawnLog, LogReader, LogReduction, LogTask, Progress, one_by_one

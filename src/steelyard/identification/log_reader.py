@@ -42,7 +42,7 @@ from steelyard.regression.reduction import FEWEST_EXACT, empty_factors, narrowed
 from steelyard.regression.time_blocks import FOLDS, MOST, TimeBlocks
 from steelyard.robot import Robot, RobotFile
 
-from .given import GivenLog, GivenSamples
+from .given import GivenLog, GivenSamples, wider_model
 
 if TYPE_CHECKING:
     from steelyard.dynamics.bristles import Bristles
@@ -227,7 +227,8 @@ class LogReader:
         self.file = file
         self.model = model
         self.chunk_rows = chunk_rows
-        self.columns = LogColumns.from_dict(file.section("log"), f"{file.path}, [log]")
+        columns = LogColumns.from_dict(file.section("log"), f"{file.path}, [log]")
+        self.columns = columns.of_joints(model.robot.position_units)
         self.stated = Processing.from_dict(file.section("processing"), f"{file.path}, [processing]")
         self.processing = self.near_rest = self.stated
         self.decided: dict[str, object] = {}
@@ -256,8 +257,10 @@ class LogReader:
                 f"{recordings[0].source}: no torque changes within {recordings[0].count} rows; check `torque` in "
                 "[log], or record it again."
             )
-        # No model has currents that each drive turns into torques in its own way.
-        decision = decide(self.stated, recordings, None if self.columns.finds_gains else self.model)
+        # No model has currents that each drive turns into torques in its own way. Rotors that a model lacks are drawn
+        # into what it has: a cutoff of 1.4 Hz made up for them where 8.6 Hz was right.
+        model = wider_model(self.file, self.model) or self.model
+        decision = decide(self.stated, recordings, None if self.columns.finds_gains else model)
         self.processing, self.near_rest = decision.processing, decision.near_rest
         names = [name for name in ("cutoff", "velocity_threshold") if getattr(self.stated, name) == "auto"]
         self.decided = {name: getattr(decision.processing, name) for name in names}
@@ -731,8 +734,8 @@ class JoinedSections:
 def against_limits(survey: LogSurvey, robot: Robot) -> tuple[str, ...]:
     """Compare a log with what the joints of a robot can do; see `steelyard.Recording.check_against`."""
     driving = [robot.joints[i] for i in robot.driving_joints]
-    limits = [[getattr(joint, key) for joint in driving] for key in ("lower", "upper", "velocity_limit")]
-    return survey.limit_remarks(*limits)
+    low, high, fastest = ([getattr(joint, key) for joint in driving] for key in ("lower", "upper", "velocity_limit"))
+    return survey.limit_remarks(low, high, fastest, robot.position_units)
 
 
 class DrawnRows:

@@ -736,6 +736,10 @@ class _Search:
             changes.append(("The positions", said, turning, factor))
         for factor, said in ((1.0 / THOUSAND, "in mm"), (THOUSAND, "a thousand times too small, m taken for mm")):
             changes.append(("The positions of the sliding joints", said, ~turning, factor))
+        if turning.any() and not turning.all():  # a controller that shows degrees shows mm, too
+            both = np.diag(np.where(turning, DEGREE, 1.0 / THOUSAND))
+            statement = "The positions look to be in degrees, and those of the sliding joints in mm"
+            self._try("position unit", statement, Correction(positions=both), 4.0, anywhere=True)
         for what, said, which, factor in changes:
             if not which.any():
                 continue

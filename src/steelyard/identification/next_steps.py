@@ -96,11 +96,12 @@ def found(identification: Identification) -> tuple[str, ...]:
         if told.confidence is None:
             sentences.append(f"{mass}; no number has an interval, because the torques were filtered.")
         else:
-            ends = f"{few_digits(total.lower)} to {few_digits(total.upper)} kg"
+            ends = f", {few_digits(total.lower)} to {few_digits(total.upper)} kg"
+            by = "data and physics" if told.has_physics else "the data"
             sentences.append(
-                f"{mass} ({total.basis}, {ends}): of {len(told)} numbers {told.count('measured')} are measured by the "
-                f"data alone, {told.count('bounded')} are bounded by data and physics, and {told.count('assumed')} are "
-                "assumed."
+                f"{mass} ({total.basis}{ends if told.has_physics or np.isfinite(total.upper) else ''}): of "
+                f"{len(told)} numbers {told.count('measured')} are measured by the data alone, "
+                f"{told.count('bounded')} are bounded by {by}, and {told.count('assumed')} are assumed."
             )
     verdict = identification.verdict
     before, after = identification.unconstrained.relative_error, identification.estimate.relative_error
@@ -462,10 +463,13 @@ def _weighing(identification: Identification) -> Iterator[NextStep]:
     stated = any(isinstance(one, (TotalMass, MeasuredMass)) and one.links is None for one in constraints)
     if total.basis == "assumed" and not stated:
         names = [link.name for link in table.links]
+        why = "the data do not show it"
+        if table.has_physics:
+            why = f"the data and physics allow {total.lower:.3g} to {total.upper:.3g} kg"
         yield NextStep(
             "State what the moving links weigh.",
-            f"Their mass, {total.value:.3g} kg, is assumed: the data and physics allow {total.lower:.3g} to "
-            f"{total.upper:.3g} kg. A data sheet or a scale gives it (all from {names[0]} on, without the base).",
+            f"Their mass, {total.value:.3g} kg, is assumed: {why}. A data sheet or a scale gives it (all from "
+            f"{names[0]} on, without the base).",
             "[constraints]\ntotal_mass = { equal = MASS }",
             "toml",
         )

@@ -159,6 +159,11 @@ class ParameterTable:
         """Of the intervals, 0.95; None where there are none."""
         return None if all(row.basis == "unknown" for row in self.rows) else CONFIDENCE
 
+    @property
+    def has_physics(self) -> bool:
+        """Whether intervals are those of data and physics, and not of the data alone, as for many parameters."""
+        return TOO_MANY not in self.sentences
+
     def __getitem__(self, name: str) -> ParameterRow:
         for row in self.rows:
             if row.name == name:
@@ -466,7 +471,7 @@ def _shares_of_rotors(feasible_set: FeasibleSet) -> tuple[Array, list[str]]:
     nothing: tuple[Array, list[str]] = (np.zeros((feasible_set.parameter_count, 0)), [])
     if not isinstance(model, Model) or "rotor_inertia" in model.described_as:
         return nothing
-    from .default_terms import with_rotors  # of robots without rotors alone
+    from .given import with_rotors  # of robots without rotors alone
 
     wider = with_rotors(model)
     narrow = {str(name): column for column, name in enumerate(wider.parameter_names)}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import pi
 from typing import Any
 
@@ -29,6 +29,8 @@ PER_SECOND = {
     "mm/s": "mm/s²",
 }
 """The unit of what changes by one unit in a second."""
+LENGTHS = ("m", "mm", "m/s", "mm/s")
+"""Units of positions and velocities of joints that slide."""
 TORQUE_UNITS = {
     "N·m": 1.0,
     "N m": 1.0,
@@ -68,7 +70,8 @@ class LogColumns(TomlSection):
         List of column names, or a pattern: `{}` stands for 1, 2, … (or 0, 1, …) and `{name}` for the joint's name. The
         word "none" for velocity or acceleration leaves columns that are in the log unread.
     position_unit, velocity_unit, torque_unit
-        One unit, or a list with one per column. Positions: rad, deg, m, mm. Velocities (and accelerations, per s more):
+        One unit, or a list with one per column; where some joints turn and others slide, one unit is that of its kind,
+        and the other kind has rad or m. Positions: rad, deg, m, mm. Velocities (and accelerations, per s more):
         rad/s, deg/s, rpm, m/s, mm/s; by default that of the positions per s. Torques: N·m, mN·m, N; A, mA with `gain`.
         By default what the names of the columns say, otherwise rad and N·m.
     position_matrix, position_offset
@@ -159,6 +162,35 @@ class LogColumns(TomlSection):
             )
         if self.rate is not None and self.time is None and self.time_unit is not None:
             raise InputError(f"{where} gives time_unit and rate but no time; time_unit belongs to a time column.")
+
+    def of_joints(self, usual: Sequence[str]) -> LogColumns:
+        """Return the same for joints of which some turn and others slide: one unit for all is that of its kind.
+
+        Degrees say nothing of a joint that slides, nor millimetres of one that turns; such joints keep their SI unit.
+
+        Parameters
+        ----------
+        usual : sequence of str
+            The SI units of the positions of all joints, ``"rad"`` or ``"m"``, as `Robot.position_units` tells them.
+
+        Examples
+        --------
+        >>> LogColumns(position_unit="deg").of_joints(["rad", "m"]).position_unit
+        ('deg', 'm')
+        """
+        if self.position_matrix is not None or len(set(usual)) < 2:
+            return self
+
+        def of_each(stated: str | tuple[str, ...] | None, own: Sequence[str]) -> str | tuple[str, ...] | None:
+            if not isinstance(stated, str):
+                return stated
+            return tuple(stated if (one in LENGTHS) == (stated in LENGTHS) else one for one in own)
+
+        return replace(
+            self,
+            position_unit=of_each(self.position_unit, usual),
+            velocity_unit=of_each(self.velocity_unit, [PER_SECOND[one] for one in usual]),
+        )
 
     @property
     def topics(self) -> tuple[str, ...]:

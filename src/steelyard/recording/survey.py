@@ -15,7 +15,7 @@ from .measurements import Measurements
 from .samples import column_extremes
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import ArrayLike
 
@@ -293,8 +293,10 @@ class LogSurvey:
         words = " and ".join(f"{count} {name}" for count, name in counts if count)
         return (f"{words[0].upper()}{words[1:]} are missing; they were filled in, and are not used.",) if words else ()
 
-    def limit_remarks(self, lower: ArrayLike, upper: ArrayLike, velocity_limit: ArrayLike) -> tuple[str, ...]:
-        """Compare with limits; see `Recording.check_against`."""
+    def limit_remarks(
+        self, lower: ArrayLike, upper: ArrayLike, velocity_limit: ArrayLike, units: Sequence[str] | None = None
+    ) -> tuple[str, ...]:
+        """Compare with limits; see `Recording.check_against`. `units` are "m" where a joint slides, "rad" where not."""
         low, high, fastest = (np.asarray(values, dtype=np.float64) for values in (lower, upper, velocity_limit))
         for values in (low, high, fastest):
             if values.shape != (len(self.speed),):
@@ -313,18 +315,34 @@ class LogSurvey:
 
         joints = range(len(self.speed))
         outside = [j for j in joints if not fits(j, j)]
+        usual = ("rad",) * len(self.speed) if units is None else tuple(units)
         # Three times beyond is no calibration error: with all joints fitting after the change of unit, it is certain.
-        far = [j for j in outside if max(-reach_low[j], reach_high[j]) > 3.0 * max(abs(low[j]), abs(high[j]), 0.5)]
-        if far and all(fits(j, j, DEGREE) for j in joints):
+        # As millimetres nearly everything fits, so that slides must be beyond by more, about the root of a thousand.
+        beyond = {"rad": (3.0, 0.5), "m": (30.0, 0.1)}
+        far = [
+            j
+            for j, (times, least) in enumerate(beyond[one] for one in usual)
+            if j in outside and max(-reach_low[j], reach_high[j]) > times * max(abs(low[j]), abs(high[j]), least)
+        ]
+        wrong = {usual[j] for j in far}  # joints of one kind have one unit as a rule
+        smaller = {"rad": ("deg", DEGREE), "m": ("mm", 1e-3)}
+        told, scales = zip(*(smaller[one] if one in wrong else (one, 1.0) for one in usual), strict=True)
+        if far and all(fits(j, j, scales[j]) for j in joints):
             j = far[0]
-            others = ", or a list with a unit for each joint, for the others fit as radians, too" * any(
-                fits(k, k) for k in joints
+            alike = [k for k in joints if usual[k] == usual[j]]
+            as_usual = "radians" if usual[j] == "rad" else "metres"
+            others = f", or a list with a unit for each joint, for the others fit as {as_usual}, too" * any(
+                fits(k, k) for k in alike
             )
+            words = {"deg": "degrees", "mm": "millimetres"}
+            how = " and ".join(words[one] for one in dict.fromkeys(told[k] for k in far))
+            quoted = [f'"{one}"' for one in told]
+            line = quoted[j] if set(told) == {"deg"} else f"[{', '.join(quoted)}]"
             raise InputError(
                 f"{self.source}: the position of {self.label(j)} goes from {reach_low[j]:.5g} to "
-                f"{reach_high[j]:.5g} rad, far beyond its limits of {low[j]:.4g} and {high[j]:.4g} rad, "
-                "and all joints fit theirs as degrees; "
-                f'state `position_unit = "deg"` in [log]{others}.'
+                f"{reach_high[j]:.5g} {usual[j]}, far beyond its limits of {low[j]:.4g} and {high[j]:.4g} {usual[j]}, "
+                f"and all joints fit theirs as {how}; "
+                f"state `position_unit = {line}` in [log]{others}."
             )
         remarks = []
         for j in outside:

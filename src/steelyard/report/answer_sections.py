@@ -81,7 +81,8 @@ def parameters(identification: Identification) -> Markup:
             "<p>Each interval holds the true value with a probability of 95 %, as far as the model is right: it counts "
             "noise, and everything that the motion does not show, within what is physically possible. "
             "<strong>Measured</strong>: the data alone determine the value, to about a fifth of its size. "
-            "<strong>Bounded</strong>: data and physics together confine it to its size. <strong>Assumed</strong>: "
+            f"<strong>Bounded</strong>: {'data and physics together' if told.has_physics else 'the data'} confine it "
+            "to its size. <strong>Assumed</strong>: "
             "neither confines it, and the value was chosen near what is known beforehand; do not take it for that of "
             "the real robot.</p>"
             f'<p class="key">{bar(_KEY, _BAR)} '

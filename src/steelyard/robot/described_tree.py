@@ -35,6 +35,9 @@ REFUSED = {
     "gearbox": "this one couples two joints and closes a loop",
 }
 """Why joints of a kind are not modelled."""
+ENDLESS = 1e4
+"""rad or m. Some descriptions write ±999999 where a joint has no limit; taken for a stroke, a slide would be as long,
+and so would bodies that are guessed by it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -317,10 +320,11 @@ class _Assembly:
             multiplier=drive.multiplier,
             offset=drive.offset,
             mimics=None if drive.driver == joint.name else drive.driver,
-            lower=joint.lower,
-            upper=joint.upper,
-            velocity_limit=joint.velocity_limit,
-            effort_limit=joint.effort_limit,
+            lower=joint.lower if abs(joint.lower) < ENDLESS else -math.inf,
+            upper=joint.upper if abs(joint.upper) < ENDLESS else math.inf,
+            # Descriptions write a speed or an effort of zero where they know none.
+            velocity_limit=joint.velocity_limit if joint.velocity_limit > 0.0 else math.inf,
+            effort_limit=joint.effort_limit if joint.effort_limit > 0.0 else math.inf,
             damping=joint.damping,
             friction=joint.friction,
             rotor_inertia=joint.rotor_inertia,

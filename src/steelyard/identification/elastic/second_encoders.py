@@ -292,7 +292,7 @@ def _require_alike(first: Array, second: Array, what: str) -> None:
 
 def log_columns(file: RobotFile) -> LogColumns:
     """Return the section [log] of a robot file."""
-    return LogColumns.from_dict(file.section("log"), f"{file.path}, [log]")
+    return LogColumns.from_dict(file.section("log"), f"{file.path}, [log]").of_joints(file.robot.position_units)
 
 
 def names_in(log: GivenLog, columns: LogColumns) -> list[str]:

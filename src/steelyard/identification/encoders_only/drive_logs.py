@@ -130,8 +130,9 @@ def _read(
             f"{', '.join(files.names[:30])}: correct `{'scale' if missing[0] in scale else 'command'}`."
         )
     columns = {**section, "torque": list(command), "torque_unit": "N·m", "velocity": "none", "acceleration": "none"}
+    read = LogColumns.from_dict(columns, f"{file.path}, [log]").of_joints(robot.position_units)
     try:
-        recording = Recording.read(log, columns, robot.joint_names)
+        recording = Recording.read(log, read, robot.joint_names)
     except InputError:
         _refuse_uncommanded(robot, files, command, name)
         raise
