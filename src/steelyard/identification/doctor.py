@@ -52,9 +52,9 @@ from .late_logs import LateLog, errors_of, late_hypotheses, late_logs
 from .log_checks import SHORTEST_DRIFT, change_in_log, mistakes_in_logs
 from .log_reader import DrawnRows, LogReader, against_limits
 from .prediction_verdict import said_of
-from .torque_scale import gravity_scale
 from .unlogged_torques import told_by_unlogged_torques
 from .validation import DRAWN_ROWS, few_rows_of
+from .wrong_scale import scale_by_description
 
 __all__ = ["examine"]
 
@@ -598,7 +598,7 @@ class _Patient:
         limits, samples = given_constraints(file), {name: fit.samples}
         found = mistakes_in_logs(reader, file, limits, {name: self.log}, samples, {name: worst}, self.say).get(name, ())
         layout = reader.layouts.get(name)
-        scale = gravity_scale(self.model, information, estimate, [fit.samples], self._file(), layout)
+        scale = scale_by_description(self.model, [fit.samples], self._file(), layout)
         if scale is not None and found and scale.outweighs(found[0]):
             found = ()
         for hypothesis in found[:1]:
@@ -614,9 +614,9 @@ class _Patient:
                 self.add(finding)
             self._beyond_limits(survey)
             if scale is not None:
-                weight = abs(float(np.log(scale.ratio)))
-                advice = f"If these masses are right, {toml_inline(scale.settings)} mends it." if scale.settings else ""
-                self.add(Finding("torque scale", scale.sentence, "wrong", weight, advice=advice))
+                weight, kind = abs(float(np.log(scale.factor))), f"{scale.of.removesuffix('s')} scale"
+                right = f"If the description is right, {toml_inline(scale.settings)} mends it."
+                self.add(Finding(kind, scale.sentence, "wrong", weight, advice=right if scale.settings else ""))
             self._excitation(fit)
             self._events(name, fit)
             if fit.drifts and recording.duration >= SHORTEST_DRIFT:

@@ -46,7 +46,7 @@ from .mistakes import POOR, sentence
 from .parameter_table import parameter_table
 from .prediction_verdict import FewRows, few_rows, prediction_verdict
 from .result import Identification, Prediction, Trace
-from .torque_scale import TorqueScale, torque_scale
+from .wrong_scale import WrongScale, wrong_scale
 
 if TYPE_CHECKING:
     from steelyard.regression.body_change import BodyChange
@@ -391,7 +391,7 @@ def identify(
     # Half of a log with a body looks like many a mistake.
     errors = {name: error for name, error in _worst_errors(predictions).items() if name not in changes}
     mistakes = mistakes_in_logs(reader, file, limits, by_name, samples, errors, say, well, known)
-    scale: TorqueScale | None = None
+    scale: WrongScale | None = None
     if not changes and not reader.units_are_suspect:
 
         def free() -> Estimate | None:
@@ -403,7 +403,7 @@ def identify(
 
         seen = [part[3] for part in parts if part[1] == "identification"]
         layout = reader.layouts.get(parts[0][0])
-        scale = torque_scale(model, information, unconstrained, free, seen, file, layout)
+        scale = wrong_scale(model, free, seen, file, layout)
     # Of several logs, one alone may have another unit than all the others.
     if scale is not None and (len(logs) == 1 or len(mistakes) > 1):
         mistakes = {name: found for name, found in mistakes.items() if not scale.outweighs(found[0])}

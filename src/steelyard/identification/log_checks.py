@@ -26,7 +26,7 @@ from .given import GivenLog, GivenSamples
 from .log_reader import LogReader
 from .mistakes import MOTION_UNITS, TOO_MANY_JOINTS, Hypothesis, find_mistakes
 from .parameter_table import MANY_PARAMETERS, ParameterTable
-from .torque_scale import masses
+from .wrong_scale import masses
 
 __all__ = ["change_in_log", "copies_among", "heavy_ends", "mistakes_in_logs"]
 

@@ -248,12 +248,13 @@ def _mistakes(identification: Identification) -> Iterator[NextStep]:
 
 
 def _scale(identification: Identification) -> Iterator[NextStep]:
-    """Torques of another size than the weight of the robot needs, so that all masses are wrong by one factor."""
+    """Torques or times of another size than the robot needs, so that all masses or inertias are wrong by one factor."""
     scale = identification.scale
     if scale is not None:
-        mends = "With the line below the two agree." if scale.settings else "GAIN is N·m per unit of the columns."
+        words = "GAIN is N·m per unit of the columns." if scale.of == "torques" else "RATE is rows per second."
+        mends = "With the line below the log agrees with the description." if scale.settings else words
         yield NextStep(
-            "Check the scale of the torques, and identify again.", f"{scale.sentence} {mends}", scale.toml, "toml"
+            f"Check the scale of the {scale.of}, and identify again.", f"{scale.sentence} {mends}", scale.toml, "toml"
         )
 
 

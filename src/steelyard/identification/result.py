@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
     from .chosen_friction import FrictionChoice
     from .elastic.elastic_model import ElasticModel
-    from .torque_scale import TorqueScale
+    from .wrong_scale import WrongScale
 
 __all__ = ["Identification", "Prediction", "Trace"]
 
@@ -144,8 +144,8 @@ class Identification:
         the log cannot tell from it. Nothing is changed silently.
     changes : mapping from str to BodyChange
         The body that the robot picks up or puts down in the course of a log, by log.
-    scale : TorqueScale or None
-        That the torques of all joints have another size than the weight of the robot needs.
+    scale : WrongScale or None
+        That torques, or times, have another size than the weight, or the inertia, of the robot needs.
     drifts : tuple of str
         A sentence for each log in which friction grows or falls steadily with time, as it does while gears warm up.
     cutoff_choices : tuple of (str, CutoffChoice)
@@ -183,7 +183,7 @@ class Identification:
     options: dict[str, object]
     mistakes: Mapping[str, tuple[Hypothesis, ...]] = field(default_factory=dict)
     changes: Mapping[str, BodyChange] = field(default_factory=dict)
-    scale: TorqueScale | None = None
+    scale: WrongScale | None = None
     drifts: tuple[str, ...] = ()
     cutoff_choices: tuple[tuple[str, CutoffChoice], ...] = ()
     in_memory: Mapping[str, str] = field(default_factory=dict)
@@ -358,7 +358,7 @@ class Identification:
                 for one in self.predictions
             ],
             "changes": [{"log": log} | asdict(one) for log, one in self.changes.items()],
-            "torque_scale": None if self.scale is None else self.scale.to_dict(),
+            "wrong_scale": None if self.scale is None else self.scale.to_dict(),
             "drifts": self.drifts,
             "mistakes": [
                 {"log": log, "kind": one.kind, "statement": one.statement, "evidence": one.evidence, "toml": one.toml}

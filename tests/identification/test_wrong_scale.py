@@ -7,7 +7,7 @@ import steelyard as sy
 from steelyard.dynamics import Spring
 from steelyard.identification import examine
 from steelyard.identification.next_steps import next_steps
-from steelyard.identification.torque_scale import measured_gravity
+from steelyard.identification.wrong_scale import link_torques
 
 ROWS = [("pi/2", 0, 0.3, "q"), (0, 0.4, 0, "q"), (0, 0.35, 0, "q"), ("pi/2", 0, 0, "q")]
 NAMES = ("link1", "link2", "link3", "link4")
@@ -54,7 +54,7 @@ def samples_of(motion, factor=1.0, tool=None):
 def test_one_factor_of_all_torques_is_the_first_thing_to_check(motion, factor):
     result = sy.identify(robot_of(CAD), samples_of(motion, factor))
     assert result.scale is not None
-    assert result.scale.ratio == pytest.approx(factor, rel=0.25)
+    assert result.scale.factor == pytest.approx(factor, rel=0.25)
     assert result.scale.sentence in result.remarks
     first, *others = next_steps(result)
     assert first.reason.startswith(result.scale.sentence)
@@ -62,7 +62,7 @@ def test_one_factor_of_all_torques_is_the_first_thing_to_check(motion, factor):
     # The line mends it: masses are those of the description within what these are wrong by.
     (line,) = [float(one.strip(" []")) for one in first.code.split("gain = ")[1].split(",")][:1]
     assert line == pytest.approx(1.0 / factor, rel=0.25)
-    assert result.to_dict()["torque_scale"]["ratio"] == result.scale.ratio
+    assert result.to_dict()["wrong_scale"]["factor"] == result.scale.factor
 
 
 @pytest.mark.parametrize("factor", [0.7, 1.0, pytest.param(1.5, marks=pytest.mark.slow)])
@@ -70,23 +70,22 @@ def test_masses_as_far_off_as_those_of_cad_are_no_scale(motion, factor):
     assert sy.identify(robot_of(CAD), samples_of(motion, factor)).scale is None
 
 
-def gravity(motion, inertias, **made):
-    model, samples = sy.Model(robot_of(inertias)), samples_of(motion, **made)
-    information = sy.Information.from_samples(model, samples)
-    return measured_gravity(model, information, sy.least_squares(information), samples.q[::20])
+def links(motion, inertias=CAD, **made):
+    return link_torques(sy.Model(robot_of(inertias)), [samples_of(motion, **made)])
 
 
-def test_ratios_are_those_of_gravity_at_the_joints_that_carry_something(motion):
-    """With the centres of CAD they lie between the least and the largest ratio of masses, here 0.8 to 1.2."""
-    found = gravity(motion, CAD, factor=3.0)
-    assert 1 <= len(found.ratios) <= 3  # nothing of the first axis, which is vertical
-    assert np.all((found.ratios > 0.79 * 3) & (found.ratios < 1.21 * 3))
+def test_ratios_are_those_of_the_links_at_the_joints_that_carry_something(motion):
+    """They lie between the least and the largest ratio of masses, here 0.8 to 1.2."""
+    found = links(motion, factor=3.0)
+    assert 1 <= len(found.gravity) <= 3  # nothing of the first axis, which is vertical
+    for ratios in (found.gravity, found.inertia):
+        assert np.all((ratios > 0.79 * 3) & (ratios < 1.21 * 3))
     assert found.left_by_scale < found.left_by_tool
 
 
 def test_a_tool_is_no_scale(motion):
-    found = gravity(motion, CAD, tool=TOOL)
-    assert found.ratios.min() > 2.0
+    found = links(motion, tool=TOOL)
+    assert found.gravity.min() > 2.0
     assert found.left_by_tool < found.left_by_scale
     assert sy.identify(robot_of(CAD), samples_of(motion, tool=TOOL)).scale is None
 
@@ -94,22 +93,66 @@ def test_a_tool_is_no_scale(motion):
 def test_links_without_masses_may_explain_what_is_too_large_only(motion):
     partly = {name: CAD[name] for name in NAMES[:3]}
     assert sy.identify(robot_of(partly), samples_of(motion, 20.0)).scale is None
-    assert sy.identify(robot_of(partly), samples_of(motion, 0.05)).scale.ratio < 0.1
+    assert sy.identify(robot_of(partly), samples_of(motion, 0.05)).scale.factor < 0.1
 
 
-def test_a_motion_that_hardly_shows_gravity_tells_no_scale(motion):
+def test_a_motion_that_hardly_shows_the_links_tells_no_scale(motion):
     t, *rest = motion
     q, dq, ddq = (0.002 * one for one in rest)
-    assert gravity((t, q, dq, ddq), CAD, factor=0.05) is None
+    found = links((t, q, dq, ddq), factor=0.05)
+    assert found.gravity is None
+    assert not found.weightless
 
 
 def test_gravity_that_a_spring_may_take_is_not_told_from_it(motion):
-    """A counterweight by a term of the model has the columns of gravity: a factor of these is no scale."""
     model = sy.Model(robot_of(CAD).with_terms(*TERMS, Spring()))
-    samples = samples_of(motion, 0.05)
-    information = sy.Information.from_samples(model, samples)
-    found = measured_gravity(model, information, sy.least_squares(information), samples.q[::20])
-    assert found is None or found.ratios == pytest.approx(0.05, rel=0.25)
+    found = link_torques(model, [samples_of(motion, 0.05)])
+    assert found.gravity is None or found.gravity == pytest.approx(0.05, rel=0.25)
+
+
+def recorded(motion, folder, longer, rate=200.0):
+    """A log whose rows are further apart than they were."""
+    t, q, *_ = motion
+    times = {} if rate is None else {"t": t * longer}
+    columns = {**times, **{f"q{k + 1}": one for k, one in enumerate(q.T)}}
+    torque = samples_of(motion).torque
+    np.savez(folder / "log.npz", **columns, **{f"tau{k + 1}": one for k, one in enumerate(torque.T)})
+    return folder / "log.npz"
+
+
+@pytest.mark.parametrize("longer", [0.5, pytest.param(2.0, marks=pytest.mark.slow), 4.0])
+def test_rows_that_are_closer_or_further_apart_are_the_first_thing_to_check(motion, tmp_path, longer):
+    result = sy.identify(robot_of(CAD), [recorded(motion, tmp_path, longer)])
+    assert result.scale.of == "times"
+    assert result.scale.factor == longer
+    first, *others = next_steps(result)
+    assert first.code == "[log]\nrate = RATE"
+    assert not others
+    assert f"{max(longer, 1 / longer):g} times too {'long' if longer > 1 else 'short'}" in first.reason
+    (finding,) = [one for one in examine(tmp_path / "log.npz", robot_of(CAD)).findings if one.harm == "wrong"]
+    assert finding.statement.startswith("The inertia of the links takes")
+
+
+def test_a_rate_that_is_stated_is_mended(motion, tmp_path):
+    log = recorded(motion, tmp_path, 1.0, rate=None)
+    result = sy.identify(robot_of(CAD), [log], columns=sy.LogColumns(rate=100.0))
+    assert next_steps(result)[0].code == "[log]\nrate = 200"
+    assert sy.identify(robot_of(CAD), [log], columns=sy.LogColumns(rate=200.0)).scale is None
+
+
+def test_without_gravity_torques_or_times_may_have_the_wrong_size(motion):
+    """A SCARA: every axis is vertical."""
+    rows = [("0", 0.4, 0.3, "q"), (0, 0.35, 0, "q")]
+    bodies = {name: sy.Inertia.from_com(3.0, (-0.15, 0, 0), 0.02 * np.eye(3)) for name in NAMES[:2]}
+    robot = sy.Robot.from_dh(rows, inertias=bodies, gravity=(0, 0, -9.81)).with_terms(*TERMS)
+    model = sy.Model(robot)
+    t, q, dq, ddq = motion
+    q, dq, ddq = q[:, 1:3], dq[:, 1:3], ddq[:, 1:3]
+    truth = np.where(np.isnan(model.robot.parameters), 0.3, model.robot.parameters)
+    torque = 0.05 * (model.inverse_dynamics(q, dq, ddq, truth) + 0.02 * np.random.default_rng(5).normal(size=q.shape))
+    result = sy.identify(robot, sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque, t=t))
+    assert result.scale.factor == pytest.approx(0.05, rel=0.1)
+    assert "The inertia of the links takes 0.05" in result.scale.sentence
 
 
 def test_doctor_tells_it_and_states_nothing_of_it(motion, tmp_path):
