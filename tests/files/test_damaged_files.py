@@ -144,7 +144,7 @@ FIELDS = {
         '"joint_names": ["x", ',
         "one factor for each joint",
     ),
-    "infinite trajectory": ("trajectory.json", '"q": [[', '"q": [[1e306, ', "is not a trajectory"),
+    "uneven trajectory": ("trajectory.json", '"q": [[', '"q": [[1e306, ', "must be real numbers"),
     "trajectory without end": (
         "trajectory.json",
         '"times": [0.0, 1.0, 2.0]',

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,7 +22,8 @@ from steelyard.recording.recognition import Layout
 from steelyard.regression import Estimate
 from steelyard.robot import RobotFile
 
-from .mistakes import Hypothesis
+if TYPE_CHECKING:
+    from .mistakes import Hypothesis
 
 __all__ = ["LinkTorques", "WrongScale", "link_torques", "masses", "scale_by_description", "wrong_scale"]
 
