@@ -61,7 +61,9 @@ def test_an_identification_loads_few_files(folder, description):
     (folder / "robot.toml").write_text(description)
     done = subprocess.run([sys.executable, "-c", COUNT], cwd=folder, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    loaded = [name for name in done.stdout.split() if name.startswith("steelyard")]
+    # What writes loops is loaded where they are compiled, once on a machine.
+    unusual = {"steelyard.graph.loops"}
+    loaded = [name for name in done.stdout.split() if name.startswith("steelyard") and name not in unusual]
     assert "steelyard.estimators.fit" in loaded
     assert len(loaded) <= MOST, loaded
     # What an identification of this robot and this log has no use for.
