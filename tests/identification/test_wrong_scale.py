@@ -33,8 +33,11 @@ def motion():
     return t, 0.9 * np.sin(phase), 0.9 * w * np.cos(phase), -0.9 * w**2 * np.sin(phase)
 
 
-def samples_of(motion, factor=1.0, tool=None):
-    """What an arm whose masses are off those of CAD by up to 20 % shows, with its torques times a factor."""
+def samples_of(motion, factor=1.0, tool=None, weight=1.0):
+    """What an arm whose masses are off those of CAD by up to 20 % shows, with its torques times a factor.
+
+    Counterweights on strings would leave it a part of its weight.
+    """
     t, q, dq, ddq = motion
     parts = zip(CAD.items(), (0.9, 1.2, 0.8, 1.1), strict=True)
     deviating = {name: sy.Inertia.from_parameters(part * body.parameters) for (name, body), part in parts}
@@ -45,7 +48,7 @@ def samples_of(motion, factor=1.0, tool=None):
     for columns, body in zip(model.link_columns, deviating.values(), strict=True):
         truth[columns] = body.parameters
     truth[np.isnan(truth)] = 0.3
-    torque = model.inverse_dynamics(q, dq, ddq, truth)
+    torque = model.inverse_dynamics(q, dq, ddq, truth, gravity=(0.0, 0.0, -9.81 * weight))
     torque += 0.05 * np.random.default_rng(3).normal(size=q.shape)
     return sy.Samples(q=q, dq=dq, ddq=ddq, torque=factor * torque, t=t)
 
@@ -88,6 +91,13 @@ def test_a_tool_is_no_scale(motion):
     assert found.gravity.min() > 2.0
     assert found.left_by_tool < found.left_by_scale
     assert sy.identify(robot_of(CAD), samples_of(motion, tool=TOOL)).scale is None
+
+
+def test_what_carries_the_links_is_no_scale(motion):
+    found = links(motion, weight=0.3)
+    assert found.gravity.max() < 0.5
+    assert found.inertia.min() > 0.7
+    assert sy.identify(robot_of(CAD), samples_of(motion, weight=0.3)).scale is None
 
 
 def test_links_without_masses_may_explain_what_is_too_large_only(motion):

@@ -153,20 +153,27 @@ def scale_by_description(
 
 def _by_description(model: Model, found: LinkTorques, file: RobotFile, layout: Layout | None) -> WrongScale | None:
     known = not np.isnan(masses(model, model.robot.parameters)).any()
-    ratios = found.gravity
-    if ratios is not None:
-        if ratios.min() > FACTOR and known and found.left_by_scale < found.left_by_tool:
-            return _of_torques(model, "Gravity", ratios, "these masses and what the robot carries", file, layout)
-        if ratios.max() < 1.0 / FACTOR:
-            others = "these masses and springs or counterweights that carry the links"
-            return _of_torques(model, "Gravity", ratios, others, file, layout)
-        return None if found.inertia is None else _of_times(model, ratios, found.inertia, known, file, layout)
-    ratios = found.inertia if found.weightless else None
-    if ratios is None or not (ratios.max() < 1.0 / INERTIAL or (ratios.min() > INERTIAL and known)):
-        return None
-    times = few_digits(float(np.sqrt(ratios[0])), 2)
-    others = f"the times, which would be {times} times too long instead, and these masses"
-    return _of_torques(model, "The inertia of the links", ratios, others, file, layout)
+    gravity, inertia = found.gravity, found.inertia
+    if gravity is None:
+        if inertia is None or not found.weightless or not _is_off(inertia, INERTIAL, known):
+            return None
+        times = few_digits(float(np.sqrt(inertia[0])), 2)
+        others = f"the times, which would be {times} times too long instead, and these masses"
+        return _of_torques(model, "The inertia of the links", inertia, others, file, layout)
+    # A factor of the torques is one of both; springs and counterweights, and centres that CAD has wrong, are not.
+    both = inertia is None or bool(1.0 / INERTIAL < inertia[0] / gravity[0] < INERTIAL)
+    if both and _is_off(gravity, FACTOR, known and found.left_by_scale < found.left_by_tool):
+        others = "what the robot carries" if gravity[0] > 1.0 else "springs or counterweights that carry the links"
+        return _of_torques(model, "Gravity", gravity, f"these masses and {others}", file, layout)
+    usual = bool(1.0 / FACTOR < gravity[0] < FACTOR)
+    if inertia is not None and usual and _is_off(inertia / gravity[0], INERTIAL, known):
+        return _of_times(model, gravity, inertia, file, layout)
+    return None
+
+
+def _is_off(ratios: Array, factor: float, may_be_large: bool) -> bool:
+    """Tell whether all ratios are beyond a factor, to the same side."""
+    return bool(ratios.max() < 1.0 / factor or (may_be_large and ratios.min() > factor))
 
 
 def _of_torques(
@@ -184,13 +191,8 @@ def _of_torques(
     )
 
 
-def _of_times(
-    model: Model, gravity: Array, inertia: Array, known: bool, file: RobotFile, layout: Layout | None
-) -> WrongScale | None:
-    ratios = inertia / gravity[0]
-    if not (ratios.max() < 1.0 / INERTIAL or (ratios.min() > INERTIAL and known)):
-        return None
-    factor = float(np.sqrt(ratios[0]))
+def _of_times(model: Model, gravity: Array, inertia: Array, file: RobotFile, layout: Layout | None) -> WrongScale:
+    factor = float(np.sqrt(inertia[0] / gravity[0]))
     whole = round(max(factor, 1.0 / factor))
     nearest = float(whole) if factor > 1.0 else 1.0 / whole
     factor = nearest if abs(factor / nearest - 1.0) < WHOLE else factor
