@@ -136,7 +136,7 @@ def test_rows_that_are_closer_or_further_apart_are_the_first_thing_to_check(moti
     assert result.scale.of == "times"
     assert result.scale.factor == longer
     first, *others = next_steps(result)
-    assert first.code == "[log]\nrate = RATE"
+    assert first.code == f"# divide the times in the log by {longer:g}"
     assert not others
     assert f"{max(longer, 1 / longer):g} times too {'long' if longer > 1 else 'short'}" in first.reason
     (finding,) = [one for one in examine(tmp_path / "log.npz", robot_of(CAD)).findings if one.harm == "wrong"]

@@ -251,7 +251,9 @@ def _scale(identification: Identification) -> Iterator[NextStep]:
     """Torques or times of another size than the robot needs, so that all masses or inertias are wrong by one factor."""
     scale = identification.scale
     if scale is not None:
-        words = "GAIN is N·m per unit of the columns." if scale.of == "torques" else "RATE is rows per second."
+        words = "GAIN is N·m per unit of the columns."
+        if scale.of == "times":
+            words = "No line of robot.toml mends the stamps of a log."
         mends = "With the line below the log agrees with the description." if scale.settings else words
         yield NextStep(
             f"Check the scale of the {scale.of}, and identify again.", f"{scale.sentence} {mends}", scale.toml, "toml"

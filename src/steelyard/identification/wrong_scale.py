@@ -100,8 +100,11 @@ class WrongScale:
     @property
     def toml(self) -> str:
         """Lines of robot.toml that mend it; words in capitals are to be filled in."""
-        lacking = "gain = GAIN" if self.of == "torques" else "rate = RATE"
-        return toml_text(self.settings).strip() or f"[log]\n{lacking}"
+        if self.settings:
+            return toml_text(self.settings).strip()
+        # A rate does not replace the stamps of a log.
+        times = f"# divide the times in the log by {few_digits(self.factor)}"
+        return "[log]\ngain = GAIN" if self.of == "torques" else times
 
     def to_dict(self) -> dict[str, object]:
         """Return it as plain data."""
@@ -136,7 +139,7 @@ def wrong_scale(
         None where links are what is expected, or nothing shows them.
     """
     found = link_torques(model, samples)
-    if found.gravity is None and found.inertia is None:
+    if found.gravity is None and (found.inertia is None or not found.weightless):
         return _by_mass(model, free(), samples[0])
     return _by_description(model, found, file, layout)
 
