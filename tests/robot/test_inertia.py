@@ -102,3 +102,9 @@ def test_half_of_an_inertia_is_refused():
     """The products of one triangle were taken as they are, and halved where the frame was moved."""
     with pytest.raises(InputError, match=r"symmetric matrix, .* write each product of inertia at both of its places"):
         Inertia.from_com(2.0, (0, 0, 0), [[2.0, 0.5, 0.1], [0.0, 3.0, 0.2], [0.0, 0.0, 4.0]])
+
+
+def test_what_rounding_leaves_of_a_point_mass_need_not_be_symmetric():
+    """A description of a hand has a frame without size, of which a rotation leaves this much."""
+    left = 1e-20 * np.array([[2.7, -0.34, 2.7], [-0.17, 5.4, 0.34], [1.4, 0.34, 1.0]])
+    assert Inertia.from_com(1.0, [0.1, 0.0, 0.0], left).mass == 1.0

@@ -136,15 +136,16 @@ def inertia_tensor(elements: ArrayLike) -> Matrix:
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
-# Differences of opposite elements that are more than rounding, as a part of the largest element.
-_ASYMMETRIC = 1e-6
+# Differences of opposite elements that are more than rounding, as a part of the largest element; and in kg·m², for what
+# is left of a point mass where larger inertias were subtracted.
+_ASYMMETRIC, _NOTHING = 1e-6, 1e-13
 
 
 def _given(values: ArrayLike, shape: tuple[int, ...], what: str) -> Matrix:
     array = np.asarray(values, dtype=float)
     if array.shape != shape:
         raise InputError(f"The {what} of a body must have the shape {shape}, got {array.shape}.")
-    if array.ndim == 2 and (np.abs(array - array.T) > _ASYMMETRIC * np.abs(array).max()).any():
+    if array.ndim == 2 and (np.abs(array - array.T) > _ASYMMETRIC * np.abs(array).max() + _NOTHING).any():
         raise InputError(
             f"The {what} of a body must be a symmetric matrix, got {array.tolist()}; write each product of inertia at "
             "both of its places."
