@@ -29,7 +29,7 @@ from .catalogue import CATALOGUE, forward_dynamics_function
 from .conditions import model_conditions
 from .functions import BaseColumns, Call, Evaluator, ModelFunctions, parameter_values
 from .layout import ParameterLayout
-from .terms import check_term, is_known_term, term_from_dict
+from .terms import RotorInertia, check_term, is_known_term, term_from_dict
 from .threads import one_thread
 
 if TYPE_CHECKING:
@@ -604,6 +604,11 @@ class Model:
     def _logged(self, channels: Mapping[str, ArrayLike], motion: ArrayLike) -> tuple[Array, ...]:
         """Return the channels as an argument of functions, of which there is none where no term needs any."""
         return (self.channel_values(channels, np.shape(motion)),) if self.robot.channels else ()
+
+    @cached_property
+    def with_rotors(self) -> Model:
+        """The model with the inertia of a rotor at every joint, beside its own terms."""
+        return Model(self.robot.with_terms(*self.robot.terms, RotorInertia()))
 
     @cached_property
     def without_channels(self) -> Model:

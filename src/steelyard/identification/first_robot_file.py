@@ -32,7 +32,6 @@ from steelyard.robot.description import URDF, description_format
 from .default_terms import decide_rotors
 from .doctor import CHUNK_ROWS, POINTS, examine
 from .examination import Examination, merged
-from .given import with_rotors
 from .log_reader import LogReader
 
 __all__ = ["FirstRobotFile", "Guess", "first_robot_file"]
@@ -271,7 +270,7 @@ class _Draft:
             return
         file = self._loaded()
         model = Model.from_file(file)
-        wider = with_rotors(model)
+        wider = model.with_rotors
         reader = LogReader(file, model, CHUNK_ROWS)
         blocks, sums = TimeBlocks(empty_factors(wider)), BatchSums(empty_factors(wider))
         try:

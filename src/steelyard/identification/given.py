@@ -33,7 +33,6 @@ __all__ = [
     "given_settings",
     "may_be_several",
     "wider_model",
-    "with_rotors",
 ]
 
 
@@ -87,12 +86,7 @@ def given_robot(robot: GivenRobot) -> tuple[RobotFile, Model]:
 def wider_model(file: RobotFile, model: Model) -> Model | None:
     """Return the model with rotor inertia at every joint; None where the robot has it, or its terms are stated."""
     stated = not file.terms_are_default or any(isinstance(term, RotorInertia) for term in model.robot.terms)
-    return None if stated else with_rotors(model)
-
-
-def with_rotors(model: Model) -> Model:
-    """Return the model with rotor inertia at every joint."""
-    return Model(model.robot.with_terms(*model.robot.terms, RotorInertia()))
+    return None if stated else model.with_rotors
 
 
 def given_settings(

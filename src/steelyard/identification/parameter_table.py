@@ -471,9 +471,7 @@ def _shares_of_rotors(feasible_set: FeasibleSet) -> tuple[Array, list[str]]:
     nothing: tuple[Array, list[str]] = (np.zeros((feasible_set.parameter_count, 0)), [])
     if not isinstance(model, Model) or "rotor_inertia" in model.described_as:
         return nothing
-    from .given import with_rotors  # of robots without rotors alone
-
-    wider = with_rotors(model)
+    wider = model.with_rotors
     narrow = {str(name): column for column, name in enumerate(wider.parameter_names)}
     K = np.asarray(wider.base_parameters().K, dtype=float)
     own = K[:, [narrow.pop(str(name)) for name in model.parameter_names]]
