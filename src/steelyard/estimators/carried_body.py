@@ -275,8 +275,7 @@ def mounting(model: Model, frame: str | None, placement: ArrayLike | None) -> tu
     """
     robot = model.robot
     if frame is None:
-        parents = {joint.parent for joint in robot.joints}
-        ends = [name for k, name in enumerate(robot.link_names) if k not in parents]
+        ends = [robot.link_names[k] for k in robot.end_links]
         if len(ends) > 1:
             raise InputError(
                 f"{robot.name} has several last links, {', '.join(ends)}; say which frame the payload is mounted in, "

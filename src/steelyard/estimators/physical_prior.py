@@ -199,8 +199,8 @@ class PhysicalPrior:
         placed = {getattr(one, "link", None) for one in self.user_constraints if _bounds_center_of_mass(one)}
         weighed = _links_with_stated_mass(self.model, self.user_constraints)
         found: list[Constraint] = []
-        carrying = {joint.parent for joint in self.model.robot.joints}
-        last = {name for index, name in enumerate(self.model.robot.link_names) if index not in carrying}
+        robot = self.model.robot
+        last = {robot.link_names[index] for index in robot.end_links}
         tool = TOOL * float(sum(link.parameters[9] for link in self.links))
         for link in self.links:
             if np.isfinite(link.lower).all() and link.link not in placed:

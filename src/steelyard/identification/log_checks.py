@@ -179,11 +179,11 @@ def heavy_ends(model: Model, table: ParameterTable) -> tuple[str, ...]:
         A sentence for each.
     """
     described = masses(model, model.robot.parameters)
-    carrying = {joint.parent for joint in model.robot.joints}
-    found = []
-    for k, link in enumerate(table.links):
+    found, links = [], table.links
+    for k in model.robot.end_links:
+        link = links[k]
         row, more = link.mass, link.mass.value - described[k]
-        if k in carrying or not row.value > _HEAVY_END * described[k] > 0.0 or more < _NOTICEABLE * described.sum():
+        if not row.value > _HEAVY_END * described[k] > 0.0 or more < _NOTICEABLE * described.sum():
             continue
         surely = "" if np.isnan(row.lower) else f" ({few_digits(row.lower)} to {few_digits(row.upper)} kg, {row.basis})"
         found.append(
@@ -206,10 +206,6 @@ def change_in_log(model: Model, blocks: TimeBlocks, kept: Samples) -> BodyChange
     """
     if kept.t is None or not len(kept.t) or model.parameter_count > MANY_PARAMETERS:
         return None
-    base, carrying = model.base_parameters(), {joint.parent for joint in model.robot.joints}
-    ends = {
-        model.robot.link_names[k]: base.K[:, np.asarray(columns)]
-        for k, columns in enumerate(model.link_columns)
-        if k not in carrying
-    }
+    base, robot = model.base_parameters(), model.robot
+    ends = {robot.link_names[k]: base.K[:, np.asarray(model.link_columns[k])] for k in robot.end_links}
     return body_change(blocks, base.names, ends, float(np.min(kept.t)), float(np.max(kept.t)))

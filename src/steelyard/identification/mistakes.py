@@ -713,11 +713,9 @@ class _Search:
         bodies = believable_bodies(self.model)
         if bodies is None:
             return
-        carrying = {joint.parent for joint in self.model.robot.joints}
         prior = self.priors[0]
-        for k, columns in enumerate(self.model.link_columns):
-            if k in carrying:
-                continue
+        for k in self.model.robot.end_links:
+            columns = self.model.link_columns[k]
             wider = prior.with_payload(columns, 0.3 * float(bodies[:, 9].sum()))
             fit = likeliest_robot(self.given, wider, self.nonnegative)
             mass, name = float(fit.parameters[columns[9]]), self.model.robot.link_names[k]

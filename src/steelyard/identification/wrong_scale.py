@@ -267,8 +267,7 @@ def link_torques(model: Model, samples: Sequence[Samples]) -> LinkTorques:
     used = np.concatenate([np.ones_like(one.q, dtype=bool) if one.mask is None else one.mask for one in samples])
     rows = model.regressor(q, dq, ddq)
     held = model.regressor(q, np.zeros_like(q), np.zeros_like(q)) @ described
-    carrying = {joint.parent for joint in model.robot.joints}
-    ends = np.concatenate([columns for k, columns in enumerate(model.link_columns) if k not in carrying])
+    ends = np.concatenate([model.link_columns[k] for k in model.robot.end_links])
     joints = [
         _Joint.of(
             torque[used[:, k], k],

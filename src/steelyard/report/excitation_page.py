@@ -242,21 +242,18 @@ def _space(design: ExcitationDesign, robot: Robot, motion: _Motion) -> Markup:
 def _tips(robot: Robot) -> dict[str, tuple[int, Array]]:
     """Return the ends of the robot: last links, or what is fixed to them farthest away; of a hand the first two."""
     found = {}
-    carriers = {joint.parent for joint in robot.joints}
     scene = robot_scene(robot)
-    for index, link in enumerate(robot.links):
-        if index not in carriers:
-            fixed = [(one.name, one.placement) for one in link.attachments]
-            name, placement = max(
-                [(link.name, np.eye(4)), *fixed], key=lambda one: float(np.linalg.norm(one[1][:3, 3]))
-            )
-            body = None if link.inertia is None else link_body(link.inertia.parameters)
-            at = scene.links[index].placement @ placement
-            if body is not None and np.linalg.norm(at[:3, 3] - scene.links[index].joint_origin) < 1e-6:
-                # The frame does not leave the joint, and would not show how the link moves.
-                name, placement = f"centre of mass of {link.name}", np.eye(4)
-                placement[:3, 3] = body.center
-            found[name] = (index, np.asarray(placement))
+    for index in robot.end_links:
+        link = robot.links[index]
+        fixed = [(one.name, one.placement) for one in link.attachments]
+        name, placement = max([(link.name, np.eye(4)), *fixed], key=lambda one: float(np.linalg.norm(one[1][:3, 3])))
+        body = None if link.inertia is None else link_body(link.inertia.parameters)
+        at = scene.links[index].placement @ placement
+        if body is not None and np.linalg.norm(at[:3, 3] - scene.links[index].joint_origin) < 1e-6:
+            # The frame does not leave the joint, and would not show how the link moves.
+            name, placement = f"centre of mass of {link.name}", np.eye(4)
+            placement[:3, 3] = body.center
+        found[name] = (index, np.asarray(placement))
     return dict(list(found.items())[:4])
 
 

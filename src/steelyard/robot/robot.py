@@ -649,6 +649,12 @@ class Robot:
         return tuple(link.name for link in self.links)
 
     @cached_property
+    def end_links(self) -> tuple[int, ...]:
+        """Numbers of the links at the ends of the chains, which carry no other."""
+        carrying = {joint.parent for joint in self.joints}
+        return tuple(index for index in range(len(self.links)) if index not in carrying)
+
+    @cached_property
     def parameter_names(self) -> tuple[str, ...]:
         """Names (n,) of the parameters, in the order of thesis eq. 4.13: for each link its ten, then its terms'."""
         names: list[str] = []
