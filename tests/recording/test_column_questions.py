@@ -338,13 +338,13 @@ def test_the_page_lists_all_words_and_writers() -> None:
 def test_only_a_matrix_keeps_the_units_of_sliding_joints_open() -> None:
     """Not a joint whose name has the word in it."""
     names = ["t", "matrix_gantry_position", "arm_position", "matrix_gantry_effort", "arm_effort"]
-    plain = find(names, ("matrix_gantry", "arm")).with_sliding([True, False])
+    plain = find(names, ("matrix_gantry", "arm")).of_joints(["m", "rad"])
     assert [one.unit for one in plain.table] == ["s", "m", "rad", "N", "N·m"]
     assert plain.settings()["position_unit"] == ["m", "rad"]
     assert plain.settings()["torque_unit"] == ["N", "N·m"]
     coupled = find(["t", "q1", "q2", "tau1", "tau2"], 2, {"position_matrix": [[1, 0], [1, 1]]})
     assert coupled.has_matrix
-    assert coupled.with_sliding([True, False]) == coupled
+    assert coupled.of_joints(["m", "rad"]) == coupled
 
 
 def test_forces_of_joints_that_slide_stand_beside_torques_of_those_that_turn() -> None:

@@ -244,7 +244,7 @@ class _Patient:
         files = LogFiles(self.log, self.columns)
         layout = self._layout(files)
         if self.model is not None:
-            layout = layout.with_sliding([unit == "m" for unit in self.model.robot.position_units])
+            layout = layout.of_joints(self.model.robot.position_units)
         self.layout = layout
         name = files.name
         self.sample = sample_of(files, layout)
@@ -598,7 +598,7 @@ class _Patient:
         limits, samples = given_constraints(file), {name: fit.samples}
         found = mistakes_in_logs(reader, file, limits, {name: self.log}, samples, {name: worst}, self.say).get(name, ())
         layout = reader.layouts.get(name)
-        scale = scale_by_description(self.model, [fit.samples], self._file(), layout)
+        scale = scale_by_description(self.model, [fit.samples], file, layout)
         if scale is not None and found and scale.outweighs(found[0]):
             found = ()
         for hypothesis in found[:1]:

@@ -219,7 +219,7 @@ class _Draft:
         file = self._loaded()
         names = list(file.robot.joint_names)
         layout = LogFiles(log, LogColumns.from_dict(self.settings.get("log", {}))).layout(names)
-        self.layout = layout.with_sliding([unit == "m" for unit in file.robot.position_units])
+        self.layout = layout.of_joints(file.robot.position_units)
         self._decide(file, say)
 
     def _logged_joints(self, files: LogFiles) -> LoggedJoints:

@@ -156,7 +156,7 @@ def _layout(log: GivenLog, columns: LogColumns, model: Model) -> Layout | None:
     if isinstance(log, GivenSamples):
         return None
     layout = LogFiles(log, columns).layout(list(model.robot.joint_names))
-    return layout.with_sliding([unit == "m" for unit in model.robot.position_units])
+    return layout.of_joints(model.robot.position_units)
 
 
 _HEAVY_END, _NOTICEABLE = 2.0, 0.05

@@ -514,8 +514,7 @@ class LogReader:
     def _note_columns(self, log: str, layout: Layout | None) -> None:
         """Keep what the columns of a log were understood to be."""
         if layout is not None:
-            robot = self.model.robot
-            layout = layout.with_sliding([not robot.joints[i].rotates for i in robot.driving_joints])
+            layout = layout.of_joints(self.model.robot.position_units)
             for other, one in self.layouts.items():
                 if one == layout:
                     layout = one  # of thousands of logs

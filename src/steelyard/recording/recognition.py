@@ -162,8 +162,12 @@ class Layout:
     def _repr_html_(self) -> str:
         return html_table("Columns", self.heads, self.rows(), self.guesses)
 
-    def with_sliding(self, slides: Sequence[bool]) -> Layout:
-        """Return the same with the units of joints that slide, where they are those of joints that turn."""
+    def of_joints(self, usual: Sequence[str]) -> Layout:
+        """Return the same with the units of joints that slide, where they are those of joints that turn.
+
+        `usual` are the SI units of all joints, as for `LogColumns.of_joints`.
+        """
+        slides = [unit == "m" for unit in usual]
         if len(slides) != len(self.position) or self.has_matrix:
             return self
         places = {column: k for kind in KINDS for k, column in enumerate(getattr(self, kind) or ())}
