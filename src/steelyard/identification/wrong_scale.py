@@ -44,8 +44,8 @@ CERTAIN = 0.1
 another direction or a sign is wrong."""
 WHOLE = 0.15
 """Relative distance of a factor of the times from a whole number, or its inverse, within which it is taken for that."""
-FEWEST = 50
-"""Rows of a joint that tell something."""
+FEWEST, ROWS = 50, 2400
+"""Rows of a joint that tell something, and rows that are looked at: as many as are kept of one log."""
 
 _OF_DESCRIPTION = 8.0
 """Largest ratio of the masses of the answer and of the description that CAD without drives or cables explains."""
@@ -139,7 +139,7 @@ def wrong_scale(
         None where links are what is expected, or nothing shows them.
     """
     found = link_torques(model, samples)
-    if found.gravity is None and (found.inertia is None or not found.weightless):
+    if found.gravity is None and found.inertia is None:
         return _by_mass(model, free(), samples[0])
     return _by_description(model, found, file, layout)
 
@@ -158,10 +158,9 @@ def _by_description(model: Model, found: LinkTorques, file: RobotFile, layout: L
     known = not np.isnan(masses(model, model.robot.parameters)).any()
     gravity, inertia = found.gravity, found.inertia
     if gravity is None:
-        if inertia is None or not found.weightless or not _is_off(inertia, INERTIAL, known):
+        if inertia is None or not _is_off(inertia, INERTIAL, known):
             return None
-        times = few_digits(float(np.sqrt(inertia[0])), 2)
-        others = f"the times, which would be {times} times too long instead, and these masses"
+        others = f"the times, which would be {_long(float(np.sqrt(inertia[0])))} instead, and these masses"
         return _of_torques(model, "The inertia of the links", inertia, others, file, layout)
     # A factor of the torques is one of both; springs and counterweights, and centres that CAD has wrong, are not.
     both = inertia is None or bool(1.0 / INERTIAL < inertia[0] / gravity[0] < INERTIAL)
@@ -199,16 +198,20 @@ def _of_times(model: Model, gravity: Array, inertia: Array, file: RobotFile, lay
     whole = round(max(factor, 1.0 / factor))
     nearest = float(whole) if factor > 1.0 else 1.0 / whole
     factor = nearest if abs(factor / nearest - 1.0) < WHOLE else factor
-    size = f"{few_digits(max(factor, 1.0 / factor), 2)} times too {'long' if factor > 1.0 else 'short'}"
     return WrongScale(
         "times",
         f"The inertia of the links takes {few_digits(float(inertia[0]), 2)} times the torques that it takes with the "
-        f"description{_each(inertia)}, gravity {few_digits(float(gravity[0]), 2)} times: the times look {size}. Check "
-        "the sample rate and the time column, and if they are right, the inertias of the description.",
+        f"description{_each(inertia)}, gravity {few_digits(float(gravity[0]), 2)} times: the times look "
+        f"{_long(factor)}. Check the sample rate and the time column, and if they are right, the inertias of the "
+        "description.",
         factor,
         correction_settings(Correction(time=1.0 / factor), file, list(model.robot.joint_names), layout),
         True,
     )
+
+
+def _long(factor: float) -> str:
+    return f"{few_digits(max(factor, 1.0 / factor), 2)} times too {'long' if factor > 1.0 else 'short'}"
 
 
 def _each(ratios: Array) -> str:
@@ -224,15 +227,13 @@ class LinkTorques(NamedTuple):
     gravity, inertia : (k,) ndarray or None
         How many times as large the measured torques against gravity are, and those of accelerations and speeds, at the
         joints that tell it, the most loaded one first; None where no joint does.
-    weightless : bool
-        Whether the description needs no torques against gravity.
+        Inertia tells something where gravity does, too, or the description needs no torques against it.
     left_by_scale, left_by_tool : float
         What one factor leaves of the measured torques, and what a body at the ends of the chains leaves.
     """
 
     gravity: Array | None = None
     inertia: Array | None = None
-    weightless: bool = False
     left_by_scale: float = np.nan
     left_by_tool: float = np.nan
 
@@ -262,9 +263,11 @@ def link_torques(model: Model, samples: Sequence[Samples]) -> LinkTorques:
     described = np.where(of_links, np.nan_to_num(np.asarray(model.robot.parameters, dtype=np.float64)), 0.0)
     if not described.any():
         return LinkTorques()
+    every = max(1, -(-sum(one.count for one in samples) // ROWS))
     named = ("q", "dq", "ddq", "torque")
-    q, dq, ddq, torque = (np.concatenate([getattr(one, name) for one in samples]) for name in named)
-    used = np.concatenate([np.ones_like(one.q, dtype=bool) if one.mask is None else one.mask for one in samples])
+    q, dq, ddq, torque = (np.concatenate([getattr(one, name)[::every] for one in samples]) for name in named)
+    masks = (np.ones_like(one.q, dtype=bool) if one.mask is None else one.mask for one in samples)
+    used = np.concatenate([mask[::every] for mask in masks])
     rows = model.regressor(q, dq, ddq)
     held = model.regressor(q, np.zeros_like(q), np.zeros_like(q)) @ described
     ends = np.concatenate([model.link_columns[k] for k in model.robot.end_links])
@@ -280,15 +283,13 @@ def link_torques(model: Model, samples: Sequence[Samples]) -> LinkTorques:
         if used[:, k].sum() > FEWEST
     ]
     gravity, inertia = (_ratios([one.told[kind] for one in joints]) for kind in range(2))
-    weights = [one.told[0].size for one in joints]
     if gravity is None:
-        return LinkTorques(
-            None, inertia, not max(weights, default=0.0) > 1e-6 * max(one.told[1].size for one in joints)
-        )
+        heaviest, fastest = (max((one.told[kind].size for one in joints), default=0.0) for kind in range(2))
+        return LinkTorques(inertia=inertia if heaviest < 1e-6 * fastest else None)
     ours, theirs, tools = (np.concatenate([getattr(one, name) for one in joints]) for name in ("own", "all", "tools"))
     scaled = ours - theirs * (theirs @ ours) / (theirs @ theirs)
     tool = ours - theirs - tools @ np.linalg.lstsq(tools, ours - theirs, rcond=None)[0]
-    return LinkTorques(gravity, inertia, False, float(np.linalg.norm(scaled)), float(np.linalg.norm(tool)))
+    return LinkTorques(gravity, inertia, float(np.linalg.norm(scaled)), float(np.linalg.norm(tool)))
 
 
 class _Told(NamedTuple):
