@@ -53,7 +53,9 @@ def samples_of(motion, factor=1.0, tool=None, weight=1.0):
     return sy.Samples(q=q, dq=dq, ddq=ddq, torque=factor * torque, t=t)
 
 
-@pytest.mark.parametrize("factor", [0.01, pytest.param(0.3, marks=pytest.mark.slow), 5.0])
+@pytest.mark.parametrize(
+    "factor", [pytest.param(0.01, marks=pytest.mark.slow), pytest.param(0.3, marks=pytest.mark.slow), 5.0]
+)
 def test_one_factor_of_all_torques_is_the_first_thing_to_check(motion, factor):
     result = sy.identify(robot_of(CAD), samples_of(motion, factor))
     assert result.scale is not None
@@ -140,7 +142,9 @@ def recorded(motion, folder, longer, rate=200.0):
     return folder / "log.npz"
 
 
-@pytest.mark.parametrize("longer", [0.5, pytest.param(2.0, marks=pytest.mark.slow), 4.0])
+@pytest.mark.parametrize(
+    "longer", [pytest.param(0.5, marks=pytest.mark.slow), pytest.param(2.0, marks=pytest.mark.slow), 4.0]
+)
 def test_rows_that_are_closer_or_further_apart_are_the_first_thing_to_check(motion, tmp_path, longer):
     result = sy.identify(robot_of(CAD), [recorded(motion, tmp_path, longer)])
     assert result.scale.of == "times"

@@ -15,6 +15,7 @@ from steelyard.identification import Identification
 from steelyard.identification.mistakes import Hypothesis
 from steelyard.identification.next_steps import NextStep, found, next_steps
 from steelyard.identification.parameter_table import TOO_MANY
+from steelyard.identification.wrong_scale import WrongScale
 from steelyard.recording.correction import Correction
 from steelyard.report import report_html
 
@@ -173,6 +174,23 @@ def test_the_report_says_so_above_its_sections(identification: Identification) -
     text = page.text_content()
     assert text.index("Does it predict?") < text.index("What was found") < text.index("What to do next")
     assert text.index("What to do next") < text.index("Condition number")
+
+
+def test_a_doubtful_scale_stands_beside_every_verdict(identification: Identification) -> None:
+    """Torques of motors in front of gears are predicted as well as those behind."""
+    sound = lxml.html.fromstring(report_html(identification))
+    scale = WrongScale("torques", "Gravity takes 0.05 times the torques of the description.", 0.05)
+    doubted = replace(identification, scale=scale)
+    assert doubted.headline == f"{identification.headline[:-1]}; but the scale of the torques is in doubt."
+    page = lxml.html.fromstring(report_html(doubted))
+    (before,), (after,) = (
+        [one for one in told.find_class("verdict") if "Good" in one.text_content()] for told in (sound, page)
+    )
+    assert "good" in before.getparent().classes
+    assert after.getparent().classes == {"card", "open"}
+    assert after.text_content().endswith("Good, at a doubtful scale")
+    assert not page.find_class("card good")
+    assert scale.sentence in after.getparent().text_content()
 
 
 @pytest.mark.parametrize("language", ["console", "toml"])

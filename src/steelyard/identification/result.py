@@ -288,7 +288,14 @@ class Identification:
         }[self.possible]
         agree = (self.possible is True) == self.prediction.is_usable
         joined = " and " if agree else ", but "
-        return f"{exists}{joined}{'' if self.possible else 'it '}{self.prediction.clause}."
+        # Torques of another size are predicted as well, and who reads on to the first step may be few.
+        doubt = f"; but the scale of the {self.scale.of} is in doubt" if self.scale else ""
+        return f"{exists}{joined}{'' if self.possible else 'it '}{self.prediction.clause}{doubt}."
+
+    @property
+    def is_usable(self) -> bool:
+        """Whether the model predicts well enough to be used, and no scale of torques or times is in doubt."""
+        return self.prediction.is_usable and self.scale is None
 
     @property
     def mistake_sentences(self) -> tuple[str, ...]:

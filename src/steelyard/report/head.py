@@ -71,13 +71,18 @@ def _verdict_of_answer(identification: Identification) -> str:
             count = len(feasible_set.blocks)
             lines.append(f"Checked again for this report: all {count} conditions on links, joints and limits hold.")
             # A tick beside a model that does not predict would be taken for a model that can be used.
-            return card(title, "good" if identification.prediction.is_usable else "plain", "Feasible", lines)
+            return card(title, "good" if identification.is_usable else "plain", "Feasible", lines)
 
 
 def _verdict_of_prediction(identification: Identification) -> str:
     told = identification.prediction
     kind = {"good": "good", "usable": "good", "poor": "open", "wrong": "bad"}[told.word]
-    return card("Does it predict?", kind, told.word.capitalize(), told.sentences)
+    scale, word, sentences = identification.scale, told.word.capitalize(), list(told.sentences)
+    if scale is not None:  # an error does not tell it
+        sentences.insert(0, scale.sentence)
+        if kind == "good":
+            kind, word = "open", f"{word}, at a doubtful scale"
+    return card("Does it predict?", kind, word, sentences)
 
 
 def _verdict_of_least_squares(identification: Identification) -> str:
