@@ -447,8 +447,10 @@ def polar(folder, limits):
     return path, q, torque + 0.01 * torque.std(axis=0) * np.random.default_rng(5).normal(size=q.shape)
 
 
-@pytest.mark.parametrize("limits", [True, False])
-@pytest.mark.parametrize("units", [("deg", "m"), ("rad", "mm"), ("deg", "mm")])
+@pytest.mark.parametrize("limits", [True, pytest.param(False, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "units", [("deg", "mm"), *(pytest.param(units, marks=pytest.mark.slow) for units in (("deg", "m"), ("rad", "mm")))]
+)
 def test_units_of_joints_that_turn_and_of_those_that_slide_are_told_apart(tmp_path, units, limits):
     """By the limits where there are any, and by the model; both at once where both are wrong."""
     path, q, torque = polar(tmp_path, limits)

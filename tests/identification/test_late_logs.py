@@ -20,6 +20,12 @@ def arm(tmp_path_factory):
     return path, simulated_log(wam_model(), "A", 2014)
 
 
+@pytest.fixture(scope="module")
+def sound(arm):
+    """What the sound log is identified as."""
+    return sy.identify(*arm)
+
+
 def late(log, delay, joints=slice(None)):
     torque = log.torque.copy()
     torque[:, joints] = advanced(log.torque, -delay * log.rate)[0][:, joints]
@@ -33,14 +39,13 @@ def missed(result):
     return len(told), sum(not row.lower <= truth[row.name] <= row.upper for row in told)
 
 
-def test_a_sound_log_is_not_told_to_be_late(arm):
-    result = sy.identify(*arm)
-    assert result.mistakes == {}
-    assert "delay" not in " ".join(result.remarks)
+def test_a_sound_log_is_not_told_to_be_late(sound):
+    assert sound.mistakes == {}
+    assert "delay" not in " ".join(sound.remarks)
 
 
 @pytest.mark.parametrize("delay", [0.012, pytest.param(-0.012, marks=pytest.mark.slow)])
-def test_a_late_log_is_told_with_the_line_that_mends_it(arm, delay):
+def test_a_late_log_is_told_with_the_line_that_mends_it(arm, sound, delay):
     path, log = arm
     result = sy.identify(path, late(log, delay))
     assert result.prediction.word == "good"  # errors alone do not show it
@@ -52,7 +57,7 @@ def test_a_late_log_is_told_with_the_line_that_mends_it(arm, delay):
     first = next_steps(result)[0]
     assert (first.language, first.code) == ("toml", f"[processing]\ndelay = {stated}")
     assert any("logged" in remark and f"`delay = {stated}`" in remark for remark in result.remarks)
-    sound, mended = sy.identify(path, log), sy.identify(path, late(log, delay), processing={"delay": stated})
+    mended = sy.identify(path, late(log, delay), processing={"delay": stated})
     assert mended.mistakes == {}
     # What the delay moves is not called measured any more, and what is left holds.
     assert missed(result)[0] < missed(sound)[0]

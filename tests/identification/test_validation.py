@@ -83,8 +83,9 @@ def test_a_wrong_sign_in_one_of_two_logs_is_not_stated_of_both(logs, tmp_path):
     assert steps[0].action == "Mend robot.toml, and identify again."
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("meshes_in_this_process")
-@pytest.mark.parametrize("role", [pytest.param("identification", marks=pytest.mark.slow), "validation"])
+@pytest.mark.parametrize("role", ["identification", "validation"])
 def test_a_payload_in_one_of_two_logs_is_weighed_and_not_stated_of_the_robot(logs, run, role):
     folder, _ = logs
     robot, empty, loaded = folder / "robot.toml", folder / "one.csv", folder / "loaded.csv"
@@ -170,6 +171,7 @@ def test_bad_input_is_one_sentence(logs, run, tmp_path):
         assert "Traceback" not in err
 
 
+@pytest.mark.slow
 def test_a_result_of_logs_in_an_object_store_is_judged(logs, tmp_path, monkeypatch):
     fsspec = pytest.importorskip("fsspec")
     folder, _ = logs

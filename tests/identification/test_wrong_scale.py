@@ -112,6 +112,7 @@ def test_what_carries_the_links_is_no_scale(motion):
     assert sy.identify(robot_of(CAD), samples_of(motion, weight=0.3)).scale is None
 
 
+@pytest.mark.slow
 def test_links_without_masses_may_explain_what_is_too_large_only(motion):
     partly = {name: CAD[name] for name in NAMES[:3]}
     assert sy.identify(robot_of(partly), samples_of(motion, 20.0)).scale is None
@@ -157,6 +158,7 @@ def test_rows_that_are_closer_or_further_apart_are_the_first_thing_to_check(moti
     assert finding.statement.startswith("The inertia of the links takes")
 
 
+@pytest.mark.slow
 def test_a_rate_that_is_stated_is_mended(motion, tmp_path):
     log = recorded(motion, tmp_path, 1.0, rate=None)
     result = sy.identify(robot_of(CAD), [log], columns=sy.LogColumns(rate=100.0))
