@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from itertools import zip_longest
 from typing import Any
 
 import numpy as np
@@ -101,18 +102,12 @@ def proved_estimate(
     Raises
     ------
     InputError
-        If the data has the base parameters of the set in another order, as with terms in another order.
+        If the data has other base parameters than the set, as those of another robot, or has them in another order.
     SolverError
         If the parameters are not feasible.
     """
     model = feasible_set.model
-    names = tuple(getattr(model.base_parameters(), "names", ()))  # which models of other makes may lack
-    # Reduced data may have names of its own.
-    if info.base_names != names and sorted(info.base_names) == sorted(names):
-        raise InputError(
-            "The data has the base parameters of the feasible set in another order, such as that of a robot with its "
-            "terms in another order; use the Information and the FeasibleSet of one model."
-        )
+    _require_same_base(info, model)
     parameters = np.asarray(parameters, dtype=np.float64)
     if parameters.shape != (feasible_set.parameter_count,) or not np.isfinite(parameters).all():
         raise InputError(
@@ -252,4 +247,24 @@ def _checked(given: object, info: Information, feasible_set: FeasibleSet) -> Est
         joint_relative_error=own.joint_relative_error,
         condition_number=own.condition_number,
         optimality_gap=None,
+    )
+
+
+def _require_same_base(info: Information, model: Any) -> None:
+    if info.base_names == info.base_expressions:
+        return  # of a regression that was reduced elsewhere, which has names of its own
+    base = model.base_parameters()
+    names, expressions = (tuple(getattr(base, name, ())) for name in ("names", "expressions"))  # other makes lack them
+    if not names or info.base_expressions == expressions:
+        return
+    if info.base_names != names and sorted(info.base_names) == sorted(names):
+        raise InputError(
+            "The data has the base parameters of the feasible set in another order, such as that of a robot with its "
+            "terms in another order; use the Information and the FeasibleSet of one model."
+        )
+    pairs = zip_longest(info.base_expressions, expressions, fillvalue="nothing")
+    own, other = next(pair for pair in pairs if pair[0] != pair[1])
+    raise InputError(
+        f"The data is of another robot than the feasible set, or of other lengths: one of its base parameters is "
+        f"{shown(own)} where the set has {shown(other)}; use the Information and the FeasibleSet of one model."
     )
