@@ -52,6 +52,18 @@ def test_data_of_a_model_with_terms_in_another_order_is_refused(estimates):
         sy.fit(info, sy.FeasibleSet(other))
 
 
+def test_data_of_an_arm_of_another_length_is_refused(estimates):
+    """It has as many base parameters, of the same names."""
+    model, _, _, _ = estimates
+    q, dq, ddq, torque = np.random.default_rng(1).normal(size=(4, 100, 2))
+    info = sy.Information.from_samples(model, sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque))
+    rows = [("pi/2", 0.1, 0.3, "q"), (0.3, 0.55, 0.0, "q")]
+    longer = sy.Model(sy.Robot.from_dh(rows, gravity=(0, 0, -9.81)).with_terms(*model.robot.terms))
+    assert longer.base_parameters().names == info.base_names
+    with pytest.raises(sy.InputError, match="The data is of another robot than the feasible set, or of other lengths"):
+        sy.fit(info, sy.FeasibleSet(longer))
+
+
 def test_base_parameters_of_an_estimate_simulate_the_robot(estimates):
     model, truth, feasible, least_squares = estimates
     wanted = sy.simulate(model, truth, REST, REST + 1.0, 0.1)
