@@ -45,7 +45,7 @@ for _ in range(4):
         return timed
     taken = {}
     kept = {}
-    for name in ("check", "tried_prior", "plausible_fit", "parameter_table", "mistakes_in_logs", "_predict"):
+    for name in ("check", "tried_prior", "plausible_fit", "parameter_table", "doubts_of", "_predict"):
         kept[name] = getattr(module, name)
         setattr(module, name, note(name, kept[name]))
     for name in ("decide", "reduced"):
@@ -69,7 +69,7 @@ STEPS = {
     "plausible_fit": "feasible fit and the price of the prior",
     "parameter_table": "intervals of all parameters",
     "_predict": "predictions of both estimates",
-    "mistakes_in_logs": "mistakes of the log",
+    "doubts_of": "mistakes and scale of the log",
     "save": "estimate.json",
     "all": "all of it",
 }

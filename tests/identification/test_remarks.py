@@ -8,7 +8,7 @@ import pytest
 
 import steelyard as sy
 from steelyard.identification import examine
-from steelyard.identification.log_checks import heavy_ends
+from steelyard.identification.doubts import heavy_ends
 from steelyard.identification.next_steps import found, next_steps
 
 COUNT, RATE = 6000, 500.0

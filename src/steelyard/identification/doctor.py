@@ -46,12 +46,13 @@ from steelyard.regression.time_blocks import TimeBlocks
 from steelyard.robot import RobotFile
 from steelyard.robot.description import read_description
 
+from .doubts import mistakes_in_logs
 from .examination import HARMS, Examination, Finding, Harm, merged, stated_remedy
 from .given import GivenLog, GivenRobot, GivenSamples, One, given_constraints, given_logs, given_robot
 from .late_logs import LateLog, errors_of, late_hypotheses, late_logs
-from .log_checks import SHORTEST_DRIFT, change_in_log, mistakes_in_logs
 from .log_reader import DrawnRows, LogReader, against_limits
 from .prediction_verdict import said_of
+from .reduced_logs import SHORTEST_DRIFT, change_in_log
 from .unlogged_torques import told_by_unlogged_torques
 from .validation import DRAWN_ROWS, few_rows_of
 from .wrong_scale import scale_by_description

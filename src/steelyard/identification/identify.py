@@ -23,14 +23,13 @@ from steelyard.files import shown
 from steelyard.recording import LogColumns, Processing, Samples
 from steelyard.recording.formats import require_unwritten, written_states
 from steelyard.regression import Estimate, Information, least_squares
-from steelyard.regression.batch_means import BatchMeansTree
-from steelyard.regression.reduction import empty_factors, narrowed, residuals
-from steelyard.regression.time_blocks import FOLDS, TimeBlocks
+from steelyard.regression.reduction import residuals
+from steelyard.regression.time_blocks import FOLDS
 
 from .default_terms import RotorDecision, decide_rotors
+from .doubts import doubts_of, heavy_ends
 from .given import (
     Data,
-    GivenLog,
     GivenRobot,
     digests,
     given_constraints,
@@ -40,28 +39,18 @@ from .given import (
     wider_model,
 )
 from .late_logs import LateLog, late_hypotheses, late_logs
-from .log_checks import SHORTEST_DRIFT, change_in_log, copies_among, heavy_ends, mistakes_in_logs
-from .log_reader import DrawnLog, LogReader, LogReduction, LogTask, Progress, one_by_one
-from .mistakes import POOR, sentence
+from .log_reader import LogReader, LogReduction, Progress, ReducedLog
 from .parameter_table import parameter_table
 from .prediction_verdict import FewRows, few_rows, prediction_verdict
+from .reduced_logs import reduced_logs
 from .result import Identification, Prediction, Trace
-from .wrong_scale import WrongScale, wrong_scale
 
 if TYPE_CHECKING:
-    from steelyard.regression.body_change import BodyChange
-    from steelyard.regression.drift import FrictionDrift
-
     from .chosen_friction import FrictionChoice
 
 __all__ = ["identify"]
 
 Array = NDArray[np.float64]
-_TRACE_POINTS = 1200  # points of the curves of a log: about as many as a figure of the report has pixels
-_ALL_POINTS = 24_000  # of all the logs of a role together, so that thousands of them do not fill the memory
-_DRAWN_ROWS, _ALL_DRAWN_ROWS = 20_000, 120_000
-"""Rows of a log that are kept to be drawn, and of all the logs of a role together. All joints share them: 20 000 are
-700 pieces of the log of seven joints, each with four extremes of each joint, and 172 of 29 joints."""
 
 
 @in_one_thread
@@ -185,22 +174,10 @@ def identify(
         from .known_controller import ControllerSettings, motions_of_logs  # other estimators need no motion
 
         controller = ControllerSettings.of_file(file, getattr(found, "needs_controller", False))
-    if prior not in ("auto", None):
-        raise InputError(f'prior must be "auto" or None, got {shown(prior)}.')
+    own_prior = getattr(found, "has_prior", False)
+    takes_prior = _takes_prior(estimator, own_prior, own_rows or motion_rows, prior, prior_weight, prefer)
     if friction not in ("auto", None):
         raise InputError(f'friction must be "auto" or None, got {shown(friction)}.')
-    own_prior = getattr(found, "has_prior", False)
-    if own_prior and not (prior == prefer == prior_weight == "auto"):
-        raise InputError(
-            f"The estimator {estimator} has a prior of its own; leave out prior, prior_weight and prefer (--prior, "
-            "--prior-weight and --prefer)."
-        )
-    takes_prior = prior == "auto" and prefer == "auto" and bool(estimator == "fit" or own_rows or motion_rows)
-    if prior_weight != "auto" and not takes_prior:
-        raise InputError(
-            "prior_weight (--prior-weight) is that of the prior, which prior=None, prefer and estimators of other "
-            "packages leave out; leave out one of them."
-        )
     if file.section("elastic"):
         model.refuse_presliding("identified together with the stiffness of [elastic]")
         # Loaded where a robot file names such joints.
@@ -246,49 +223,11 @@ def identify(
             model = reader.model = Model(model.robot.with_terms(*friction_choice.terms))
         reader.remarks.extend(friction_choice.remarks)
     feasible_set = FeasibleSet(model, consistency, limits)
-    parts: list[tuple[str, str, Information, Samples]] = []
-    drawn: list[DrawnLog] = []
-    changes: dict[str, BodyChange] = {}
-    drifts: list[str] = []
-    all_drifts: list[FrictionDrift] = []
     wider = wider_model(file, model)
-    reduced_by = wider or model
-    tasks = [
-        _task(log, number, len(group), group is logs)
-        for group in (logs, validation)
-        for number, log in enumerate(group)
-    ]
-    means, blocks = BatchMeansTree(), TimeBlocks(empty_factors(reduced_by))
-    for group in (reduction or one_by_one)(reader, tasks, reduced_by, say):
-        means.add(group.batch_means)
-        for one in group.logs:
-            reader.note(one)
-            fitted = len(parts) < len(logs)
-            if fitted:
-                own_blocks = TimeBlocks.of_held(blocks.empty, one.blocks)
-                kept = one.drawn.samples.t
-                changed = change_in_log(reduced_by, own_blocks, one.drawn.samples)
-                if changed is not None:  # whose friction seems to change, too
-                    changes[one.name] = changed
-                    drifting: tuple[FrictionDrift, ...] = ()
-                elif kept is not None and np.ptp(kept) >= SHORTEST_DRIFT:
-                    from steelyard.regression.drift import drift_sentence, friction_drifts  # short logs need none
-
-                    drifting = friction_drifts(own_blocks, reduced_by.base_parameters().names)
-                else:
-                    drifting = ()
-                if drifting:
-                    all_drifts.extend(drifting)
-                    drifts.append(drift_sentence(one.name, drifting, model.robot.joint_names))
-                blocks.append(own_blocks)
-            drawn.append(one.drawn)
-            parts.append((one.name, "identification" if fitted else "validation", one.information, one.samples))
-    copies = copies_among([part[:3] for part in parts])
-    reader.remarks.extend(copies.values())
-    information = Information.total([p[2] for p in parts if p[1] == "identification"])
-    information = replace(information, batch_means=means.total())
+    read = reduced_logs(reader, logs, validation, wider or model, reduction, say)
+    information = read.information
     folds = FEWEST_FOLDS if model.parameter_count > MANY_PARAMETERS else FOLDS
-    stretches = information.stretches(blocks, folds)
+    stretches = information.stretches(read.blocks, folds)
     rotors: RotorDecision | None = None
     why_no_rotors = ""
     if wider is not None:
@@ -300,11 +239,7 @@ def identify(
             reader.remarks.append(rotors.sentence(file.path.name))
         else:
             why_no_rotors = rotors.reason
-            parts = [
-                (name, role, one.narrowed(wider, model), narrowed(samples, wider, model))
-                for name, role, one, samples in parts
-            ]
-            drawn = [one.narrowed(wider, model) for one in drawn]
+            read = read.narrowed(wider, model)
     _require_excitation(information, model)
     measured = information
     if own_rows is not None:
@@ -351,25 +286,25 @@ def identify(
         description["terms"] = [term.to_dict() for term in model.robot.terms]
     estimate = replace(estimate, description=description, unconstrained_base=unconstrained.base)
     say("what the numbers rest on")
-    predictions = tuple(
-        _predict(model, unconstrained, estimate, *part, one) for part, one in zip(parts, drawn, strict=True)
-    )
+    predictions = tuple(_predict(model, unconstrained, estimate, log) for log in read.logs)
     prediction = prediction_verdict(
         measured,
         estimate.base,
-        validation=[p[2] for k, p in enumerate(parts) if p[1] == "validation" and k not in copies],
+        validation=[log.information for k, log in enumerate(read.logs) if not log.fitted and k not in read.copies],
         held_out_error=held_out,
         fold_count=len(stretches),
         units=model.robot.torque_units,
         few_rows=[
-            few for p, part in zip(predictions, parts, strict=True) for few in _few_rows(p, part[2], model, estimate)
+            few
+            for one, log in zip(predictions, read.logs, strict=True)
+            for few in _few_rows(one, log.information, model, estimate)
         ],
     )
     late: list[LateLog] = []
     # Rows that an estimator made have other sums, and the numbers of a robot that changes are those of none.
-    if information is measured and prediction.word != "wrong" and not changes:
-        own = [part[2] for part in parts]
+    if information is measured and prediction.word != "wrong" and not read.changes:
         left = [one.trace.residuals for one in predictions]
+        own, drawn = [log.information for log in read.logs], [log.drawn for log in read.logs]
         late = late_logs(reader, logs, information, own, drawn, left, unconstrained)
     table = None
     if estimate.parameters is not None:
@@ -379,51 +314,30 @@ def identify(
             estimate,
             unconstrained,
             term_scales=None if plausible is None else plausible.term_deviations,
-            drifts=all_drifts,
+            drifts=[drift for found in read.drifts.values() for drift in found],
             errors=[one.change for one in late],
         )
         estimate = replace(estimate, parameter_table=tuple(table.to_list()))
+
+    def free() -> Estimate:
+        # Within the masses of the prior torques in wrong units find no robot; without, one of another weight.
+        wrong = plausible is not None and prediction.word == "wrong"
+        return fit(information, feasible_set, weights=weights) if wrong else estimate
+
+    given = {str(log): log for log in (*validation, *logs)}
     remarks = dict.fromkeys(reader.remarks)
-    samples = {name: kept for name, _, _, kept in parts}
-    # Of a model that predicts well, only cheap explanations are tried on the logs that it predicts.
-    well = {p.name for p in predictions if prediction.word == "good" and p.feasible_error <= POOR}
-    by_name = {str(log): log for log in (*validation, *logs)}
-    # Half of a log with a body looks like many a mistake.
-    errors = {name: error for name, error in _worst_errors(predictions).items() if name not in changes}
-    mistakes = mistakes_in_logs(reader, file, limits, by_name, samples, errors, say, well, known)
-    scale: WrongScale | None = None
-    if not changes and not reader.units_are_suspect:
-
-        def free() -> Estimate | None:
-            # Within the masses of the prior torques in wrong units find no robot; without, one of another weight.
-            if mistakes:
-                return None
-            wrong = plausible is not None and prediction.word == "wrong"
-            return fit(information, feasible_set, weights=weights) if wrong else estimate
-
-        seen = [part[3] for part in parts if part[1] == "identification"]
-        layout = reader.layouts.get(parts[0][0])
-        scale = wrong_scale(model, free, seen, file, layout)
-    # Of several logs, one alone may have another unit than all the others.
-    if scale is not None and (len(logs) == 1 or len(mistakes) > 1):
-        mistakes = {name: found for name, found in mistakes.items() if not scale.outweighs(found[0])}
-    scale = None if mistakes else scale
-    prediction = prediction.with_mistakes(mistakes.values())
-    told = mistakes
-    if all(found[0].kind == "delay" for found in mistakes.values()):  # which it tells by few rows
-        told = mistakes | late_hypotheses(late, reader.processing.delay, model.robot.joint_names)
-    remarks.update(dict.fromkeys(f"{log}: {sentence(found)}" for log, found in told.items()))
-    if not mistakes:
+    delays = late_hypotheses(late, reader.processing.delay, model.robot.joint_names)
+    doubts = doubts_of(reader, given, read, predictions, prediction, delays, limits, known, free, say)
+    remarks.update(dict.fromkeys(doubts.remarks))
+    if not doubts.of_log:
         remarks.update(dict.fromkeys(_dear(unconstrained, estimate)))
-    if scale is not None:
-        remarks[scale.sentence] = None
-    if not mistakes and not reader.units_are_suspect and table is not None:
+    if not doubts.of_log and not reader.units_are_suspect and table is not None:
         remarks.update(dict.fromkeys(heavy_ends(model, table)))
     remarks.update(dict.fromkeys(model.robot.remarks))
     if model.robot.source is not None:
         from .missed_terms import missed_terms  # there is no description otherwise
 
-        remarks.update(dict.fromkeys(missed_terms(model, estimate, samples.values())))
+        remarks.update(dict.fromkeys(missed_terms(model, estimate, [log.samples for log in read.logs])))
     require_unwritten(written)
     return Identification(
         model=model,
@@ -433,15 +347,15 @@ def identify(
         verdict=verdict,
         estimate=estimate,
         predictions=predictions,
-        prediction=prediction,
+        prediction=doubts.prediction,
         parameters=table,
         plausible=plausible,
         weak=unconstrained.weak,
         remarks=tuple(remarks),
-        mistakes=told,
-        changes=changes,
-        scale=scale,
-        drifts=() if mistakes else tuple(drifts),
+        mistakes=doubts.mistakes,
+        changes=read.changes,
+        scale=doubts.scale,
+        drifts=() if doubts.of_log else read.drift_sentences,
         why_no_rotors=why_no_rotors,
         robot_file=file.path if file.path.is_file() else None,
         logs=tuple(map(str, logs)),
@@ -471,11 +385,29 @@ def identify(
     )
 
 
-def _task(log: GivenLog, number: int, count: int, fitted: bool) -> LogTask:
-    """Say what is to be kept of one of `count` logs of a role: of the first one more than of the others."""
-    points = _TRACE_POINTS if number == 0 else min(max(_ALL_POINTS // count, 100), _TRACE_POINTS)
-    rows = _DRAWN_ROWS if number == 0 else min(max(_ALL_DRAWN_ROWS // count, 200), _DRAWN_ROWS)
-    return LogTask(log, points, rows, count, fitted)
+def _takes_prior(
+    estimator: str | Estimator,
+    own_prior: bool,
+    makes_rows: object,
+    prior: object,
+    prior_weight: object,
+    prefer: object,
+) -> bool:
+    """Tell whether the answer stays near what is known of the robot; refuse options that exclude one another."""
+    if prior not in ("auto", None):
+        raise InputError(f'prior must be "auto" or None, got {shown(prior)}.')
+    if own_prior and not (prior == prefer == prior_weight == "auto"):
+        raise InputError(
+            f"The estimator {estimator} has a prior of its own; leave out prior, prior_weight and prefer (--prior, "
+            "--prior-weight and --prefer)."
+        )
+    takes_prior = prior == "auto" and prefer == "auto" and bool(estimator == "fit" or makes_rows)
+    if prior_weight != "auto" and not takes_prior:
+        raise InputError(
+            "prior_weight (--prior-weight) is that of the prior, which prior=None, prefer and estimators of other "
+            "packages leave out; leave out one of them."
+        )
+    return takes_prior
 
 
 def _require_excitation(information: Information, model: Model, what: str = "rows") -> None:
@@ -507,16 +439,6 @@ def _has_cad(model: Model) -> bool:
     return all(parameters[columns[9]] > 0.0 for columns in model.link_columns)
 
 
-def _worst_errors(predictions: Sequence[Prediction]) -> dict[str, float]:
-    """The largest relative error of any joint, by log."""
-    found: dict[str, float] = {}
-    for prediction in predictions:
-        errors = prediction.joint_feasible_error
-        error = float(np.max(errors[np.isfinite(errors)], initial=prediction.feasible_error))
-        found[prediction.name] = max(found.get(prediction.name, 0.0), error)
-    return found
-
-
 def _dear(unconstrained: Estimate, estimate: Estimate) -> tuple[str, ...]:
     """Warn where the feasible fit explains the data far worse than plain least squares."""
     before, after = unconstrained.relative_error, estimate.relative_error
@@ -528,16 +450,7 @@ def _dear(unconstrained: Estimate, estimate: Estimate) -> tuple[str, ...]:
     )
 
 
-def _predict(
-    model: Model,
-    unconstrained: Estimate,
-    estimate: Estimate,
-    name: str,
-    role: str,
-    information: Information,
-    thinned: Samples,
-    drawn: DrawnLog,
-) -> Prediction:
+def _predict(model: Model, unconstrained: Estimate, estimate: Estimate, log: ReducedLog) -> Prediction:
     # By the rows of the regression: where torques are filtered, what is predicted is, too.
     def left(samples: Samples, base: Array) -> Array:
         return np.concatenate([errors for _, errors in residuals(model, samples, base)])
@@ -546,7 +459,7 @@ def _predict(
         errors = left(samples, estimate.base)
         return errors if samples.mask is None else np.where(samples.mask, errors, np.nan)
 
-    samples = drawn.samples
+    drawn, information, samples = log.drawn, log.information, log.drawn.samples
     assert samples.t is not None
     of_both = left(samples, np.column_stack([unconstrained.base, estimate.base]))
     gaps = [np.diff(window.t) for window in drawn.windows if window.t is not None]
@@ -562,15 +475,15 @@ def _predict(
         interval=float(np.median(np.concatenate(gaps))) if gaps else float("nan"),
     )
     return Prediction(
-        name=name,
-        role=role,
+        name=log.name,
+        role=log.role,
         row_count=information.count,
         unconstrained_error=information.relative_error(unconstrained.base),
         feasible_error=information.relative_error(estimate.base),
         joint_unconstrained_error=information.joint_relative_error(unconstrained.base),
         joint_feasible_error=information.joint_relative_error(estimate.base),
         trace=trace,
-        samples=thinned,
+        samples=log.samples,
     )
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from threading import Event
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -177,10 +177,20 @@ class ReducedLog:
     layout: Layout | None
     units_are_suspect: bool
 
+    @property
+    def role(self) -> Literal["identification", "validation"]:
+        """What the log is for."""
+        return "identification" if self.fitted else "validation"
+
     def for_model(self, model: Model) -> ReducedLog:
         """Return the same with a model in its samples, where they have a regressor."""
 
         return replace(self, samples=_with_model(self.samples, model), drawn=self.drawn.for_model(model))
+
+    def narrowed(self, wider: Model, model: Model) -> ReducedLog:
+        """Return the same for a model that lacks some terms of the wider one."""
+        information, samples = self.information.narrowed(wider, model), narrowed(self.samples, wider, model)
+        return replace(self, information=information, samples=samples, drawn=self.drawn.narrowed(wider, model))
 
 
 class ReducedGroup(NamedTuple):

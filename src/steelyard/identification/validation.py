@@ -22,8 +22,8 @@ from steelyard.regression.reduction import empty_factors, residuals
 from steelyard.robot import RobotFile
 
 from .default_terms import model_of_estimate
+from .doubts import mistakes_in_logs
 from .given import Data, GivenLog, GivenRobot, given_constraints, given_logs, given_robot
-from .log_checks import mistakes_in_logs
 from .log_reader import DrawnLog, DrawnRows, LogReader, Progress
 from .mistakes import sentence
 from .prediction_verdict import FEWEST_BATCHES, FewRows, PredictionVerdict, few_rows, prediction_verdict

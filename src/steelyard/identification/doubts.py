@@ -1,10 +1,10 @@
-"""Signs that a log was read wrongly: mistakes that would explain its torques, and masses that no robot has."""
+"""What an answer cannot tell of itself: mistakes of logs, another size of torques or times, and impossible masses."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
-from dataclasses import replace
-from types import MappingProxyType
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,22 +17,22 @@ from steelyard.recording import LogColumns, Samples
 from steelyard.recording.correction import correction_settings
 from steelyard.recording.formats import LogFiles
 from steelyard.recording.recognition import Layout
-from steelyard.regression import Information
-from steelyard.regression.body_change import BodyChange, body_change
-from steelyard.regression.time_blocks import TimeBlocks
+from steelyard.regression import Estimate
 from steelyard.robot import RobotFile
 
 from .given import GivenLog, GivenSamples
-from .log_reader import LogReader
-from .mistakes import MOTION_UNITS, TOO_MANY_JOINTS, Hypothesis, find_mistakes
-from .parameter_table import MANY_PARAMETERS, ParameterTable
-from .wrong_scale import masses
+from .mistakes import MOTION_UNITS, POOR, TOO_MANY_JOINTS, Hypothesis, find_mistakes, sentence
+from .parameter_table import ParameterTable
+from .prediction_verdict import PredictionVerdict
+from .wrong_scale import WrongScale, masses, wrong_scale
 
-__all__ = ["change_in_log", "copies_among", "heavy_ends", "mistakes_in_logs"]
+if TYPE_CHECKING:
+    from .log_reader import LogReader, Progress
+    from .reduced_logs import ReducedLogs
+    from .result import Prediction
 
-SHORTEST_DRIFT = 60.0
-"""s of a log below which no drift of friction is looked for: gears warm up in minutes, and what changes in seconds is
-the motion."""
+__all__ = ["Doubts", "doubts_of", "heavy_ends", "mistakes_in_logs"]
+
 _SEARCHED = 3
 """Logs for which all hypotheses are tried; for the others only those that were found in these. A search takes a second
 or two, and logs of one robot mostly share their mistakes."""
@@ -42,42 +42,93 @@ _DENSE_ROWS = 4000
 """Rows in the middle of a log by which a delay is told where the samples at hand are too far apart."""
 
 
-def copies_among(
-    logs: Sequence[tuple[str, str, Information]], contents: Mapping[str, Hashable] = MappingProxyType({})
-) -> dict[int, str]:
-    """Find logs that hold the very rows of one before them, and say of each what that does to the answer.
+@dataclass(frozen=True, eq=False)
+class Doubts:
+    """What is probably wrong with the logs of an answer.
+
+    Attributes
+    ----------
+    mistakes : dict from str to tuple of Hypothesis
+        By log, the delays of torques among them.
+    of_log : bool
+        Whether there are others than such delays, so that the answer is of no robot.
+    scale : WrongScale or None
+    prediction : PredictionVerdict
+        The verdict with the mistakes.
+    remarks : tuple of str
+        A sentence for each doubt.
+    """
+
+    mistakes: dict[str, tuple[Hypothesis, ...]]
+    of_log: bool
+    scale: WrongScale | None
+    prediction: PredictionVerdict
+    remarks: tuple[str, ...]
+
+
+def doubts_of(
+    reader: LogReader,
+    given: Mapping[str, GivenLog],
+    read: ReducedLogs,
+    predictions: Sequence[Prediction],
+    prediction: PredictionVerdict,
+    late: Mapping[str, tuple[Hypothesis, ...]],
+    constraints: Sequence[Constraint],
+    known: PhysicalPrior | None,
+    free: Callable[[], Estimate],
+    say: Progress,
+) -> Doubts:
+    """Look for what is wrong with logs, by what the answer leaves of them and by what it makes of the robot.
 
     Parameters
     ----------
-    logs : sequence of (str, str, Information)
-        Name, role and reduction of each log, those of the fit first. Sums of products that are the same to ten digits
-        are those of the same rows: noise alone makes others different.
-    contents : mapping, optional
-        What tells the contents of logs, by name; logs of the same contents are copies as well. Logs that were
-        processed for themselves may have other rows left out, which changes their sums.
-
-    Returns
-    -------
-    dict
-        The sentence by the index of the log.
+    reader : LogReader
+    given : mapping from str to GivenLog
+        All logs by their names.
+    read : ReducedLogs
+    predictions : sequence of Prediction
+        Of each log.
+    prediction : PredictionVerdict
+    late : mapping from str to tuple of Hypothesis
+        Delays of the torques, see `late_hypotheses`.
+    constraints : sequence of Constraint
+        Those of the user.
+    known : PhysicalPrior, optional
+        What is known of the robot with these constraints.
+    free : callable
+        Returns an estimate that no mass of the description holds.
+    say : callable
     """
-    first: dict[Hashable, int] = {}
-    found = {}
-    for index, (name, role, information) in enumerate(logs):
-        # Sums of squares of one mixture of all columns; the last digits depend on how blocks were joined.
-        mixed = [factor.triangle @ np.linspace(1.0, 2.0, len(factor.triangle)) for factor in information.factors]
-        rows = tuple((f.count, f"{one @ one:.9e}") for f, one in zip(information.factors, mixed, strict=True))
-        keys = [rows, contents[name]] if name in contents else [rows]
-        before = min(first.setdefault(key, index) for key in keys)
-        if before == index or not information.count:
-            continue
-        other, other_role, _ = logs[before]
-        same = "the rows of this log" if other == name else f"the rows of {other}"
-        if role != other_role:
-            found[index] = f"{name}: {same} were used in the fit, so that its error is no test of a prediction."
-        else:
-            harm = "twice, so that intervals are too narrow" if role == "identification" else "once"
-            found[index] = f"{name}: {same} were given twice, and count {harm}."
+    # Of a model that predicts well, only cheap explanations are tried on the logs that it predicts.
+    well = {p.name for p in predictions if prediction.word == "good" and p.feasible_error <= POOR}
+    # Half of a log with a body looks like many a mistake.
+    errors = {name: error for name, error in _worst_errors(predictions).items() if name not in read.changes}
+    samples = {log.name: log.samples for log in read.logs}
+    mistakes = mistakes_in_logs(reader, reader.file, constraints, given, samples, errors, say, well, known)
+    scale: WrongScale | None = None
+    if not read.changes and not reader.units_are_suspect:
+        seen, layout = [log.samples for log in read.logs if log.fitted], reader.layouts.get(read.logs[0].name)
+        scale = wrong_scale(reader.model, lambda: None if mistakes else free(), seen, reader.file, layout)
+    # Of several logs, one alone may have another unit than all the others.
+    if scale is not None and (len(seen) == 1 or len(mistakes) > 1):
+        mistakes = {name: found for name, found in mistakes.items() if not scale.outweighs(found[0])}
+    scale = None if mistakes else scale
+    told = mistakes
+    if all(found[0].kind == "delay" for found in mistakes.values()):  # which it tells by few rows
+        told = mistakes | dict(late)
+    remarks = [f"{log}: {sentence(found)}" for log, found in told.items()]
+    if scale is not None:
+        remarks.append(scale.sentence)
+    return Doubts(told, bool(mistakes), scale, prediction.with_mistakes(mistakes.values()), tuple(remarks))
+
+
+def _worst_errors(predictions: Sequence[Prediction]) -> dict[str, float]:
+    """The largest relative error of any joint, by log."""
+    found: dict[str, float] = {}
+    for prediction in predictions:
+        errors = prediction.joint_feasible_error
+        error = float(np.max(errors[np.isfinite(errors)], initial=prediction.feasible_error))
+        found[prediction.name] = max(found.get(prediction.name, 0.0), error)
     return found
 
 
@@ -191,21 +242,3 @@ def heavy_ends(model: Model, table: ParameterTable) -> tuple[str, ...]:
             f"{few_digits(described[k])} kg: if it carried a gripper or a tool, put that into the description."
         )
     return tuple(found)
-
-
-def change_in_log(model: Model, blocks: TimeBlocks, kept: Samples) -> BodyChange | None:
-    """Tell whether a link at the end of a chain picks up or puts down a body in the course of a log.
-
-    Parameters
-    ----------
-    model : Model
-    blocks : TimeBlocks
-        Of the rows of the log, with the base parameters of the model.
-    kept : Samples
-        Rows of all the log.
-    """
-    if kept.t is None or not len(kept.t) or model.parameter_count > MANY_PARAMETERS:
-        return None
-    base, robot = model.base_parameters(), model.robot
-    ends = {robot.link_names[k]: base.K[:, np.asarray(model.link_columns[k])] for k in robot.end_links}
-    return body_change(blocks, base.names, ends, float(np.min(kept.t)), float(np.max(kept.t)))

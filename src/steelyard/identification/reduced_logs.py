@@ -1,0 +1,192 @@
+"""The logs of an identification, each reduced to what replaces its rows, and what these say of the robot together."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from steelyard.dynamics import Model
+from steelyard.recording import Samples
+from steelyard.regression import Information
+from steelyard.regression.batch_means import BatchMeansTree
+from steelyard.regression.body_change import BodyChange, body_change
+from steelyard.regression.reduction import empty_factors
+from steelyard.regression.time_blocks import TimeBlocks
+
+from .given import GivenLog
+from .log_reader import LogReader, LogReduction, LogTask, Progress, ReducedLog, one_by_one
+from .parameter_table import MANY_PARAMETERS
+
+if TYPE_CHECKING:
+    from steelyard.regression.drift import FrictionDrift
+
+__all__ = ["ReducedLogs", "change_in_log", "copies_among", "reduced_logs"]
+
+SHORTEST_DRIFT = 60.0
+"""s of a log below which no drift of friction is looked for: gears warm up in minutes, and what changes in seconds is
+the motion."""
+_TRACE_POINTS = 1200  # points of the curves of a log: about as many as a figure of the report has pixels
+_ALL_POINTS = 24_000  # of all the logs of a role together, so that thousands of them do not fill the memory
+_DRAWN_ROWS, _ALL_DRAWN_ROWS = 20_000, 120_000
+"""Rows of a log that are kept to be drawn, and of all the logs of a role together. All joints share them: 20 000 are
+700 pieces of the log of seven joints, each with four extremes of each joint, and 172 of 29 joints."""
+
+
+@dataclass(frozen=True, eq=False)
+class ReducedLogs:
+    """What is kept of the logs of an identification.
+
+    Attributes
+    ----------
+    logs : tuple of ReducedLog
+        Those of the fit first, then those of the validation.
+    information : Information
+        Of those of the fit, together.
+    blocks : TimeBlocks
+        Their stretches.
+    copies : dict from int to str
+        Which logs hold the rows of one before them, see `copies_among`.
+    changes : dict from str to BodyChange
+        Logs within which a body is picked up or put down.
+    drifts : dict from str to tuple of FrictionDrift
+        Logs within which friction drifts.
+    drift_sentences : tuple of str
+        What that means, a sentence for each.
+    """
+
+    logs: tuple[ReducedLog, ...]
+    information: Information
+    blocks: TimeBlocks
+    copies: dict[int, str]
+    changes: dict[str, BodyChange]
+    drifts: dict[str, tuple[FrictionDrift, ...]]
+    drift_sentences: tuple[str, ...]
+
+    def narrowed(self, wider: Model, model: Model) -> ReducedLogs:
+        """Return the logs for a model that lacks some terms of the wider one; what they are together is left."""
+        return replace(self, logs=tuple(log.narrowed(wider, model) for log in self.logs))
+
+
+def reduced_logs(
+    reader: LogReader,
+    logs: Sequence[GivenLog],
+    validation: Sequence[GivenLog],
+    model: Model,
+    reduction: LogReduction | None,
+    say: Progress,
+) -> ReducedLogs:
+    """Reduce the logs for a model, and look at each for what changes within it.
+
+    Parameters
+    ----------
+    reader : LogReader
+        That has decided how logs are processed; it is told of remarks and columns.
+    logs, validation : sequence of GivenLog
+    model : Model
+    reduction : callable, optional
+        See :func:`steelyard.identify`.
+    say : callable
+    """
+    tasks = [
+        _task(log, number, len(group), group is logs)
+        for group in (logs, validation)
+        for number, log in enumerate(group)
+    ]
+    means, blocks = BatchMeansTree(), TimeBlocks(empty_factors(model))
+    kept: list[ReducedLog] = []
+    changes: dict[str, BodyChange] = {}
+    drifts: dict[str, tuple[FrictionDrift, ...]] = {}
+    sentences: list[str] = []
+    for group in (reduction or one_by_one)(reader, tasks, model, say):
+        means.add(group.batch_means)
+        for log in group.logs:
+            reader.note(log)
+            kept.append(replace(log, blocks=()))  # which are joined with those of the other logs
+            if not log.fitted:
+                continue
+            own = TimeBlocks.of_held(blocks.empty, log.blocks)
+            t = log.drawn.samples.t
+            changed = change_in_log(model, own, log.drawn.samples)
+            if changed is not None:  # whose friction seems to change, too
+                changes[log.name] = changed
+            elif t is not None and np.ptp(t) >= SHORTEST_DRIFT:
+                from steelyard.regression.drift import drift_sentence, friction_drifts  # short logs need none
+
+                found = friction_drifts(own, model.base_parameters().names)
+                if found:
+                    drifts[log.name] = found
+                    sentences.append(drift_sentence(log.name, found, model.robot.joint_names))
+            blocks.append(own)
+    copies = copies_among([(log.name, log.role, log.information) for log in kept])
+    reader.remarks.extend(copies.values())
+    information = Information.total([log.information for log in kept if log.fitted])
+    information = replace(information, batch_means=means.total())
+    return ReducedLogs(tuple(kept), information, blocks, copies, changes, drifts, tuple(sentences))
+
+
+def _task(log: GivenLog, number: int, count: int, fitted: bool) -> LogTask:
+    """Say what is to be kept of one of `count` logs of a role: of the first one more than of the others."""
+    points = _TRACE_POINTS if number == 0 else min(max(_ALL_POINTS // count, 100), _TRACE_POINTS)
+    rows = _DRAWN_ROWS if number == 0 else min(max(_ALL_DRAWN_ROWS // count, 200), _DRAWN_ROWS)
+    return LogTask(log, points, rows, count, fitted)
+
+
+def copies_among(
+    logs: Sequence[tuple[str, str, Information]], contents: Mapping[str, Hashable] = MappingProxyType({})
+) -> dict[int, str]:
+    """Find logs that hold the very rows of one before them, and say of each what that does to the answer.
+
+    Parameters
+    ----------
+    logs : sequence of (str, str, Information)
+        Name, role and reduction of each log, those of the fit first. Sums of products that are the same to ten digits
+        are those of the same rows: noise alone makes others different.
+    contents : mapping, optional
+        What tells the contents of logs, by name; logs of the same contents are copies as well. Logs that were
+        processed for themselves may have other rows left out, which changes their sums.
+
+    Returns
+    -------
+    dict
+        The sentence by the index of the log.
+    """
+    first: dict[Hashable, int] = {}
+    found = {}
+    for index, (name, role, information) in enumerate(logs):
+        # Sums of squares of one mixture of all columns; the last digits depend on how blocks were joined.
+        mixed = [factor.triangle @ np.linspace(1.0, 2.0, len(factor.triangle)) for factor in information.factors]
+        rows = tuple((f.count, f"{one @ one:.9e}") for f, one in zip(information.factors, mixed, strict=True))
+        keys = [rows, contents[name]] if name in contents else [rows]
+        before = min(first.setdefault(key, index) for key in keys)
+        if before == index or not information.count:
+            continue
+        other, other_role, _ = logs[before]
+        same = "the rows of this log" if other == name else f"the rows of {other}"
+        if role != other_role:
+            found[index] = f"{name}: {same} were used in the fit, so that its error is no test of a prediction."
+        else:
+            harm = "twice, so that intervals are too narrow" if role == "identification" else "once"
+            found[index] = f"{name}: {same} were given twice, and count {harm}."
+    return found
+
+
+def change_in_log(model: Model, blocks: TimeBlocks, kept: Samples) -> BodyChange | None:
+    """Tell whether a link at the end of a chain picks up or puts down a body in the course of a log.
+
+    Parameters
+    ----------
+    model : Model
+    blocks : TimeBlocks
+        Of the rows of the log, with the base parameters of the model.
+    kept : Samples
+        Rows of all the log.
+    """
+    if kept.t is None or not len(kept.t) or model.parameter_count > MANY_PARAMETERS:
+        return None
+    base, robot = model.base_parameters(), model.robot
+    ends = {robot.link_names[k]: base.K[:, np.asarray(model.link_columns[k])] for k in robot.end_links}
+    return body_change(blocks, base.names, ends, float(np.min(kept.t)), float(np.max(kept.t)))
