@@ -592,7 +592,7 @@ def show_excitation(design: ExcitationDesign) -> None:
         _say(console, " ".join(design.warnings))
     table = _table("limit", "nearest part", "margin", "at s")
     for margin in design.nearest():
-        table.add_row(_text(margin.name), _text(margin.label), f"{margin.clearance:.4g}", f"{margin.time:.3f}")
+        table.add_row(_text(margin.name), _text(margin.label), *margin.cells)
     _show(console, table)
     if design.criterion != "condition" or design.subset:
         about = f" of {design.shown}" if design.subset else ""
