@@ -129,6 +129,10 @@ def _left_out(
     tendons = [row["name"] for row in model.tendons if any(row[k] for k in acting)]
     if tendons:
         parts.append(f"springs, friction and inertia of the tendons {_listed(tendons)}")
+    sections = document.root.all("actuator")
+    motors = [one.attributes.get("joint", "") for section in sections for one in section.all("dcmotor")]
+    if motors:
+        parts.append(f"the motors (dcmotor) of {_listed(motors)}, with their armature and damping")
     floating = [name for name, row in zip(bodies, model.bodies, strict=True) if row["gravcomp"]]
     if floating:
         parts.append(f"compensated gravity (gravcomp) of {_listed(floating)}")
