@@ -1,8 +1,10 @@
 """What nobody thought of ends in a sentence too, and nothing but text reaches the terminal."""
 
+import errno
 import io
 import json
 import os
+import shlex
 import subprocess
 import sys
 
@@ -11,7 +13,7 @@ import pytest
 
 import steelyard as sy
 from steelyard.cli import terminal
-from steelyard.cli.terminal import guarded, printable
+from steelyard.cli.terminal import guarded, printable, progress
 
 SEQUENCES = ("\x1b", "\x9b", "\x07", "\u202e", "\u2066", "\r")
 
@@ -137,6 +139,44 @@ def test_a_reader_that_goes_away_is_no_fault(place, command):
         done = subprocess.run(command, cwd=place, stdout=pipe, stderr=subprocess.PIPE, text=True, check=False)
     assert done.returncode == 1
     assert done.stderr == ""
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="there is no /dev/full here")
+@pytest.mark.parametrize(
+    ("line", "code", "out", "err"),
+    [
+        ("--version >&-", 0, "", ""),
+        ("--version <&- >&- 2>&-", 0, "", ""),
+        ("--version 2>/dev/full", 0, "steelyard", ""),
+        ("--version >/dev/full", 2, "", "steelyard: the system: No space left on device.\n"),
+        ("inspect no.urdf 2>&-", 2, "", ""),
+        ("inspect no.urdf --json 2>/dev/full", 2, '{\n "format": "steelyard-error-1"', ""),
+        ("inspect no.urdf --json >/dev/full", 2, "", "steelyard: no.urdf: cannot be read (No such file or directory)"),
+    ],
+)
+def test_streams_that_are_closed_or_full(line, code, out, err):
+    """What nobody wants to read is not told; an answer that is lost is."""
+    command = f"{shlex.quote(sys.executable)} -m steelyard {line}"
+    done = subprocess.run(command, shell=True, capture_output=True, text=True, check=False)
+    assert done.returncode == code
+    for found, begin in ((done.stdout, out), (done.stderr, err)):
+        assert found.startswith(begin)
+        assert bool(found) == bool(begin)
+
+
+def test_no_work_is_lost_for_progress_that_cannot_be_written(monkeypatch):
+    class Full(io.StringIO):
+        def write(self, text):
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+        def flush(self):
+            self.write("")
+
+    monkeypatch.setattr(sys, "stderr", Full())
+    with guarded(), progress() as say:
+        say("reading")
+        print("a warning of a library", file=sys.stderr, flush=True)
+        sys.stderr.overwrite("reading: 50 %")
 
 
 @pytest.mark.parametrize("home", ["relative/cache", "", "."])

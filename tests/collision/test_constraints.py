@@ -18,6 +18,7 @@ from steelyard.collision import (
 )
 from steelyard.collision.configurations import default_neutral_configuration, random_configurations
 from steelyard.errors import InputError
+from steelyard.excitation.limit_margins import margins_of
 from steelyard.robot.placement import rotation_y, translation
 
 CHAIN = """<robot name="chain">
@@ -164,6 +165,18 @@ class TestPairs:
         # The first rod, from (0.1, 0, 0) to (0.4, 0, 0) with a radius of 0.03, from the ball.
         distance = np.hypot(np.hypot(0.1, 1.0), 0.3) - 0.13
         assert limit.distances([[0.0, 1.0, 0.0, 0.0]])[0, 2] == pytest.approx(distance, abs=1e-6)
+
+    def test_what_is_never_near_is_told_as_such(self, chain):
+        """Beyond the horizon distances are not computed: no time is that of the smallest one."""
+        limit = ObstacleClearance(chain, [Obstacle("ball", Sphere(0.1), translation(0.25, 0.0, 0.2))], margin=0.01)
+        t = np.array([0.0, 1.0])
+        q = np.array([[-np.pi / 2, 1.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0]])
+        margins = {margin.label: margin for margin in margins_of([limit], t, (q, 0 * q, 0 * q))}
+        assert limit.distances(q)[:, 1].min() > limit.horizon
+        assert margins["b to ball"].beyond
+        assert margins["b to ball"].cells == ("over 0.1", "-")
+        assert str(margins["b to ball"]) == "obstacles, b to ball: keeps over 0.1"
+        assert margins["a to ball"].cells == ("0.06", "1.000")
 
     def test_bad_obstacles(self, chain):
         ball = Obstacle("ball", Sphere(0.1), translation(2.0, 0.0, 0.0))

@@ -28,7 +28,7 @@ def logs(tmp_path_factory):
     random = np.random.default_rng(5)
     truth = Payload.random(random, 2.5)
     motion = tuple(array[::2] for array in arm.motion(random))
-    for name, held in (("unloaded", None), ("loaded", truth)):
+    for name, held in (("unloaded", None), ("loaded", truth), ("again", None)):
         recording = arm.log(random, held, motion=motion)
         recording.save(folder / f"{name}.csv")
         currents = sy.Recording(t=recording.t, q=recording.q, torque=recording.torque / GAINS)
@@ -62,13 +62,20 @@ def test_the_command_tells_the_payload(logs, run, tmp_path):
 
 def test_nothing_carried_is_said_first(logs, run, tmp_path):
     folder, _, _ = logs
-    files = (folder / "robot.toml", folder / "unloaded.csv", folder / "unloaded.csv")
+    files = (folder / "robot.toml", folder / "unloaded.csv", folder / "again.csv")
     code, out, _ = run("payload", *files)
     assert code == 0
     assert out.startswith("The data do not show that anything is carried: it may weigh nothing, and up to 0.0")
     code, out, err = run("payload", *files, "--output", tmp_path)
     assert (code, out) == (2, "")
     assert "is a folder" in err
+
+
+def test_a_log_that_is_given_twice_is_told(logs):
+    folder, truth, _ = logs
+    found = identify_payload(folder / "robot.toml", folder / "loaded.csv", [folder / "unloaded.csv"] * 2)
+    assert abs(found.estimate.parameters[9] / truth.mass - 1.0) < 0.02
+    assert any("were given twice, and count twice" in remark for remark in found.remarks)
 
 
 def test_a_payload_that_is_mounted_elsewhere_is_told(logs):
@@ -162,6 +169,7 @@ def test_some_gains_are_known(logs):
     [
         (("robot.toml", "loaded.csv"), "needs ROBOT UNLOADED LOADED, or ROBOT LOADED with --estimate, got 1 log"),
         (("robot.toml", "loaded.csv", "unloaded.csv"), "a mass of -2.5"),
+        (("robot.toml", "unloaded.csv", "unloaded.csv"), "the same rows are given without and with the payload"),
         (("robot.toml", "unloaded.csv", "loaded.csv", "--mass", "2"), "does not ask for any"),
         (("robot.toml", "unloaded.csv", "loaded.csv", "--frame", "tol0"), 'no link "tol0"; did you mean "tool0"?'),
         (("currents.toml", "currents_unloaded.csv", "currents_loaded.csv"), "needs a payload of known mass"),

@@ -1,5 +1,6 @@
 """Saved estimates on logs that they have not seen, against simulations of Pinocchio."""
 
+import hashlib
 import json
 import shutil
 
@@ -114,6 +115,24 @@ def test_a_wrong_prediction_exits_with_3(logs, run, tmp_path):
     assert len(found) == 1
     assert "shoulder_lift_joint" in found[0]
     assert "sign" in found[0]
+
+
+def test_a_log_of_the_fit_is_no_prediction(logs, run, tmp_path):
+    """It is said in the first line, which is all that a quiet command prints."""
+    folder, _ = logs
+    shutil.copy(folder / "estimate.json", tmp_path)
+    hashed = hashlib.sha256((folder / "one.csv").read_bytes()).hexdigest()
+    options = {"processing": {"cutoff": 5.0, "velocity_threshold": 0.005}, "decided": {}}
+    record = {"format": "steelyard-run-1", "robot": [], "logs": [[{"path": "one.csv", "sha256": hashed}]]}
+    (tmp_path / "run.json").write_text(json.dumps({**record, "options": options}))
+    one, two = folder / "one.csv", folder / "two.csv"
+    code, out, _ = run("validate", folder / "robot.toml", tmp_path, one, "--quiet")
+    assert code == 0
+    assert out == f"No log was predicted: {one} made this estimate; give one that it has not seen.\n"
+    both = validate_estimate(folder / "robot.toml", tmp_path, [one, two])
+    assert both.seen == (str(one),)
+    assert str(both).startswith("The model predicts well")
+    assert f"Note: {one}: was used to make" in str(both)
 
 
 def test_logs_are_processed_as_those_of_the_fit(logs, tmp_path):

@@ -88,6 +88,20 @@ def test_ratios_are_those_of_the_links_at_the_joints_that_carry_something(motion
     assert found.left_by_scale < found.left_by_tool
 
 
+@pytest.mark.parametrize("constant", [0.0, 0.1])
+def test_a_joint_that_reports_no_torque_says_nothing(motion, constant):
+    """Without it the others say the same; nothing is divided by what rounding leaves of a constant."""
+    samples = samples_of(motion, 5.0)
+    torque, used = samples.torque.copy(), np.ones(samples.torque.shape, dtype=bool)
+    torque[:, 3], used[:, 3] = constant, False
+    model, shown = sy.Model(robot_of(CAD)), {name: getattr(samples, name) for name in ("q", "dq", "ddq")}
+    found = link_torques(model, [sy.Samples(torque=torque, **shown)])
+    without = link_torques(model, [sy.Samples(torque=torque, mask=used, **shown)])
+    np.testing.assert_allclose(found.gravity, without.gravity)
+    assert found.left_by_scale == pytest.approx(without.left_by_scale)
+    assert found.left_by_tool == pytest.approx(without.left_by_tool, rel=1e-6)
+
+
 def test_a_tool_is_no_scale(motion):
     found = links(motion, tool=TOOL)
     assert found.gravity.min() > 2.0

@@ -143,6 +143,9 @@ def test_credible_robots_are_possible_and_hold_a_true_one(model: sy.Model) -> No
         ({"lower": -1.0, "upper": 1.0}, {}, "no limit of velocity or acceleration"),
         (LIMITS, {"criterion": "condition"}, "criterion must be"),
         (LIMITS, {"accuracy": 0.0}, "accuracy"),
+        (LIMITS, {"starts": 0}, "starts must be a whole number of at least 1"),
+        (LIMITS, {"seed": -1}, "seed must be a whole number"),
+        (LIMITS, {"cutoff": 60.0, "sample_time": 0.01}, "cutoff must be below 50 Hz"),
     ],
 )
 def test_what_cannot_be_used_is_told(
@@ -161,6 +164,11 @@ def test_what_cannot_be_used_is_told(
         ({"dq": 0.0}, "dq must be 2 finite numbers"),
         ({"torque": [np.nan, 0.0]}, "torque must be 2 finite numbers"),
         ({"torque": [1.0]}, "torque must be 2 finite numbers"),
+        ({"t": None}, "t must be a finite number of seconds, got None"),
+        ({"q": ["a", "b"]}, "q must be 2 finite numbers"),
+        ({"q": np.ma.array([0.2, 0.0], mask=[0, 1])}, "q must be 2 finite numbers"),
+        ({"q": [0.2, -0.3 + 2 * np.pi]}, "jumped by 6.283"),
+        ({"q": [1e9, -0.3]}, "jumped by 1e\\+09"),
     ],
 )
 def test_a_dead_sensor_is_told_and_nothing_is_commanded(model: sy.Model, measured: dict, told: str) -> None:
@@ -169,6 +177,18 @@ def test_a_dead_sensor_is_told_and_nothing_is_commanded(model: sy.Model, measure
     excitation.command(**usual)
     with pytest.raises(InputError, match=told):
         excitation.command(**{**usual, "t": 0.001, **measured})
+
+
+def test_a_velocity_that_no_joint_has_is_no_reason_for_a_long_stop(model: sy.Model) -> None:
+    """The stop that follows ends within the time that it takes from twice the limit."""
+    excitation = ActiveExcitation(model, LIMITS)
+    excitation.command(0.0, [0.2, -0.3], [0.0, 0.0])
+    excitation.command(0.001, [0.2, -0.3], [1e7, 0.0])
+    assert [reason for _, reason in excitation.interruptions] != []
+    stop = excitation._reference
+    assert stop is not None
+    assert stop.end - stop.start < 2.0 * np.max(excitation.limits.velocity / excitation.limits.acceleration)
+    assert np.abs(stop.dq).max() <= 2.0 * np.max(excitation.limits.velocity)
 
 
 def test_measured_velocities_damp_the_robot(model: sy.Model) -> None:

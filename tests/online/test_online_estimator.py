@@ -160,6 +160,25 @@ def test_samples_that_are_not_as_they_should_be(model: sy.Model, motion: tuple[A
     )
 
 
+@pytest.mark.parametrize(("rate", "jitter"), [(40.0, 0.0), (50.0, 0.5)])
+def test_slow_samples_are_no_gaps(model: sy.Model, motion: tuple[Array, ...], rate: float, jitter: float) -> None:
+    """All of them count where that is the rate that was said; where it was not, the remarks say what came."""
+    random = np.random.default_rng(2)
+    times = (np.arange(800) + jitter * random.uniform(-0.5, 0.5, 800)) / rate
+    pace = np.array([3.0, 4.0])
+    q, dq, ddq = (f(pace * times[:, None]) * pace**k for f, k in ((np.sin, 0), (np.cos, 1), (lambda x: -np.sin(x), 2)))
+    slow, said = sy.OnlineEstimator(model, rate=rate), sy.OnlineEstimator(model, longest_gap=0.01)
+    for estimator in (slow, said):
+        estimator.update(times, q, model.inverse_dynamics(q, dq, ddq, TRUE))
+    answer = slow.estimate()
+    assert answer.rows > 1400
+    assert slow.stream_counts["gaps"] == 0
+    assert slow.information.relative_error(answer.base) < 0.02
+    told = " ".join(said.remarks)
+    assert f"Most samples are {np.diff(times).mean():.4g} s after the one before" in told
+    assert "Samples come at" not in told
+
+
 def test_even_samples_pass_unchanged_whatever_their_parts() -> None:
     rows = np.column_stack([1.7e9 + np.arange(1000) / 1000, np.random.default_rng(4).normal(size=(1000, 2))])
     stream = EvenStream(1000.0, 1, 0.02)
@@ -320,6 +339,7 @@ def test_intervals_hold_the_truth(model: sy.Model, motion: tuple[Array, ...]) ->
         ({"weights": [1.0]}, "2 positive numbers"),
         ({"weights": "joints"}, "must be None, 'joint' or one number"),
         ({"least_speed": -1.0}, "at least 0"),
+        ({"rate": 40.0, "longest_gap": 0.02}, "longer than the 0.025 s between two samples"),
     ],
 )
 def test_options_that_make_no_sense(model: sy.Model, options: dict[str, object], message: str) -> None:
@@ -334,6 +354,9 @@ def test_options_that_make_no_sense(model: sy.Model, options: dict[str, object],
         ([(0.0, [0.0, 0.0], [0.0, 0.0], None, [0.0, 0.0])], "ddq was given without dq"),
         ([(0.0, [0.0, 0.0], [0.0, 0.0]), (0.1, [0.0, 0.0], [0.0, 0.0], [0.0, 0.0])], "give the same of every sample"),
         ([([0.0, 0.1], [[0.0, 0.0]], [[0.0, 0.0]])], "one row for each of 2 times"),
+        ([(0.0, ["a", "b"], [0.0, 0.0])], "q must be real numbers"),
+        ([(0.0, np.zeros(2) + 1j, [0.0, 0.0])], "q must be real numbers, got an array of complex128"),
+        ([(0.0, np.zeros(2), np.ma.array([0.0, 1.0], mask=[0, 1]))], "torque must be .* masked numbers"),
     ],
 )
 def test_samples_that_do_not_fit(model: sy.Model, samples: list[tuple[object, ...]], message: str) -> None:

@@ -72,10 +72,12 @@ def differences(document: MjcfDocument, ours: CompiledMjcf, theirs: CompiledMjcf
             if index in moving:
                 values = [row["inertia"].parameters for row in (one, other)]
                 compare(f"inertia of {name}", *values, max(np.abs(values[1]).max(), 1e-3))
-    for one, other in zip_longest(ours.joints, theirs.joints, fillvalue={}):
+    for index, (one, other) in enumerate(zip_longest(ours.joints, theirs.joints, fillvalue={})):
         name, kind = other.get("name"), other.get("type")
         for key in ("name", "type", "bodyid", "limited", "actfrclimited", "poly"):
             same(f"{key} of joint {name}", one.get(key), other.get(key))
+        for key, value in theirs.of_actuators(index).items():
+            compare(f"{key} by the actuators of {name}", ours.of_actuators(index)[key], value)
         if one and other and kind in (2, 3):  # free and ball joints have neither axis nor reference
             for key in (*NUMBERS, "axis"):
                 if key not in ON_LIMITS or other[ON_LIMITS[key]]:

@@ -134,7 +134,9 @@ def test_stamps_are_those_of_the_recording_where_headers_have_none(tmp_path: Pat
     messages = [state._replace(stamp=0, recorded=state.logged) for state in STATES]
     expect(Recording.read(bag(tmp_path, messages), joints=JOINTS))
     one = [STATES[0]._replace(stamp=0, recorded=STATES[0].logged), *STATES[1:]]
-    expect(Recording.read(bag(tmp_path, one), joints=JOINTS))
+    found = Recording.read(bag(tmp_path, one), joints=JOINTS)
+    expect(found)
+    assert f"1 of {S} messages has no stamp in the header" in " ".join(found.layout.guesses)
     same = [state._replace(stamp=START, recorded=state.logged) for state in STATES]
     expect(Recording.read(bag(tmp_path, same), joints=JOINTS))
 

@@ -1,6 +1,7 @@
 """Folders, patterns, partitions and object stores stand for logs, in an order that follows from their names."""
 
 import contextlib
+import errno
 import io
 import os
 import subprocess
@@ -12,6 +13,7 @@ import zipfile
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -250,6 +252,43 @@ def test_threads_that_copy_at_once_have_copies_of_their_own(store: str, monkeypa
     for thread in threads:
         thread.join()
     assert found == {"one": "one", "two": "two"}
+
+
+@pytest.mark.skipif(os.name != "posix", reason="only there it is known which process still uses a folder")
+def test_nothing_is_left_of_a_log_whose_reader_was_killed(tmp_path: Path) -> None:
+    program = (
+        "from steelyard.recording.formats.standard_input import standard_input\n"
+        "import os, signal\n"
+        "print(standard_input(), flush=True)\n"
+        "if {}: os.kill(os.getpid(), signal.SIGKILL)"
+    )
+    found = []
+    for killed in (True, False):
+        command = [sys.executable, "-c", program.format(killed)]
+        options: dict[str, Any] = {"capture_output": True, "env": {**os.environ, "TMPDIR": str(tmp_path)}}
+        done = subprocess.run(command, input=LOG.encode(), check=False, **options)
+        found.append(Path(done.stdout.decode().strip()))
+        assert found[-1].is_relative_to(tmp_path), done.stderr
+        assert found[-1].exists() == killed
+        if killed:  # nobody else reads what may be confidential
+            assert found[-1].parent.stat().st_mode & 0o077 == 0
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_standard_input_that_finds_no_room_is_one_sentence(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    class Stream(io.BytesIO):
+        def read(self, *size: int | None) -> bytes:
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setattr(tempfile, "tempdir", None)
+    monkeypatch.setattr(sys, "stdin", SimpleNamespace(buffer=Stream(), closed=False, isatty=lambda: False))
+    monkeypatch.setattr(standard_input._Spool, "path", None)
+    with pytest.raises(
+        sy.errors.InputError, match=r"cannot be copied to .* \(No space left on device\); make room there"
+    ):
+        standard_input.standard_input()
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_the_standard_input_is_read_once_by_all_threads(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -70,6 +70,25 @@ def test_classes_frames_and_settings_come_to_what_mujoco_makes_of_them(tmp_path,
 
 
 @EXACT
+def test_what_actuators_weigh_is_read_as_mujoco_reads_it(tmp_path):
+    weighing = NESTED.replace("<default>", '<default><motor armature="0.1" damping="0.2 0 0.3"/>', 1)
+    weighing = weighing.replace('kv="2"/>', 'kv="2" armature="0.7"/>').replace(
+        '<fixed name="t"', '<fixed name="t" armature="2"'
+    )
+    document, ours, theirs = readings(written(tmp_path, weighing))
+    assert not isinstance(theirs, Exception), theirs
+    assert differences(document, ours, theirs) == []
+    assert ours.of_actuators(1) == pytest.approx({"armature": 0.9, "damping": 1.8})
+
+
+def test_motors_that_are_not_read_are_told(tmp_path, without_mujoco):
+    text = NESTED.replace("<actuator>", '<actuator><dcmotor joint="one" motorconst="0.1" armature="0.2"/>')
+    assert "the motors (dcmotor) of one, with their armature and damping" in " ".join(
+        read(tmp_path, text, locked=["free"]).remarks
+    )
+
+
+@EXACT
 @pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 17))])
 def test_random_trees_come_to_what_mujoco_makes_of_them(tmp_path, seed):
     document, ours, theirs = readings(random_forest(tmp_path, seed))

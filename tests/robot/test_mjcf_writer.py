@@ -18,6 +18,7 @@ from described_robots import (  # noqa: E402
     random_drives,
     with_rotors,
 )
+from mjcf_readings import EXACT  # noqa: E402
 from random_mjcf import random_forest  # noqa: E402
 
 pytestmark = pytest.mark.usefixtures("mujoco_in_this_process")
@@ -117,6 +118,26 @@ def test_offsets_stand_among_the_numbers_of_the_user(tmp_path):
     assert third.read_bytes() == target.read_bytes()
     write_mjcf(again, again.parameters, known(robot, offset=[0.75, np.nan, -0.25]), target, third)
     assert third.read_bytes() == target.read_bytes().replace(b'"0.5"/>\n    <numeric', b'"0.75"/>\n    <numeric')
+
+
+@EXACT
+def test_actuators_give_joints_armature_and_damping(tmp_path):
+    """Each times its gear squared; the joint alone has what is written."""
+    classes = ARM.replace("<default>", '<default><motor armature="0.002"/>', 1)
+    motors = '<motor joint="shoulder" gear="-10"/><position joint="elbow" gear="5" armature="0.1" damping="0.3"/>'
+    text = classes.replace("</mujoco>", f"<actuator>{motors}</actuator></mujoco>")
+    source, target = written(tmp_path, text), tmp_path / "out.xml"
+    robot = Robot.from_mjcf(source)
+    assert [joint.rotor_inertia for joint in robot.joints] == pytest.approx([0.2, 2.52, 0.0])
+    assert [joint.damping for joint in robot.joints] == pytest.approx([0.5, 0.7 + 0.3 * 25, 0.5])
+    assert "The rotor inertia of shoulder, elbow is that of the joint and of its actuators." in robot.remarks
+    assert "The damping of elbow is that of the joint and of its actuators." in robot.remarks
+    assert difference_when_written(robot, source, target) < 1e-9
+    written_drives = random_drives(robot, 1)
+    again = mujoco.MjModel.from_xml_path(str(target))
+    np.testing.assert_allclose(again.dof_armature, written_drives.rotor_inertia)
+    assert not again.actuator_armature.any()
+    assert not again.actuator_damping.any()
 
 
 @pytest.mark.slow

@@ -192,6 +192,10 @@ def test_each_broken_file_is_refused_in_one_sentence(write, text, phrase):
 def test_other_files_are_refused(tmp_path):
     with pytest.raises(InputError, match=r"a \.urdf, .*or a \.toml file, got the suffix '\.yaml'"):
         RobotFile.load(tmp_path / "robot.yaml")
+    with pytest.raises(InputError, match="got no suffix, and nothing is there"):
+        RobotFile.load(tmp_path / "robot")
+    with pytest.raises(InputError, match="got a folder; give the path of one"):
+        RobotFile.load(tmp_path)
     with pytest.raises(InputError, match="cannot be read"):
         RobotFile.load(tmp_path / "robot.toml")
     latin = tmp_path / "latin.toml"

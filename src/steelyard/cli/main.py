@@ -6,6 +6,7 @@ import platform
 import sys
 import tempfile
 import traceback
+from contextlib import suppress
 from difflib import get_close_matches
 from typing import Any, NoReturn
 
@@ -158,7 +159,11 @@ def main() -> None:
     """
     with guarded():
         try:
-            app()
+            try:
+                app()
+            finally:  # a short answer may not have been written yet; a reader may go away before the end
+                with suppress(BrokenPipeError):
+                    sys.stdout.flush()
         except GeneratorExit:
             raise
         except SystemExit as ended:
@@ -181,7 +186,8 @@ _INTERRUPTED = 130  # by Ctrl-C, as shells say it
 def _end(code: int, message: str) -> NoReturn:
     print(f"steelyard: {message}", file=sys.stderr)
     if "--json" in sys.argv:  # who reads the answer gets a document, whatever it is
-        print_json({"format": "steelyard-error-1", "error": message, "exit_code": code})
+        with suppress(OSError):  # standard output may be what failed
+            print_json({"format": "steelyard-error-1", "error": message, "exit_code": code})
     sys.exit(code)
 
 

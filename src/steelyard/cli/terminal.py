@@ -145,20 +145,73 @@ class _Guarded:
             self.write(line)
 
 
+class _Said(_Guarded):
+    """Standard error, which nobody may be able to read: no work is lost for a line of progress."""
+
+    def write(self, text: str) -> int:
+        """Write a text; see `_Guarded.write`."""
+        try:
+            return super().write(text)
+        except OSError:
+            _discard(self._stream)
+            return len(text)
+
+    def flush(self) -> None:
+        """Write what waits to be written."""
+        try:
+            self._stream.flush()
+        except OSError:
+            _discard(self._stream)
+
+    def overwrite(self, text: str, *, back: bool = False) -> None:
+        """Write a text in the place of a line; see `_Guarded.overwrite`."""
+        try:
+            super().overwrite(text, back=back)
+        except OSError:
+            _discard(self._stream)
+
+
 @contextmanager
 def guarded() -> Iterator[None]:
     """Guard standard output and standard error, also against what libraries print."""
-    output, errors = sys.stdout, sys.stderr
-    sys.stdout, sys.stderr = _Guarded(output), _Guarded(errors)
+    output, errors = (_opened(name) for name in ("stdout", "stderr"))
+    sys.stdout, sys.stderr = _Guarded(output), _Said(errors)
     try:
         yield
     finally:
         sys.stdout, sys.stderr = output, errors
-        try:
-            output.flush()
-        except OSError:  # the reader of a pipe has gone; without this Python would print one more error when it exits
-            with suppress(OSError):
-                os.dup2(os.open(os.devnull, os.O_WRONLY), output.fileno())
+        for stream in (output, errors):
+            try:
+                stream.flush()
+            except OSError:  # its reader has gone, or a disk is full: Python would print one more error when it exits
+                _discard(stream)
+
+
+def _opened(name: Literal["stdout", "stderr"]) -> TextIO:
+    """Return a standard stream; where the caller closed it, what is written there goes nowhere.
+
+    Its number is taken then, too: the next file that is opened would have it, and receive what libraries print.
+    """
+    stream: TextIO | None = getattr(sys, name)
+    if stream is not None:
+        return stream
+    number = {"stdout": 1, "stderr": 2}[name]
+    try:
+        os.fstat(number)
+    except OSError:
+        nothing = os.open(os.devnull, os.O_WRONLY)
+        if nothing != number:
+            os.dup2(nothing, number)
+            os.close(nothing)
+    return open(os.devnull, "w", encoding="utf-8")
+
+
+def _discard(stream: TextIO) -> None:
+    """Let what is written to a stream, and what waits to be written, go nowhere."""
+    with suppress(OSError):
+        nothing = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nothing, stream.fileno())
+        os.close(nothing)
 
 
 # Those of a chain of 44 joints. With more the graph of the regressor takes seconds; for 300 joints it takes minutes and
@@ -539,7 +592,7 @@ def show_excitation(design: ExcitationDesign) -> None:
         _say(console, " ".join(design.warnings))
     table = _table("limit", "nearest part", "margin", "at s")
     for margin in design.nearest():
-        table.add_row(_text(margin.name), _text(margin.label), f"{margin.clearance:.4g}", f"{margin.time:.3f}")
+        table.add_row(_text(margin.name), _text(margin.label), *margin.cells)
     _show(console, table)
     if design.criterion != "condition" or design.subset:
         about = f" of {design.shown}" if design.subset else ""

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from steelyard.errors import InputError, faults_told
 from steelyard.extensions import Extensions
-from steelyard.files import replaced_folder, shown, suggestion, write_bytes
+from steelyard.files import replaced_folder, shown, write_bytes
+from steelyard.files.arguments import closest
 from steelyard.graph import Function
 from steelyard.graph.expression import reachable
 from steelyard.once import cached_property
@@ -178,8 +179,9 @@ def files(project: Project, language: str) -> dict[str, str]:
     writer = LANGUAGES.get(name)
     if writer is None:
         known = LANGUAGES.names()
-        hint = suggestion(name, [*known, *_ALIASES])
-        raise InputError(f"{language!r} is no language that is generated; there are {', '.join(known)}: {hint}")
+        near = closest(name, [*known, *_ALIASES])
+        hint = "." if near is None else f'; did you mean "{near}"?'
+        raise InputError(f"{language!r} is no language that is generated; there are {', '.join(known)}{hint}")
     if name in LANGUAGES.own:
         return dict(sorted(writer(project).items()))
     with faults_told(f"The language `{name}` cannot write {project.name!r}", "mend its package"):

@@ -209,6 +209,11 @@ class DistanceConstraint(ConfigurationConstraint):
         """
         return self._pairs.nearest(self._places(q), wanted, self.horizon)
 
+    @property
+    def farthest(self) -> Array:
+        """The clearances at the horizon (m,), m; those of pairs that are farther apart count as these."""
+        return self.horizon - self.margins
+
     def _values(self, places: LinkPlacements) -> Array:
         return self._pairs.distances(places, self.horizon) - self.margins
 

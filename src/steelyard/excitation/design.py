@@ -677,7 +677,14 @@ class ExcitationDesign:
     def to_dict(self) -> dict[str, Any]:
         """Return the options, results and margins of the design as plain data."""
         margins = [
-            {"limit": m.name, "part": m.label, "margin": m.clearance, "fraction": m.fraction, "time": m.time}
+            {
+                "limit": m.name,
+                "part": m.label,
+                "margin": m.clearance,
+                "fraction": m.fraction,
+                "time": None if m.beyond else m.time,
+                "beyond": m.beyond,
+            }
             for m in self.margins
         ]
         return {
@@ -729,7 +736,7 @@ class ExcitationDesign:
         )
 
     def _repr_html_(self) -> str:
-        rows = [(m.name, m.label, f"{m.clearance:.4g}", f"{m.time:.3f}") for m in self.nearest()]
+        rows = [(m.name, m.label, *m.cells) for m in self.nearest()]
         title = (
             f"{self.robot_name}: {self.family}, {self.trajectory.duration:g} s, "
             f"condition number {self.condition_number:.4g}"

@@ -40,6 +40,9 @@ class Margin:
         The clearance relative to the scale of the constraint.
     time : float
         Time of the smallest distance, s.
+    beyond : bool
+        Whether it is never nearer than what the constraint tells apart: the clearance is a lower bound of the smallest
+        one then, and the time says nothing.
     """
 
     name: str
@@ -47,8 +50,18 @@ class Margin:
     clearance: float
     fraction: float
     time: float
+    beyond: bool = False
+
+    @property
+    def cells(self) -> tuple[str, str]:
+        """The clearance and its time, for a table."""
+        if self.beyond:
+            return f"over {self.clearance:.4g}", "-"
+        return f"{self.clearance:.4g}", f"{self.time:.3f}"
 
     def __str__(self) -> str:
+        if self.beyond:
+            return f"{self.name}, {self.label}: keeps over {self.clearance:.4g}"
         verb = "keeps" if self.clearance >= 0.0 else "passes its limit by"
         return f"{self.name}, {self.label}: {verb} {abs(self.clearance):.4g} at {self.time:.3f} s"
 
@@ -64,10 +77,12 @@ def _margins(constraints: Sequence[MotionConstraint], t: Array, clearances: Sequ
     result = []
     for constraint, clearance in zip(constraints, clearances, strict=True):
         scale = np.broadcast_to(np.asarray(constraint.scale, dtype=np.float64), clearance.shape[1:])
+        farthest = getattr(constraint, "farthest", None)
         for column, label in enumerate(constraint.labels):
             k = int(np.argmin(clearance[:, column]))
             least = float(clearance[k, column])
-            result.append(Margin(constraint.name, label, least, least / float(scale[column]), float(t[k])))
+            beyond = farthest is not None and bool(least >= farthest[column])
+            result.append(Margin(constraint.name, label, least, least / float(scale[column]), float(t[k]), beyond))
     return tuple(result)
 
 

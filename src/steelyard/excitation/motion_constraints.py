@@ -42,7 +42,8 @@ class MotionConstraint(Protocol):
     ----------
     name : str
         Name in messages, such as ``"table plane"`` or ``"torque"``. A constraint may also have an attribute `remarks`,
-        a tuple of sentences, which become remarks of the design.
+        a tuple of sentences, which become remarks of the design, and an attribute `farthest`, (m,) clearances beyond
+        which none are told apart.
     labels : tuple of str
         (m,) descriptions of the columns of the clearances, such as ``"forearm_link to shoulder_link"``.
     scale : float or ndarray

@@ -165,6 +165,8 @@ def _refusals_told(target: Path) -> Iterator[None]:
 def temporary_folder(target: Path) -> tuple[Path, int | None]:
     """Make a folder beside a path, which is nobody else's while its handle is open; remove those of dead processes.
 
+    Only this user can look into it.
+
     Returns
     -------
     Path, int or None
@@ -172,7 +174,7 @@ def temporary_folder(target: Path) -> tuple[Path, int | None]:
     """
     with _refusals_told(target):
         remove_leftovers(target, folders=True)
-        return _created_folder(target)
+        return _created_folder(target, 0o700)
 
 
 def beside(target: Path) -> Path:
@@ -431,11 +433,11 @@ def _unlink(folder: Path, names: Collection[str]) -> None:
             os.unlink(folder / name)
 
 
-def _created_folder(target: Path) -> tuple[Path, int | None]:
+def _created_folder(target: Path, mode: int = 0o777) -> tuple[Path, int | None]:
     """Make a folder beside a target, locked for as long as the handle is open."""
     while True:
         part = beside(target)
-        os.mkdir(part)
+        os.mkdir(part, mode)
         if os.name != "posix":
             return part, None
         handle = os.open(part, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)

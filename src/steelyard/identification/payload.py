@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -27,6 +27,7 @@ from steelyard.robot.inertia import inertia_tensor
 from .default_terms import model_of_estimate
 from .given import given_constraints
 from .log_reader import LogReader
+from .reduced_logs import copies_among, told_by_rows
 from .saved import matching_estimate
 
 __all__ = [
@@ -492,18 +493,28 @@ class _Logs:
         deciding = self.paths["unloaded"] or self.paths["loaded"]
         if deciding:
             self.reader.decide(deciding, self.say)
+        self._names: dict[Hashable, tuple[str, str]] = {}
         self._data = {
-            role: one if isinstance(one, Information) else self._reduced(self.paths[role])
+            role: one if isinstance(one, Information) else self._reduced(self.paths[role], role)
             for role, one in self.given.items()
         }
 
-    def _reduced(self, logs: Sequence[str]) -> Information | None:
+    def _reduced(self, logs: Sequence[str], role: str) -> Information | None:
         """Reduce the logs of one kind together."""
         sums = BatchSums(empty_factors(self.model))
         parts = []
         for log in logs:
             self.say(f"reading {log}")
             parts.append(self.reader.reduce(log, _POINTS, sums)[0])
+            other, before = self._names.setdefault(told_by_rows(parts[-1]), (log, role))
+            if before != role:
+                named = log if log == other else f"{other} and {log}"
+                raise InputError(
+                    f"{named}: the same rows are given without and with the payload, so that nothing tells it; give a "
+                    "log of each."
+                )
+        given = [(log, "identification", part) for log, part in zip(logs, parts, strict=True)]
+        self.reader.remarks.extend(copies_among(given).values())
         return replace(Information.total(parts), batch_means=sums.factors()) if parts else None
 
     @property

@@ -24,7 +24,7 @@ from .parameter_table import MANY_PARAMETERS
 if TYPE_CHECKING:
     from steelyard.regression.drift import FrictionDrift
 
-__all__ = ["ReducedLogs", "change_in_log", "copies_among", "reduced_logs"]
+__all__ = ["ReducedLogs", "change_in_log", "copies_among", "reduced_logs", "told_by_rows"]
 
 SHORTEST_DRIFT = 60.0
 """s of a log below which no drift of friction is looked for: gears warm up in minutes, and what changes in seconds is
@@ -157,9 +157,7 @@ def copies_among(
     first: dict[Hashable, int] = {}
     found = {}
     for index, (name, role, information) in enumerate(logs):
-        # Sums of squares of one mixture of all columns; the last digits depend on how blocks were joined.
-        mixed = [factor.triangle @ np.linspace(1.0, 2.0, len(factor.triangle)) for factor in information.factors]
-        rows = tuple((f.count, f"{one @ one:.9e}") for f, one in zip(information.factors, mixed, strict=True))
+        rows = told_by_rows(information)
         keys = [rows, contents[name]] if name in contents else [rows]
         before = min(first.setdefault(key, index) for key in keys)
         if before == index or not information.count:
@@ -172,6 +170,13 @@ def copies_among(
             harm = "twice, so that intervals are too narrow" if role == "identification" else "once"
             found[index] = f"{name}: {same} were given twice, and count {harm}."
     return found
+
+
+def told_by_rows(information: Information) -> Hashable:
+    """Return what is the same for Informations of the very same rows, and for no others where there is noise."""
+    # Sums of squares of one mixture of all columns; the last digits depend on how blocks were joined.
+    mixed = [factor.triangle @ np.linspace(1.0, 2.0, len(factor.triangle)) for factor in information.factors]
+    return tuple((f.count, f"{one @ one:.9e}") for f, one in zip(information.factors, mixed, strict=True))
 
 
 def change_in_log(model: Model, blocks: TimeBlocks, kept: Samples) -> BodyChange | None:

@@ -14,7 +14,7 @@ from steelyard.display import html_table, text_table
 from steelyard.dynamics import Model
 from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError
-from steelyard.files import write_json
+from steelyard.files import listed, write_json
 from steelyard.recording import Samples
 from steelyard.regression import Information
 from steelyard.regression.batch_means import BATCH_LENGTHS, BatchSums
@@ -93,6 +93,8 @@ class Validation:
         How the logs were processed.
     remarks : tuple of str
         What the user should know, a sentence each.
+    seen : tuple of str
+        The logs that were used to make the estimate: their errors are no test of a prediction.
     """
 
     robot_name: str
@@ -102,12 +104,17 @@ class Validation:
     logs: tuple[LogError, ...]
     processing: dict[str, Any] = field(repr=False)
     remarks: tuple[str, ...] = field(default=(), repr=False)
+    seen: tuple[str, ...] = ()
 
     def _rows(self) -> list[tuple[str, ...]]:
         return [(log.name, str(log.row_count), f"{100 * log.relative_error:.3g} %") for log in self.logs]
 
     def __str__(self) -> str:
         parts = [str(self.prediction)]
+        if len(self.seen) == len(self.logs):  # said first, since the word that follows is one on the fit
+            parts.insert(
+                0, f"No log was predicted: {listed(self.seen)} made this estimate; give one that it has not seen."
+            )
         if len(self.logs) > 1:
             parts.append(text_table(("log", "rows", "error"), self._rows(), numbers=(1, 2)))
         parts.extend(f"Note: {remark}" for remark in self.remarks)
@@ -128,6 +135,7 @@ class Validation:
             "logs": self.logs,
             "processing": self.processing,
             "remarks": self.remarks,
+            "seen": self.seen,
         }
 
     def save(self, path: str | Path) -> None:
@@ -251,6 +259,7 @@ def validate_estimate(
         tuple(each),
         read.reader.processing.to_dict(),
         tuple(dict.fromkeys(remarks)),
+        read.seen,
     )
 
 
@@ -290,6 +299,8 @@ class FittedLogs:
         Rows of each log at which errors are large, and stretches of neighbouring ones.
     remarks : tuple of str
         On the logs, and on how they were processed.
+    seen : tuple of str
+        Those that were used to make the estimate.
     """
 
     reader: LogReader
@@ -297,6 +308,7 @@ class FittedLogs:
     samples: dict[str, Samples]
     drawn: tuple[DrawnLog, ...]
     remarks: tuple[str, ...]
+    seen: tuple[str, ...]
 
 
 def read_as_fitted(
@@ -324,9 +336,8 @@ def read_as_fitted(
         )
     else:
         reader.stated = reader.processing = used
-    for log in logs:
-        if result.has_seen(log):
-            remarks.append(f"{log}: was used to make {result.name}, so that its error is no test of a prediction.")
+    seen = tuple(str(log) for log in logs if result.has_seen(log))
+    remarks += [f"{log}: was used to make {result.name}, so that its error is no test of a prediction." for log in seen]
     if result.estimate.elastic_model.get("link_motion"):
         remarks.append(_ELASTIC if file.section("elastic") else _RIGID)
         if file.section("elastic"):
@@ -349,4 +360,4 @@ def read_as_fitted(
         samples[str(log)] = thinned.samples
         drawn.append(rows.kept)
     parts[-1] = replace(parts[-1], batch_means=sums.factors())
-    return FittedLogs(reader, parts, samples, tuple(drawn), (*remarks, *reader.remarks))
+    return FittedLogs(reader, parts, samples, tuple(drawn), (*remarks, *reader.remarks), seen)

@@ -44,6 +44,8 @@ CERTAIN = 0.1
 another direction or a sign is wrong."""
 WHOLE = 0.15
 """Relative distance of a factor of the times from a whole number, or its inverse, within which it is taken for that."""
+UNCHANGED = 1e-12
+"""Standard deviation of a torque relative to its largest value up to which it is a constant, for rounding."""
 FEWEST, ROWS = 50, 2400
 """Rows of a joint that tell something, and rows that are looked at: as many as are kept of one log."""
 
@@ -321,7 +323,9 @@ class _Joint(NamedTuple):
         errors = np.sqrt(np.diag(np.linalg.pinv((parts / scale).T @ (parts / scale))) * (left @ left) / len(left))
         sizes = np.std(np.column_stack([held, needed - held]), axis=0)
         told = [_Told(*map(float, one)) for one in zip(factors / scale, errors / scale, sizes, strict=True)]
-        unit = 1.0 / max(float(np.std(torque)), 1e-300)
+        # A torque that never changes, as of a gripper that reports none, has rounding for its size, and says nothing.
+        size = float(np.std(torque))
+        unit = 1.0 / size if size > UNCHANGED * float(np.abs(torque).max()) else 0.0
         return cls((told[0], told[1]), unit * own, unit * given[:, 3], unit * given[:, 4:])
 
 

@@ -24,7 +24,7 @@ from steelyard.excitation.criterion import Criterion, Subset
 from steelyard.excitation.motion_constraints import TorqueLimit
 from steelyard.excitation.vjp import CompiledVjp, RegressorInformation
 from steelyard.feasibility import FeasibleSet
-from steelyard.files.arguments import positive
+from steelyard.files.arguments import is_real, positive, read_whole, real_array
 from steelyard.once import cached_property
 from steelyard.recording import Recording, Samples
 from steelyard.regression import Estimate, Information
@@ -74,6 +74,8 @@ damping is never crowded out. Without it, and with an integral that went on at t
 stopped swung at its bound, at up to 1.7 times its limit of velocity; with both it keeps to 0.72 of it."""
 SURE = 2.0  # standard deviations of the lower bound of inertias
 TORQUE_BAND = 4.0  # standard deviations by which a torque may differ from what the plan needs
+JUMP = 10.0  # limits of velocity, by which beside `TRACKING` a position may change from one measurement to the next
+FASTEST_STOP = 2.0  # limits of velocity from which a stop is planned at most, whatever speed is measured
 TRACKING = 0.35  # rad or m from the reference, beyond which the motion is broken off
 FIRST_ROOM = 0.25  # rad or m kept free for tracking errors before any was measured
 LEAST_ROOM = 0.01
@@ -297,12 +299,17 @@ class ActiveExcitation:
         self.longest = positive(longest, "longest", "s")
         self.cutoff = positive(cutoff, "cutoff", "Hz")
         self.sample_time = positive(sample_time, "sample_time", "s")
+        if not self.cutoff < 0.5 / self.sample_time:
+            raise InputError(
+                f"cutoff must be below {0.5 / self.sample_time:g} Hz, half the rate of one sample each "
+                f"{self.sample_time:g} s, got {self.cutoff:g} Hz."
+            )
         around = Surroundings.of(model.robot, constraints, {}, self_collision)
         self.unchecked = around.unchecked
         self._constraints = (*constraints, *(() if around.own is None else (around.own,)))
         self._criterion_name = criterion
         self._credible = CredibleRobots.of(model, self.limits)
-        self._starts, self._seed = starts, seed
+        self._starts, self._seed = read_whole(starts, "starts", 1), read_whole(seed, "seed")
         self._background = background
         self._pool: ThreadPoolExecutor | None = None
         self._velocity = FilteredDifference(cutoff=60.0)
@@ -337,6 +344,8 @@ class ActiveExcitation:
 
         `measurement.torque` is recorded where it is measured, and otherwise the torques that were commanded.
         """
+        if self._reference is None:
+            self.start(measurement)
         t, q = measurement.t, measurement.q
         difference = self._velocity.velocity(measurement)
         dq = difference if measurement.dq is None else measurement.dq
@@ -397,25 +406,38 @@ class ActiveExcitation:
         Raises
         ------
         InputError
-            If the time, or what was measured, is no finite number for each joint, as of a dead encoder. Nothing is
-            commanded then: stop the drives.
+            If the time, or what was measured, is no finite number for each joint, as of a dead encoder, or a position
+            jumps further than its joint can move. Nothing is commanded then: stop the drives.
         """
-        if not np.isfinite(t):
+        if not (is_real(t) and np.isfinite(t)):
             raise InputError(f"t must be a finite number of seconds, got {t!r}.")
         place, speed, measured = (self._measured(x, name) for x, name in ((q, "q"), (dq, "dq"), (torque, "torque")))
         if place is None:
             raise InputError(f"q must be {self.model.dof} finite numbers, one for each joint, got None.")
-        measurement = Measurement(float(t), place, speed, measured)
-        if self._reference is None:
-            self.start(measurement)
-        return self.torque(measurement)
+        self._refuse_jumps(float(t), place)
+        return self.torque(Measurement(float(t), place, speed, measured))
+
+    def _refuse_jumps(self, t: float, q: Array) -> None:
+        """Refuse a position that no motion leads to since the last one: the robot would be driven after it."""
+        if not self._count:
+            return
+        last = self._log[self._count - 1]
+        step, passed = np.abs(q - last[1 : 1 + self.model.dof]), max(t - last[0], self.sample_time)
+        far = step > TRACKING + JUMP * self.limits.velocity * passed
+        if far.any():
+            k = int(np.flatnonzero(far)[0])
+            raise InputError(
+                f"The position of {self.model.robot.joint_names[k]} jumped by {step[k]:.4g} (rad or m) within "
+                f"{passed:.4g} s, which no motion does; mend its encoder, or the turns or the unit that are counted."
+            )
 
     def _measured(self, values: ArrayLike | None, name: str) -> Array | None:
         if values is None:
             return None
-        found = np.array(values, dtype=np.float64)
+        expected = f"{self.model.dof} finite numbers, one for each joint"
+        found = real_array(values, name, expected).copy()
         if found.shape != (self.model.dof,) or not np.isfinite(found).all():
-            raise InputError(f"{name} must be {self.model.dof} finite numbers, one for each joint, got {values!r}.")
+            raise InputError(f"{name} must be {expected}, got {values!r}.")
         return found
 
     # What was learnt
@@ -882,6 +904,8 @@ class ActiveExcitation:
         self.interruptions.append((t - self._started, reason))
         self._pace = max(0.5 * self._pace, 0.1)
         self._waiting = None
+        fastest = FASTEST_STOP * self.limits.velocity
+        dq = np.clip(dq, -fastest, fastest)
         # A quintic that stops has 1.5 times the mean deceleration, and here twice the limit of the reference at most.
         duration = max(0.2, 0.75 * float(np.max(np.abs(dq) / self.limits.acceleration, initial=0.0)))
         still = np.zeros_like(q)

@@ -70,7 +70,7 @@ class EvenStream:
         self._last: Array | None = None
         self._origin, self._next = 0.0, 0
         self._begins = True
-        self._time, self._steps = 0.0, 0
+        self._time, self._steps, self._away = 0.0, 0, 0.0
 
     def add(self, rows: Array) -> list[Stretch]:
         """Add rows of time, values and torque, (S, 1 + C + N), in the order in which they came."""
@@ -99,6 +99,7 @@ class EvenStream:
             if not 0.0 < step <= self.longest_gap:
                 if previous is not None:
                     self.counts["gaps" if step > 0.0 else "clock resets"] += 1
+                    self._away += max(step, 0.0)
                 self._joined(rows[kept], found)
                 self._last, self._begins, kept = None, True, []
             previous = t
@@ -162,6 +163,13 @@ class EvenStream:
         ):
             if count[key]:
                 found.append(f"{count[key]} {text}.")
+        if 2 * count["gaps"] > count["received"]:
+            found.append(
+                f"Most samples are {self._away / count['gaps']:.4g} s after the one before, so that nothing is learnt "
+                f"from them at the {self.rate:.4g} Hz that were said; give times in s, and the `rate` at which samples "
+                "come."
+            )
+            return tuple(found)
         measured = self.measured_rate
         if abs(measured - self.rate) > RATE_OFF * self.rate:
             found.append(

@@ -26,7 +26,8 @@ from steelyard.estimators.reduced_fit import fit_reduced
 from steelyard.estimators.reduced_regression import ReducedRegression
 from steelyard.feasibility import FeasibleSet
 from steelyard.feasibility.bounds.quantities import standard_errors
-from steelyard.files.arguments import read_number
+from steelyard.files.arguments import read_number, real_array
+from steelyard.recording.even import PERIODS_FILLED, TIME_FILLED
 from steelyard.regression import Estimate, Factor, Information, ParameterCovariance
 from steelyard.regression.factor import Reduced, column_lengths, is_well_conditioned, solve
 from steelyard.regression.information import inverse_deviations
@@ -119,7 +120,7 @@ class OnlineEstimate:
     >>> estimator = sy.OnlineEstimator(sy.Model(sy.Robot.from_dh([(0, 1.0, 0, "q")])))
     >>> answer = estimator.estimate()
     >>> answer.rows, answer.remark
-    (0, 'There are no samples yet; the parameters are those of the prior.')
+    (0, 'No samples count yet; the parameters are those of the prior.')
     """
 
     t: float
@@ -184,8 +185,9 @@ class OnlineEstimator:
         100 for each ten thousand rows by default, as :func:`steelyard.identify` takes for short logs.
     weights : "joint", None or array_like
         Of the joints, as in :func:`steelyard.least_squares`.
-    longest_gap : float
-        s up to which missing samples are interpolated; over longer gaps the filter starts anew.
+    longest_gap : float, optional
+        s up to which missing samples are interpolated; over longer gaps the filter starts anew. By default 0.02 s, or
+        five sample times where these are longer.
     least_speed : float
         rad/s or m/s, below which a joint counts as at rest.
 
@@ -229,12 +231,15 @@ class OnlineEstimator:
         prior: PhysicalPrior | None = None,
         prior_weight: float | Literal["auto"] = "auto",
         weights: Literal["joint"] | ArrayLike | None = "joint",
-        longest_gap: float = 0.02,
+        longest_gap: float | None = None,
         least_speed: float = 1e-3,
     ) -> None:
         model.refuse_channels("identified while they move")
-        for name, value in (("rate", rate), ("cutoff", cutoff), ("longest_gap", longest_gap)):
+        for name, value in (("rate", rate), ("cutoff", cutoff)):
             read_number(value, name, "a positive number", above=0)
+        if longest_gap is not None:
+            expected = f"a number of s longer than the {1.0 / rate:.4g} s between two samples"
+            read_number(longest_gap, "longest_gap", expected, above=1.0 / rate)
         for name, given in (("forget", forget), ("window", window)):
             if given is not None:
                 read_number(given, name, "a positive number", above=0)
@@ -251,7 +256,7 @@ class OnlineEstimator:
         self._least_speed = read_number(least_speed, "least_speed", "a speed, at least 0", least=0)
         self._jumps = _jumping_rows(model)
         self._options = (rate, cutoff, order)
-        self._longest_gap = longest_gap
+        self._longest_gap = max(PERIODS_FILLED / self.rate, TIME_FILLED) if longest_gap is None else longest_gap
         self._filter: CausalMotionFilter | None = None
         self._measured: int | None = None
         self._rows = np.zeros((BATCH, 0))
@@ -320,11 +325,12 @@ class OnlineEstimator:
             )
         if np.ndim(t) == 0:
             row, N = self._rows[self._waiting], self.model.dof
-            row[0] = t
-            for place, values in enumerate((*given, torque)):
-                if np.shape(values) != (N,):
-                    self._rows_of(t, (*given, torque))
-                row[1 + N * place : 1 + N * (place + 1)] = values
+            if all(type(x) is np.ndarray and x.dtype == np.float64 and x.shape == (N,) for x in (*given, torque)):
+                row[0] = t if type(t) is float else real_array(t, "t")
+                for place, values in enumerate((*given, torque)):
+                    row[1 + N * place : 1 + N * (place + 1)] = values
+            else:
+                row[:] = self._rows_of(t, (*given, torque))[0]
             self._waiting += 1
             if self._waiting == BATCH:
                 self._take(self._rows.copy())
@@ -352,10 +358,10 @@ class OnlineEstimator:
         self.changes = []
 
     def _rows_of(self, t: float | ArrayLike, given: tuple[ArrayLike, ...]) -> Array:
-        times = np.atleast_1d(np.asarray(t, dtype=float))
+        times = np.atleast_1d(real_array(t, "t"))
         parts = [times[:, None]]
         for name, values in zip((*("q", "dq", "ddq")[: len(given) - 1], "torque"), given, strict=True):
-            array = np.atleast_2d(np.asarray(values, dtype=float))
+            array = np.atleast_2d(real_array(values, name))
             if array.shape != (len(times), self.model.dof):
                 raise InputError(
                     f"{name} has the shape {np.shape(values)}; expected ({len(times)}, {self.model.dof}), one row for "
@@ -585,7 +591,7 @@ class OnlineEstimator:
     def _without_data(self, begun: float, rows: int) -> OnlineEstimate:
         prior = self._prior(np.where(self._of_links, np.inf, 1.0))
         start = self._inside(np.where(self._of_links, np.inf, 1.0))
-        why = "All torques so far are zero" if rows else "There are no samples yet"
+        why = "All torques so far are zero" if rows else "No samples count yet"
         text = f"{why}; the parameters are those of the prior."
         ones = np.ones(self.model.dof)
         seconds = perf_counter() - begun

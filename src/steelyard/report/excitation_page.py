@@ -150,7 +150,9 @@ def _lead(design: ExcitationDesign, expected: PredictedIntervals) -> Markup:
     told = [] if expected.table is None else [expected.table.counts]
     least = design.nearest()
     keeps = [
-        f"{margin.name}, {margin.label}: {margin.clearance:.3g} left at {margin.time:.2f} s" for margin in least[:3]
+        f"{margin.name}, {margin.label}: {margin.clearance:.3g} left at {margin.time:.2f} s"
+        for margin in least[:3]
+        if not margin.beyond
     ]
     checked = "No collision was checked" if len(design.unchecked) > 1 else "Not all collisions were checked"
     cards = [
@@ -362,7 +364,7 @@ def _playing(design: ExcitationDesign) -> str:
 
 
 def _sources(design: ExcitationDesign) -> Markup:
-    margins = [(m.name, m.label, f"{m.clearance:.4g}", f"{m.time:.3f}") for m in design.nearest()]
+    margins = [(m.name, m.label, *m.cells) for m in design.nearest()]
     options = [
         ("family", design.family),
         ("criterion", f"{design.criterion}, {design.figure:.5g}"),

@@ -203,10 +203,9 @@ def read_description(
     chosen = description_format(path, xacro_arguments, otherwise)
     if chosen is None:
         known = ", ".join(f"a .{name}" for name in DESCRIPTION_FORMATS.names() if name not in ROOTS)
-        raise InputError(
-            f"{path}: a robot is described by {known} or a .toml file, got the suffix {path.suffix!r}; "
-            "give the path of one."
-        )
+        got = "a folder" if path.is_dir() else f"the suffix {path.suffix!r}" if path.suffix else "no suffix"
+        got = got if path.exists() else f"{got}, and nothing is there"
+        raise InputError(f"{path}: a robot is described by {known} or a .toml file, got {got}; give the path of one.")
     if gravity is None and not chosen.tells_gravity:
         gravity = STANDARD_GRAVITY
     if isinstance(chosen, UrdfFormat):

@@ -53,7 +53,16 @@ def _told(mujoco: Any, model: Any) -> dict[str, Any]:
         joint |= {name: getattr(model, f"dof_{name}")[degree].tolist() for name in ("armature", "damping")}
         joint |= {"friction": model.dof_frictionloss[degree].tolist(), "ref": model.qpos0[coordinate].tolist()}
         joint["poly"] = bool(hasattr(model, "dof_dampingpoly") and model.dof_dampingpoly[degree].any())
-    tendons = rows("tendon", model.ntendon, kinds.mjOBJ_TENDON, "adr num stiffness damping frictionloss")
+    actuators = rows(
+        "actuator",
+        model.nu,
+        kinds.mjOBJ_ACTUATOR,
+        "trntype trnid gear gainprm biasprm armature damping dampingpoly",
+    )
+    for actuator in actuators:  # older versions give actuators neither armature nor damping
+        actuator |= {name: actuator[name] or 0.0 for name in ("armature", "damping")}
+        actuator["poly"] = any(actuator.pop("dampingpoly") or ())
+    tendons = rows("tendon", model.ntendon, kinds.mjOBJ_TENDON, "adr num stiffness damping frictionloss armature")
     for tendon in tendons:
         wraps = range(tendon["adr"], tendon["adr"] + tendon["num"])
         of_joints = [k for k in wraps if model.wrap_type[k] == mujoco.mjtWrap.mjWRAP_JOINT]
@@ -69,7 +78,7 @@ def _told(mujoco: Any, model: Any) -> dict[str, Any]:
         ),
         "joints": joints,
         "equalities": rows("eq", model.neq, kinds.mjOBJ_EQUALITY, "type obj1id obj2id objtype active0 data"),
-        "actuators": rows("actuator", model.nu, kinds.mjOBJ_ACTUATOR, "trntype trnid gear gainprm biasprm"),
+        "actuators": actuators,
         "tendons": tendons,
     }
 

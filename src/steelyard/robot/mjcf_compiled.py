@@ -38,6 +38,7 @@ __all__ = [
     "IDLE",
     "JOINT",
     "JOINT_KINDS",
+    "OF_ACTUATORS",
     "ON_JOINT",
     "SITE",
     "SLIDE",
@@ -55,6 +56,8 @@ EQUALITIES = {"connect": 0, "weld": 1, "joint": 2, "tendon": 3}
 CONNECT, WELD, JOINT, TENDON = EQUALITIES.values()
 BODY, SITE = 1, 6
 ON_JOINT = {"joint": 0, "jointinparent": 1}
+OF_ACTUATORS = ("armature", "damping")
+"""What an actuator gives the joint that it acts on, in MuJoCo 4.0."""
 
 SECTIONS = ("compiler", "option", "default", "extension", "asset", "worldbody", "equality", "tendon", "actuator")
 # In defaults and bodies: what has neither mass nor motion.
@@ -102,6 +105,11 @@ class CompiledMjcf:
     equalities: list[dict[str, Any]]
     actuators: list[dict[str, Any]]
     tendons: list[dict[str, Any]]
+
+    def of_actuators(self, joint: int) -> dict[str, float]:
+        """Return the armature and the damping that actuators give a joint beside its own: times their gear, squared."""
+        acting = [row for row in self.actuators if row["trntype"] in ON_JOINT.values() and row["trnid"][0] == joint]
+        return {key: float(sum(row["gear"][0] ** 2 * row[key] for row in acting)) for key in OF_ACTUATORS}
 
     def moving(self) -> set[int]:
         """Return the indices of the bodies that a joint moves."""

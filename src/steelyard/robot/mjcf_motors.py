@@ -11,7 +11,7 @@ from steelyard.errors import InputError
 from steelyard.files import write_bytes
 
 from .description_changes import DescriptionChanges
-from .mjcf_compiled import BALL, FREE, SLIDE
+from .mjcf_compiled import BALL, FREE, OF_ACTUATORS, SLIDE
 from .mjcf_document import MjcfElement, new_name
 from .mjcf_tree import MjcfTree, read_mjcf_tree
 from .mjcf_writer import MjcfWriter
@@ -82,6 +82,8 @@ def add_motors(source: str | Path, target: str | Path, motors: Mapping[str, Mjcf
     read = read_mjcf_tree(source)
     writer = MjcfWriter(read, DescriptionChanges({}, (), {}))
     _put_motors(read, motors)
+    for name in motors:
+        writer.take_from_actuators(name, OF_ACTUATORS)
     data = writer.edited(source.resolve().parent, target.resolve().parent)
     read_mjcf_tree(target, data)  # refused here and not by whoever opens it
     write_bytes(data, target)

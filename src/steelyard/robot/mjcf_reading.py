@@ -473,7 +473,7 @@ class MjcfReader:
             own = self.classes.attributes(element, tag="tendon")
             values = {
                 key: _floats(own.get(key, "0"), element.where, element.tag, key, 1, 3)[0]
-                for key in ("stiffness", "damping", "frictionloss")
+                for key in ("stiffness", "damping", "frictionloss", "armature")
             }
             held = [self.index(one.attributes, "joint", joints, one) for one in element.all("joint")]
             yield {
@@ -496,8 +496,11 @@ class MjcfReader:
                 rest = ["0"] * (3 - len(words))
                 lists[name] = list(_floats(" ".join([*words, *rest]), element.where, element.tag, name, 3, 10))
             end = self.index(own, key, joints, element) if key else -1
+            damping = _floats(own.get("damping", "0"), element.where, element.tag, "damping", 1, 3)
             yield {
-                "name": own.get("name", ""), "trntype": ON_JOINT.get(key, ON_SOMETHING_ELSE), "trnid": [end], **lists
+                "name": own.get("name", ""), "trntype": ON_JOINT.get(key, ON_SOMETHING_ELSE), "trnid": [end], **lists,
+                "armature": _floats(own.get("armature", "0"), element.where, element.tag, "armature", 1)[0],
+                "damping": damping[0], "poly": any(damping[1:]),
             }  # fmt: skip
 
     def index(self, attributes: Attributes, key: str, known: Mapping[str, int], element: MjcfElement) -> int:

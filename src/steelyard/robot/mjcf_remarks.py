@@ -32,7 +32,7 @@ def mjcf_remarks(
         *_inertias(document, model, body_names),
         *_defaults(document, named),
         *_actuators(model, joint_names),
-        *_left_out(document, model, body_names, named),
+        *_left_out(document, model, body_names, joint_names, named),
     )
 
 
@@ -99,6 +99,10 @@ def _actuators(model: CompiledMjcf, joints: Sequence[str]) -> list[str]:
             f"Actuators, with the torque of a control of 1: {shown}; a log must hold torques of joints, or [log] the "
             "gains."
         )
+    for key, what in (("armature", "rotor inertia"), ("damping", "damping")):
+        giving = [name for index, name in enumerate(joints) if model.of_actuators(index)[key]]
+        if giving:
+            said.append(f"The {what} of {_listed(giving)} is that of the joint and of its actuators.")
     if other:
         verb = "do" if other > 1 else "does"
         said.append(f"{other} actuator{'s' * (other > 1)} {verb} not act on one joint; they are no part of the robot.")
@@ -109,6 +113,7 @@ def _left_out(
     document: MjcfDocument,
     model: CompiledMjcf,
     bodies: Sequence[str],
+    names: Sequence[str],
     joints: Sequence[tuple[str, Mapping[str, Any]]],
 ) -> list[str]:
     """Name what acts in a simulation and is no part of the robot."""
@@ -117,11 +122,17 @@ def _left_out(
     if springs:
         parts.append(f"springs at the joints {_listed(springs)}")
     curved = [name for name, row in joints if row["poly"]]
+    curved += [names[row["trnid"][0]] for row in model.actuators if row["poly"] and row["trntype"] in ON_JOINT.values()]
     if curved:
         parts.append(f"damping beyond the linear one at {_listed(curved)}")
-    tendons = [row["name"] for row in model.tendons if any(row[k] for k in ("stiffness", "damping", "frictionloss"))]
+    acting = ("stiffness", "damping", "frictionloss", "armature")
+    tendons = [row["name"] for row in model.tendons if any(row[k] for k in acting)]
     if tendons:
-        parts.append(f"springs and friction of the tendons {_listed(tendons)}")
+        parts.append(f"springs, friction and inertia of the tendons {_listed(tendons)}")
+    sections = document.root.all("actuator")
+    motors = [one.attributes.get("joint", "") for section in sections for one in section.all("dcmotor")]
+    if motors:
+        parts.append(f"the motors (dcmotor) of {_listed(motors)}, with their armature and damping")
     floating = [name for name, row in zip(bodies, model.bodies, strict=True) if row["gravcomp"]]
     if floating:
         parts.append(f"compensated gravity (gravcomp) of {_listed(floating)}")

@@ -108,7 +108,13 @@ def mjcf_tree(document: MjcfDocument) -> MjcfTree:
             if not last:
                 links[link] = DescribedLink(link, line, None)
             described[joints[number]] = _joint(
-                model.joints[number], joints[number], line, (parent, link), frame, mimics.get(number)
+                model.joints[number],
+                joints[number],
+                line,
+                (parent, link),
+                frame,
+                mimics.get(number),
+                model.of_actuators(number),
             )
             link_of[joints[number]] = link
             parent, frame = link, np.eye(4)
@@ -132,6 +138,7 @@ def _joint(
     ends: tuple[str, str],
     frame: Matrix,
     mimic: DescribedMimic | None,
+    of_actuators: Mapping[str, float],
 ) -> DescribedJoint:
     """Return a joint; `frame` is that of the child in the parent where the joint has its reference value."""
     kind = KINDS[row["type"]]
@@ -154,9 +161,9 @@ def _joint(
         lower=lower,
         upper=upper,
         effort_limit=max(map(abs, row["actfrcrange"])) if row["actfrclimited"] else math.inf,
-        damping=row["damping"],
+        damping=row["damping"] + of_actuators["damping"],
         friction=row["friction"],
-        rotor_inertia=row["armature"],
+        rotor_inertia=row["armature"] + of_actuators["armature"],
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +16,7 @@ from steelyard.files import read_bytes, write_bytes
 from .description_changes import DescriptionChanges, description_changes, is_same, require_robot, require_target
 from .inertia import Inertia
 from .joint import SPRINGS_AND_POWERS, Drives
+from .mjcf_compiled import OF_ACTUATORS, ON_JOINT
 from .mjcf_document import MjcfElement, MjcfFile
 from .mjcf_tree import MjcfTree, read_mjcf_tree
 from .robot import Robot
@@ -164,6 +165,7 @@ class MjcfWriter:
                 stiffness = self.joint_rows[name]["stiffness"]
                 texts |= {"springdamper": "0 0", "stiffness": number_text(stiffness)}
             joint.file.edit.set_attributes(joint.place, texts)
+            self.take_from_actuators(name, texts.keys() & OF_ACTUATORS)
         joints = self.document.body_of.items()
         parted = [body for joint, body in joints if self.read.link_of.get(joint) in self.inertias_between]
         if parted:
@@ -177,6 +179,15 @@ class MjcfWriter:
             self._find_assets(source)
         self._join(source, target)
         return self.document.files[0].edit.result()
+
+    def take_from_actuators(self, joint: str, keys: Collection[str]) -> None:
+        """Leave the joint alone with what its actuators give it, too, such as armature."""
+        index = self.read.joint_names.index(joint)
+        given = self.read.compiled.of_actuators(index)
+        zeros = {key: "0" for key in keys if given[key]}
+        for element in (one for section in self.document.root.all("actuator") for one in section.children):
+            if zeros and joint in (element.attributes.get(key) for key in ON_JOINT):
+                element.file.edit.set_attributes(element.place, zeros)
 
     def set_own(self, numbers: Mapping[str, float]) -> None:
         """Write what MJCF does not have, such as constant torques, as numbers of the user."""
@@ -214,6 +225,7 @@ class MjcfWriter:
             if texts:
                 element = self._element(name, "joint")
                 element.file.edit.set_attributes(element.place, texts)
+                self.take_from_actuators(name, texts.keys() & OF_ACTUATORS)
 
     def _element(self, name: str, what: str) -> MjcfElement:
         found = (self.document.bodies if what == "body" else self.document.joints).get(name)

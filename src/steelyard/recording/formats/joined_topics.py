@@ -153,7 +153,7 @@ class JoinedRows:
 
     def notes(self) -> tuple[str, ...]:
         """Say what was put together, and how."""
-        told = []
+        told = [f"Of {name}, {note}" for name, rows in self._parts() for note in rows.notes()]
         own = self.time[self._first : self._stop]
         interval = float(np.median(np.diff(own))) if own.size > 1 else 0.0
         for other in self.others:
@@ -168,6 +168,9 @@ class JoinedRows:
                     f"positions come every {interval / 1e6:.4g} ms: what changes faster is lost in between."
                 )
         return tuple(told)
+
+    def _parts(self) -> list[tuple[str, JointRows]]:
+        return [(self.name, self.clock), *((other.name, other.rows) for other in self.others)]
 
     def columns(self, names: Sequence[str], start: int, stop: int) -> Columns:
         """Return the rows start:stop of columns."""

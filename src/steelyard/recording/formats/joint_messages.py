@@ -160,11 +160,23 @@ class JointRows:
     """The orders; and for each the numbers of its messages and of their rows, both in the order of the rows."""
     begin: int
     """ns since 1970 of the first row."""
+    unstamped: tuple[int, int] = (0, 0)
+    """Messages without a stamp in their header, for which all others are not taken by theirs; and all messages."""
 
     @property
     def count(self) -> int:
         """Number of rows."""
         return int(self.time.size)
+
+    def notes(self) -> tuple[str, ...]:
+        """Say that a few messages without a stamp decide the times of all."""
+        few, every = self.unstamped
+        if not 0 < few < every:
+            return ()
+        return (
+            f"{few} of {every} messages {'has' if few == 1 else 'have'} no stamp in the header, so that the times of "
+            "all are those at which they were recorded.",
+        )
 
     def columns(self, names: Sequence[str], start: int, stop: int) -> Columns:
         """Return the rows start:stop of columns."""
@@ -364,7 +376,15 @@ class JointTable:
         self._part_contradictions(orders, which, number, begins)
         row = np.cumsum(begins) - 1
         members = [(order, number[which == k], row[which == k]) for k, order in enumerate(orders)]
-        return JointRows(self._numbers, time[begins] - time[0], recorded[begins] - recorded[0], members, int(time[0]))
+        missing = 0 if by_header else int(np.count_nonzero(stamps == 0))
+        return JointRows(
+            self._numbers,
+            time[begins] - time[0],
+            recorded[begins] - recorded[0],
+            members,
+            int(time[0]),
+            (missing, stamps.size),
+        )
 
     def _part_contradictions(
         self, orders: Sequence[_Order], which: NDArray[np.int64], number: NDArray[np.int64], begins: NDArray[np.bool_]

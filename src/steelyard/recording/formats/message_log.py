@@ -167,9 +167,8 @@ class MessageLog(LogFile):
         return self._table.rows(self.names if self.kept is None else self.kept, kept=self.kept is not None)
 
     def notes(self) -> tuple[str, ...]:
-        """Say which numbers come from which messages, where they were put together."""
-        rows = self._rows
-        return rows.notes() if isinstance(rows, JoinedRows) else ()
+        """Say which numbers come from which messages, where they were put together, and what decides the times."""
+        return self._rows.notes()
 
     def count(self) -> int:
         """Return the number of rows."""

@@ -10,6 +10,9 @@ from pathlib import Path
 from threading import Lock
 
 from steelyard.errors import InputError
+from steelyard.files.writing import temporary_folder
+
+from .decoded import large_files
 
 __all__ = ["standard_input"]
 
@@ -33,6 +36,8 @@ class _Spool:
     """The copy of the standard input, which is read many times, in a folder that goes with the process."""
 
     path: Path | None = None
+    handle: int | None = None
+    """Keeps the folder while this process lives; the next process removes what is left of one that was killed."""
     lock = Lock()
 
 
@@ -57,11 +62,19 @@ def _spooled() -> Path:
             "- stands for the standard input, and nothing is piped into it; give the path of a log, or pipe one, "
             "as in `ssh robot cat run.csv | steelyard identify robot.toml - -o result`."
         )
-    folder = Path(tempfile.mkdtemp(prefix="steelyard-"))
+    place = Path(large_files() or tempfile.gettempdir())
+    folder, _Spool.handle = temporary_folder(place / "steelyard-input")
     weakref.finalize(_Spool, shutil.rmtree, folder, ignore_errors=True)
     copy = folder / "copy"
-    with copy.open("wb") as file:
-        shutil.copyfileobj(stream.buffer, file)
+    try:
+        with copy.open("wb") as file:
+            shutil.copyfileobj(stream.buffer, file)
+    except OSError as error:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise InputError(
+            f"the standard input cannot be copied to {place} ({error.strerror or error}); make room there, set TMPDIR "
+            "to another folder, or give the path of the log."
+        ) from None
     with copy.open("rb") as file:
         begin = file.read(16)
     suffix = next((suffix for bytes_, suffix in _BEGINNINGS.items() if begin.startswith(bytes_)), ".csv")
