@@ -43,6 +43,7 @@ from .late_logs import LateLog, late_hypotheses, late_logs
 from .log_checks import SHORTEST_DRIFT, change_in_log, copies_among, heavy_ends, mistakes_in_logs
 from .log_reader import DrawnLog, LogReader, LogReduction, LogTask, Progress, one_by_one
 from .mistakes import POOR, sentence
+from .near_standstill import standstill_errors
 from .parameter_table import parameter_table
 from .prediction_verdict import FewRows, few_rows, prediction_verdict
 from .result import Identification, Prediction, Trace
@@ -373,6 +374,15 @@ def identify(
         late = late_logs(reader, logs, information, own, drawn, left, unconstrained)
     table = None
     if estimate.parameters is not None:
+        standstill = None
+        if information is measured:
+            stretches_left = [
+                stretch
+                for one, kept in zip(predictions, drawn, strict=True)
+                if one.role == "identification"
+                for stretch in zip(kept.windows, one.trace.residuals, strict=True)
+            ]
+            standstill = standstill_errors(model, information, unconstrained, stretches_left, estimate.base)
         table = parameter_table(
             information,
             feasible_set if plausible is None else plausible.plausible_set,
@@ -381,6 +391,7 @@ def identify(
             term_scales=None if plausible is None else plausible.term_deviations,
             drifts=all_drifts,
             errors=[one.change for one in late],
+            standstill=standstill,
         )
         estimate = replace(estimate, parameter_table=tuple(table.to_list()))
     remarks = dict.fromkeys(reader.remarks)
