@@ -357,3 +357,11 @@ def test_what_a_joint_at_rest_hardly_shows_hides_nothing_of_what_others_show():
     for change in ([0.3, 0.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 0.4, 0.0], [0.1, 0.0, 0.0, 0.0, -0.2]):
         expected = np.linalg.norm(columns @ change)  # in units of the standard deviation of a row, which is 1
         assert np.linalg.norm(deviations @ change) == pytest.approx(expected, rel=1e-6)
+
+
+def test_independent_errors_add_to_the_diagonal():
+    root = np.random.default_rng(5).normal(size=(4, 4))
+    covariance = ParameterCovariance.of_matrix(root @ root.T, 4)
+    wider = covariance.with_independent_errors([0.0, 2.0, 0.5, 0.0])
+    assert wider.matrix == pytest.approx(root @ root.T + np.diag([0.0, 4.0, 0.25, 0.0]), rel=1e-10)
+    assert covariance.with_independent_errors(np.zeros(4)) is covariance

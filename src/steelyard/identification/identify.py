@@ -40,6 +40,7 @@ from .given import (
 )
 from .late_logs import LateLog, late_hypotheses, late_logs
 from .log_reader import LogReader, LogReduction, Progress, ReducedLog
+from .near_standstill import standstill_errors
 from .parameter_table import parameter_table
 from .prediction_verdict import FewRows, few_rows, prediction_verdict
 from .reduced_logs import reduced_logs
@@ -308,6 +309,15 @@ def identify(
         late = late_logs(reader, logs, information, own, drawn, left, unconstrained)
     table = None
     if estimate.parameters is not None:
+        standstill = None
+        if information is measured:
+            left_of_fit = [
+                stretch
+                for one, log in zip(predictions, read.logs, strict=True)
+                if log.fitted
+                for stretch in zip(log.drawn.windows, one.trace.residuals, strict=True)
+            ]
+            standstill = standstill_errors(model, information, unconstrained, left_of_fit, estimate.base)
         table = parameter_table(
             information,
             feasible_set if plausible is None else plausible.plausible_set,
@@ -316,6 +326,7 @@ def identify(
             term_scales=None if plausible is None else plausible.term_deviations,
             drifts=[drift for found in read.drifts.values() for drift in found],
             errors=[one.change for one in late],
+            standstill=standstill,
         )
         estimate = replace(estimate, parameter_table=tuple(table.to_list()))
 

@@ -59,6 +59,9 @@ NEGLIGIBLE = 0.05
 ROUNDING = 1e-8
 """Shares this much smaller than the largest are none: they are computed to some 1e-12."""
 
+WIDER = 1.5
+"""Times as wide as by noise is an interval of which it is said that friction near standstill widens it."""
+
 DRAWN = 0.01
 """Of the half-width of an interval, by which a value lies beyond its end at least that the prior draws out of it; less
 is the rounding of solvers."""
@@ -334,13 +337,15 @@ def parameter_table(
     term_scales: ArrayLike | None = None,
     drifts: Sequence[FrictionDrift] = (),
     errors: Sequence[Array] = (),
+    standstill: Array | None = None,
 ) -> ParameterTable:
     """Tell what every parameter, mass, centre of mass, principal moment and friction of an answer rests on.
 
     Intervals are those of `profile_intervals`: noise, with its correlation in time, and directions that the motion does
     not show, within what is physically possible. They speak of data and physics alone. Where the prior of the answer
     draws a value out of its interval, the interval is widened to hold it; that of friction which drifts is widened to
-    hold it from the begin to the end of the log, and all are wider where torques are late.
+    hold it from the begin to the end of the log, all are wider where torques are late, and those that friction near
+    standstill moves are wider by as much.
 
     Parameters
     ----------
@@ -358,6 +363,9 @@ def parameter_table(
         What `friction_drifts` found in the logs.
     errors : sequence of (n_b,), optional
         Changes of the base parameters that count as a standard deviation each, beside noise: those of delays.
+    standstill : (n_b,), optional
+        Further standard deviations of the base parameters, each by itself: those of friction near standstill, see
+        `standstill_errors`.
 
     Returns
     -------
@@ -371,6 +379,15 @@ def parameter_table(
     covariance = _of_a_sensor(ParameterCovariance.of(info, unconstrained.base, unconstrained.weights), unconstrained)
     for change in errors:
         covariance = covariance.with_error(change)
+    wider: list[str] = []
+    if standstill is not None:
+        before = covariance.standard_error
+        covariance = covariance.with_independent_errors(standstill)
+        wider = [
+            name
+            for name, error, by_noise in zip(unconstrained.base_names, covariance.standard_error, before, strict=True)
+            if np.isfinite(by_noise) and error > WIDER * by_noise
+        ]
     values = np.array([quantity.value(parameters) for quantity in asked])
     source = feasible_set.model.robot.parameters if cad is None else cad
     described = _described(feasible_set, np.asarray(source, dtype=float), asked, about)
@@ -448,6 +465,12 @@ def parameter_table(
         sentences = (*sentences, f"{listed(changes, MOST_SENTENCES)} {hold}.")
     if len(errors) and told is not None:
         sentences = (*sentences, "Intervals are as wide as the delay of the torques asks for.")
+    if wider and told is not None:
+        sentences = (
+            *sentences,
+            f"Intervals are wider than noise asks for where {listed(wider, MOST_SENTENCES)} would come out otherwise "
+            "without the rows in which joints hardly move: friction there is not that of the model.",
+        )
     if at_rest:
         sentences = (
             *sentences,

@@ -201,6 +201,27 @@ class ParameterCovariance:
         factor = 1.0 / (np.sqrt(1.0 + square) + 1.0)
         return replace(self, root=self.root + factor * np.outer(self.root @ part, part))
 
+    def with_independent_errors(self, sizes: ArrayLike) -> ParameterCovariance:
+        """Return the covariance where each base parameter has one more error of its own.
+
+        Parameters
+        ----------
+        sizes : array_like
+            (n_b,), their standard deviations. What of them the data does not determine is left out.
+
+        Examples
+        --------
+        >>> two = ParameterCovariance.of_matrix([[9.0, 0.0], [0.0, 1.0]], 2).with_independent_errors([4.0, 0.0])
+        >>> two.standard_error.round(12).tolist()
+        [5.0, 1.0]
+        """
+        diagonal = np.diag(np.asarray(sizes, dtype=np.float64))
+        parts = np.linalg.lstsq(self.root, diagonal[:, diagonal.any(axis=0)], rcond=None)[0]
+        if not parts.any():
+            return self
+        values, vectors = eigenvectors(np.eye(len(parts)) + parts @ parts.T)
+        return replace(self, root=self.root @ (vectors * np.sqrt(values)) @ vectors.T)
+
     @classmethod
     def of(
         cls, info: Information, base: ArrayLike | None = None, weights: str | ArrayLike | None = "joint"
