@@ -1,4 +1,5 @@
-"""Possible causes of a difference between robots (friction of a joint, mass of a link), and how data shows them."""
+"""Possible causes of a difference between robots (friction of a joint, mass of a link, gain of a torque) and how data
+shows them."""
 
 from __future__ import annotations
 
@@ -13,7 +14,7 @@ from steelyard.dynamics import Model, MotorSide
 __all__ = ["Cause", "possible_causes", "variations"]
 
 Array = NDArray[np.float64]
-Kind = Literal["term", "friction", "mass", "link"]
+Kind = Literal["term", "friction", "mass", "link", "gain"]
 
 FRICTION = ("damping", "friction")  # as a description calls viscous and Coulomb friction
 ALL_LINKS = 1e-6
@@ -27,10 +28,10 @@ class Cause:
     Attributes
     ----------
     name : str
-        ``"Fcj3"``, ``"friction of elbow"``, ``"mass of forearm"``, ``"forearm"``.
-    kind : {"term", "friction", "mass", "link"}
+        ``"Fcj3"``, ``"friction of elbow"``, ``"mass of forearm"``, ``"forearm"``, ``"torque gain of elbow"``.
+    kind : {"term", "friction", "mass", "link", "gain"}
         One parameter of a drive; all friction of a drive, by one factor; all of a link, by one factor; a link whose
-        mass, centre of mass and inertia may be any.
+        mass, centre of mass and inertia may be any; the torques that are measured at a joint, all by one factor.
     part : str
         The joint or the link.
     what : str
@@ -54,10 +55,12 @@ class Cause:
     @property
     def has_ratio(self) -> bool:
         """Whether it is told as a multiple of what siblings have."""
-        return self.kind in ("friction", "mass") or (self.nominal > 0.0 and self.what != "torque offset")
+        return self.kind in ("friction", "mass", "gain") or (self.nominal > 0.0 and self.what != "torque offset")
 
 
-def possible_causes(model: Model, parameters: ArrayLike, base: ArrayLike | None = None) -> tuple[Cause, ...]:
+def possible_causes(
+    model: Model, parameters: ArrayLike, base: ArrayLike | None = None, gains: ArrayLike | None = None
+) -> tuple[Cause, ...]:
     """List what may be different about a robot.
 
     Parameters
@@ -68,6 +71,9 @@ def possible_causes(model: Model, parameters: ArrayLike, base: ArrayLike | None 
     base : (n_b,), optional
         Base parameters of the siblings by the data alone, from which the sizes of friction are taken where they are
         base parameters themselves; those of `parameters` by default.
+    gains : (n_b, N), optional
+        How base parameters change with the gain of the torque of each joint, which depends on the motion, see
+        `steelyard.regression.torque_gains`. Without it, gains are no causes.
 
     Returns
     -------
@@ -123,6 +129,11 @@ def possible_causes(model: Model, parameters: ArrayLike, base: ArrayLike | None 
         left, sizes, _ = np.linalg.svd(shown / np.maximum(np.abs(shown).max(initial=0.0), 1e-300))
         rank = int(np.sum(sizes > ALL_LINKS * sizes.max(initial=0.0)))
         found.append(Cause(link.name, "link", link.name, "mass, centre of mass or inertia", "", np.nan, left[:, :rank]))
+    if gains is not None:
+        for number, direction in zip(robot.driving_joints, np.transpose(gains)[:, :, None], strict=True):
+            joint = robot.joints[number]
+            what = "torque gain" if joint.rotates else "force gain"
+            found.append(Cause(f"{what} of {joint.name}", "gain", joint.name, what, "", 1.0, direction))
     largest = np.abs(K).max(initial=0.0)
     return tuple(c for c in found if np.abs(c.directions).max(initial=0.0) > ALL_LINKS * largest * _least(c))
 
@@ -134,11 +145,11 @@ def _least(cause: Cause) -> float:
 def variations(model: Model, causes: tuple[Cause, ...]) -> Array:
     """Return the directions in which siblings are taken to vary, each by an amount of its own, (n_b, c).
 
-    Single parameters of links and drives, all friction of a drive together, all of a link together: what assembly,
-    temperature and castings change.
+    Single parameters of links and drives, all friction of a drive together, all of a link together, gains of torques:
+    what assembly, temperature, castings and calibration change.
     """
     K = model.base_parameters().K
-    together = [cause.directions for cause in causes if cause.kind in ("friction", "mass")]
+    together = [cause.directions for cause in causes if cause.kind in ("friction", "mass", "gain")]
     found = np.column_stack([K, *together])
     sizes = np.abs(found).max(axis=0)
     return np.asarray(found[:, sizes > ALL_LINKS * sizes.max(initial=0.0)])

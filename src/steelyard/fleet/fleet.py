@@ -534,7 +534,7 @@ def _compared(
     shown = shown_parameters(bases, covariances)
     known = model.base_parameters().K @ parameters
     base = np.where(shown.any(axis=0), median_of_shown(bases, shown), known)
-    causes = possible_causes(model, parameters, base)
+    causes = possible_causes(model, parameters, base, _gains(rows, latest, shown))
     directions = variations(model, causes)
     findings: list[Finding] = []
     remarks: list[str] = []
@@ -600,13 +600,26 @@ def _arrays(rows: Sequence[RobotRow], numbers: Iterable[int]) -> tuple[Array, Ar
     return base, covariance, freedom
 
 
+def _gains(rows: Sequence[RobotRow], numbers: Sequence[int], shown: NDArray[np.bool_]) -> Array | None:
+    """How base parameters change with the gain of each joint's torque in the siblings' motions, (n_b, N).
+
+    None where the data of no sibling tells the joints apart.
+    """
+    known = [(place, rows[k].values["gains"]) for place, k in enumerate(numbers) if rows[k].values["gains"] is not None]
+    if not known:
+        return None
+    places, gains = zip(*known, strict=True)
+    each = np.moveaxis(np.array(gains), 2, 0)  # (N, R, n_b)
+    return np.column_stack([median_of_shown(one, shown[list(places)]) for one in each])
+
+
 def _beside_own(one: Deviation, own: Array, siblings: Array, mean: Array) -> Deviation:
     """A drift whose amplitude is a part of what the robot itself was at the first date, beside the siblings' change.
 
     The amplitude that was found is a part of what siblings are at the latest date: friction that was 1.5 times theirs,
     and doubles, grows by 1.5 of it.
     """
-    if one.weights is None or one.cause.kind not in ("term", "friction") or not one.cause.has_ratio:
+    if one.weights is None or one.cause.kind not in ("term", "friction", "gain") or not one.cause.has_ratio:
         return one
     common = float(one.weights @ mean)
     first = 1.0 - common + float(one.weights @ (own - siblings))
@@ -708,6 +721,12 @@ def sentence(one: Deviation, kind: Literal["siblings", "drift"], *, when: str = 
             f"{'heavier' if sign > 0.0 else 'lighter'} than {others} ({ends[0]:.2g} to {ends[1]:.2g} kg), "
             f"{100.0 * abs(one.amplitude):.2g} %, if it is made like {'theirs' if kind == 'siblings' else 'it was'}"
         )
+    elif cause.kind == "gain":
+        measured = cause.what.removesuffix(" gain")
+        text = (
+            f"The {measured} measured at {cause.part} for the same motion is {1.0 + one.amplitude:.3g} times {others} "
+            f"({1.0 + low:.3g} to {1.0 + high:.3g})"
+        )
     elif cause.has_ratio:
         text = f"{_what(cause)} is {1.0 + one.amplitude:.3g} times {others} ({1.0 + low:.3g} to {1.0 + high:.3g})"
         if cause.kind == "term" and kind == "siblings":
@@ -721,6 +740,8 @@ def sentence(one: Deviation, kind: Literal["siblings", "drift"], *, when: str = 
         )
     if kind == "drift":
         text += f", since {since}" if since else ""
+    if cause.kind == "gain":
+        text += ", as with a sensor of another scale or another motor constant"
     if one.alternatives:
         named = [_what(other) if other.kind != "link" else f"the link {other.part}" for other in one.alternatives[:3]]
         text += f"; {' or '.join(named)} would explain it about as well"

@@ -560,8 +560,11 @@ class _Tests:
             best = int(np.lexsort((-squares, probability))[0])
             if probability[best] > self.threshold and parts:
                 break
-            as_well = (squares[best] - squares <= LIKELY) & (probability <= self.threshold)
-            near = tuple(int(k) for k in np.argsort(-squares, kind="stable") if as_well[k] and k != best)
+            told = squares
+            if best in self.several:  # a link explains more by having more amplitudes: what counts is how unlikely
+                told = np.array([deviations_of(float(one)) for one in probability]) ** 2
+            as_well = (told[best] - told <= LIKELY) & (probability <= self.threshold)
+            near = tuple(int(k) for k in np.argsort(-told, kind="stable") if as_well[k] and k != best)
             parts.append((best, float(probability[best]), near))
             inverse = unexplained(whole, np.column_stack([self.directions[k] for k, _, _ in parts]))
             inverse = 0.5 * (inverse + inverse.T)
