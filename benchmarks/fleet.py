@@ -36,7 +36,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 from believable_answers import ARMS, described, description
 
 import steelyard as sy
-from steelyard.fleet import compare_siblings, possible_causes, variations
+from steelyard.fleet import compare_siblings, gains_in_own_motion, possible_causes, variations
 from steelyard.identification.examples import deviating
 from steelyard.regression import ParameterCovariance, torque_gains
 
@@ -241,7 +241,8 @@ def by_comparison(arguments, seed, **sizes):
         told.append(simulated(arguments.arm, seed, number, fault, 0.0 if fault is None else sizes[fault[0]]))
     bases, covariances, gains = map(np.array, zip(*told, strict=True))
     causes = possible_causes(fleet.model, fleet.usual, np.median(bases, axis=0), np.median(gains, axis=0))
-    found = compare_siblings(bases, covariances, causes, variations(fleet.model, causes))
+    own = gains_in_own_motion(fleet.model, causes, gains)
+    found = compare_siblings(bases, covariances, causes, variations(fleet.model, causes), own=own)
     findings = [(one.robot, part_of(one.cause), [*map(part_of, one.alternatives)]) for one in found.deviations]
     return judged(fleet, planted, findings)
 

@@ -26,7 +26,7 @@ import numpy as np
 
 import steelyard as sy
 from fleet import SimulatedFleet, judged, part_of
-from steelyard.fleet import compare_siblings, possible_causes, variations
+from steelyard.fleet import compare_siblings, gains_in_own_motion, possible_causes, variations
 from steelyard.fleet.packed import packed, unpacked
 from steelyard.regression import ParameterCovariance, torque_gains
 
@@ -91,7 +91,8 @@ def site(number, seed):
     size["an Information without"] *= SITE
     bases = np.array(bases)
     causes = possible_causes(fleet.model, fleet.usual, np.median(bases, axis=0), np.median(gains, axis=0))
-    found = compare_siblings(bases, np.array(covariances), causes, variations(fleet.model, causes))
+    own = gains_in_own_motion(fleet.model, causes, gains)
+    found = compare_siblings(bases, np.array(covariances), causes, variations(fleet.model, causes), own=own)
     lap("compared with its siblings")
     told, false = judged(fleet, planted, [(one.robot, part_of(one.cause), ()) for one in found.deviations])
     memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024

@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import false_discovery_control
 
 import steelyard as sy
-from steelyard.fleet import Cause, compare_siblings, possible_causes, variations
+from steelyard.fleet import Cause, compare_siblings, gains_in_own_motion, possible_causes, variations
 from steelyard.fleet.siblings import SiblingComparison, false_discoveries
 from steelyard.regression import ParameterCovariance, torque_gains
 
@@ -240,7 +240,8 @@ class Compared:
         bases, covariances, gains = (np.array(one) for one in zip(*told, strict=True))
         model = self.arms.model
         causes = possible_causes(model, self.arms.usual, np.median(bases, axis=0), np.median(gains, axis=0))
-        return compare_siblings(bases, covariances, causes, variations(model, causes))
+        own = gains_in_own_motion(model, causes, gains)
+        return compare_siblings(bases, covariances, causes, variations(model, causes), own=own)
 
 
 def test_a_torque_that_reads_too_little_is_named_as_such(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.dynamics import Model, MotorSide
 
-__all__ = ["Cause", "possible_causes", "variations"]
+__all__ = ["Cause", "gains_in_own_motion", "possible_causes", "variations"]
 
 Array = NDArray[np.float64]
 Kind = Literal["term", "friction", "mass", "link", "gain"]
@@ -19,6 +19,10 @@ Kind = Literal["term", "friction", "mass", "link", "gain"]
 FRICTION = ("damping", "friction")  # as a description calls viscous and Coulomb friction
 ALL_LINKS = 1e-6
 """Part of a column of base parameters that counts as one: what is less is rounding of their rules."""
+
+CREDIBLE_GAIN = 0.15
+"""Scales of sensors and constants of motors are off by a few percent, friction by half. At the last joint of an arm,
+whose torque is mostly friction, one looks like the other: a worn gearbox was told as a gain of 1.34."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +45,7 @@ class Cause:
     nominal : float
         Of the siblings; an amplitude of one changes by as much as this. NaN where a change has no single number.
     directions : ndarray
-        (n_b, k): how base parameters change with each of its amplitudes.
+        (n_b, k): how base parameters change with each of its amplitudes; with a gain, in the motions of most siblings.
     """
 
     name: str
@@ -56,6 +60,11 @@ class Cause:
     def has_ratio(self) -> bool:
         """Whether it is told as a multiple of what siblings have."""
         return self.kind in ("friction", "mass", "gain") or (self.nominal > 0.0 and self.what != "torque offset")
+
+    @property
+    def credible(self) -> float:
+        """The amplitude beyond which other causes that explain a difference about as well are likelier."""
+        return CREDIBLE_GAIN if self.kind == "gain" else np.inf
 
 
 def possible_causes(
@@ -72,8 +81,8 @@ def possible_causes(
         Base parameters of the siblings by the data alone, from which the sizes of friction are taken where they are
         base parameters themselves; those of `parameters` by default.
     gains : (n_b, N), optional
-        How base parameters change with the gain of the torque of each joint, which depends on the motion, see
-        `steelyard.regression.torque_gains`. Without it, gains are no causes.
+        How base parameters change with the gain of the torque of each joint, see `steelyard.regression.torque_gains`,
+        in the motions of most siblings. Without it, gains are no causes.
 
     Returns
     -------
@@ -153,3 +162,25 @@ def variations(model: Model, causes: tuple[Cause, ...]) -> Array:
     found = np.column_stack([K, *together])
     sizes = np.abs(found).max(axis=0)
     return np.asarray(found[:, sizes > ALL_LINKS * sizes.max(initial=0.0)])
+
+
+def gains_in_own_motion(model: Model, causes: tuple[Cause, ...], gains: ArrayLike) -> dict[int, Array]:
+    """Return how base parameters change with gains in each robot's own motion: (R, n_b) by the number of the cause.
+
+    A torque that reads too much is spread over the links by the other joints' torques, and how depends on the motion:
+    between the motions of simulated arms the change differed by as much as its own size.
+
+    Parameters
+    ----------
+    model : Model
+    causes : tuple of Cause
+    gains : (R, n_b, N)
+        Of each robot, see `steelyard.regression.torque_gains`.
+    """
+    given = np.asarray(gains, dtype=float)
+    names = model.robot.joint_names
+    found = {k: given[:, :, names.index(cause.part)] for k, cause in enumerate(causes) if cause.kind == "gain"}
+    # A joint without rows tells nothing of its own: what most siblings show keeps numbers finite.
+    return {
+        k: np.where(np.any(own, axis=1, keepdims=True), own, causes[k].directions[:, 0]) for k, own in found.items()
+    }

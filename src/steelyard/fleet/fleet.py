@@ -19,7 +19,7 @@ from steelyard.files.arguments import listed
 from steelyard.identification.log_reader import Progress
 from steelyard.regression.parameter_covariance import FEWEST_DEGREES, NORMAL
 
-from .causes import Cause, possible_causes, variations
+from .causes import Cause, gains_in_own_motion, possible_causes, variations
 from .checkpoints import Checkpoints, checkpoint_key
 from .executors import Executor, Here
 from .log_reduction import first_of, run_in_order
@@ -534,14 +534,18 @@ def _compared(
     shown = shown_parameters(bases, covariances)
     known = model.base_parameters().K @ parameters
     base = np.where(shown.any(axis=0), median_of_shown(bases, shown), known)
-    causes = possible_causes(model, parameters, base, _gains(rows, latest, shown))
+    gains = _gains(rows, latest, shown)
+    causes = possible_causes(model, parameters, base, None if gains is None else _usual_gains(gains, shown))
+    in_own_motion = {} if gains is None else gains_in_own_motion(model, causes, gains)
     directions = variations(model, causes)
     findings: list[Finding] = []
     remarks: list[str] = []
     called = _called(name)
     siblings = drift = None
     if len(latest) >= FEWEST:
-        siblings = compare_siblings(bases, covariances, causes, directions, rate=rate, freedoms=freedoms)
+        siblings = compare_siblings(
+            bases, covariances, causes, directions, rate=rate, freedoms=freedoms, own=in_own_motion
+        )
         for one in siblings.deviations:
             row = rows[latest[one.robot]]
             findings.append(Finding("siblings", row.entry.id, name, row.entry.date, "", one, sentence(one, "siblings")))
@@ -565,6 +569,7 @@ def _compared(
             directions,
             rate=rate,
             freedoms=np.minimum(before_freedoms, after_freedoms),
+            own={k: own[[len(dates_of) > 1 for dates_of in dates]] for k, own in in_own_motion.items()},
         )
         for one in drift.deviations:
             own = several[one.robot]
@@ -601,16 +606,20 @@ def _arrays(rows: Sequence[RobotRow], numbers: Iterable[int]) -> tuple[Array, Ar
 
 
 def _gains(rows: Sequence[RobotRow], numbers: Sequence[int], shown: NDArray[np.bool_]) -> Array | None:
-    """How base parameters change with the gain of each joint's torque in the siblings' motions, (n_b, N).
+    """How base parameters change with the gain of each joint's torque, in each robot's motion, (R, n_b, N).
 
-    None where the data of no sibling tells the joints apart.
+    None where the data of no robot tells the joints apart; where that of some does not, it is as in most siblings.
     """
-    known = [(place, rows[k].values["gains"]) for place, k in enumerate(numbers) if rows[k].values["gains"] is not None]
-    if not known:
+    told = {place: rows[k].values["gains"] for place, k in enumerate(numbers) if rows[k].values["gains"] is not None}
+    if not told:
         return None
-    places, gains = zip(*known, strict=True)
-    each = np.moveaxis(np.array(gains), 2, 0)  # (N, R, n_b)
-    return np.column_stack([median_of_shown(one, shown[list(places)]) for one in each])
+    usual = _usual_gains(np.array([*told.values()]), shown[[*told]])
+    return np.array([told.get(place, usual) for place in range(len(numbers))])
+
+
+def _usual_gains(gains: Array, shown: NDArray[np.bool_]) -> Array:
+    """The same in the motions of most siblings, (n_b, N)."""
+    return np.column_stack([median_of_shown(one, shown) for one in np.moveaxis(gains, 2, 0)])
 
 
 def _beside_own(one: Deviation, own: Array, siblings: Array, mean: Array) -> Deviation:
