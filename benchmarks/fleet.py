@@ -3,7 +3,8 @@
 Arms of the package example-robot-data. Robots of one kind differ: links by 0.5 % (mass, centre of mass and inertia),
 friction of each joint by 4 % as a whole and Coulomb and viscous friction by 4 % each, offsets by 2 % of the torques,
 and friction near standstill, which the model does not have, by 30 %. A worn gearbox has more Coulomb and viscous
-friction; a heavier link is so in all its parts. Each robot moves for one minute, in one of eight motions; torques have
+friction; a heavier link is so in all its parts; a joint of another gain reads all its torques, noise included, too
+large by one factor. Each robot moves for one minute, in one of eight motions; torques have
 white noise and noise that lasts for twenty samples. No differential equation is solved: torques follow from the motion
 by the regressor. The logs are reduced to Informations, which is what the manifest names.
 
@@ -13,6 +14,7 @@ second to the fifth of the UR5. The first turns about the vertical, and a tenth 
     python benchmarks/fleet.py                                  # 1000 robots; 10 with a worn gearbox, 10 heavier
     python benchmarks/fleet.py --compare --seeds 2 3 4          # the comparison of siblings alone, without the fits
     python benchmarks/fleet.py --sizes --robots 300             # how detection falls with the size of the fault
+    python benchmarks/fleet.py --gains --robots 100 --each 6    # torque gains of all joints in turn, of six sizes
     python benchmarks/fleet.py --drift --robots 100             # two dates; some robots change between them
 """
 
@@ -34,9 +36,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 from believable_answers import ARMS, described, description
 
 import steelyard as sy
-from steelyard.fleet import compare_siblings, possible_causes, variations
+from steelyard.fleet import compare_siblings, gains_in_own_motion, possible_causes, variations
 from steelyard.identification.examples import deviating
-from steelyard.regression import ParameterCovariance
+from steelyard.regression import ParameterCovariance, torque_gains
 
 RATE, SECONDS, MOTIONS = 100.0, 60.0, 8
 LINKS, TOGETHER, SINGLE, OFFSET = 0.005, 0.04, 0.04, 0.02
@@ -101,12 +103,15 @@ class SimulatedFleet:
         if fault is not None and fault[0] == "gearbox":
             for symbol in ("Fcj", "Fvj"):
                 values[names.index(f"{symbol}{fault[1]}")] *= 1.0 + size
-        elif fault is not None:
+        elif fault is not None and fault[0] == "link":
             values[model.link_columns[fault[1] - 1]] *= 1.0 + size
         return values, standstill, random
 
     def robot(self, number, fault=None, size=0.0, epoch=0):
-        """The Information of a robot's minute; `fault` is None, ("gearbox", joint) or ("link", link), from one."""
+        """The Information of a robot's minute.
+
+        `fault` is None or ("gearbox", joint), ("link", link) or ("gain", joint), from one.
+        """
         model, names = self.model, self.names
         values, standstill, random = self.parameters(number, fault, size)
         motion = self.motions[int(random.integers(MOTIONS))]
@@ -117,37 +122,55 @@ class SimulatedFleet:
         noise = np.random.default_rng([self.seed, 2, number, epoch])
         lasting = lfilter([np.sqrt(1.0 - MEMORY**2)], [1.0, -MEMORY], noise.normal(size=torque.shape), axis=0)
         torque = torque + NOISE * self.sizes * (lasting + WHITE * noise.normal(size=torque.shape))
+        if fault is not None and fault[0] == "gain":
+            torque[:, fault[1] - 1] *= 1.0 + size
         q, dq, ddq = motion
         return sy.Information.from_samples(model, sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque))
 
-    def planted(self, count, each):
+    def planted(self, count, each, kinds=("gearbox", "link")):
         """Which of the robots have which fault: (kind, number of the joint or link)."""
-        chosen = np.random.default_rng([self.seed, 3]).permutation(count)[: 2 * each]
-        faults = [("gearbox", 1 + k % self.model.dof) for k in range(each)]
-        faults += [("link", LINKS_THAT_SHOW[k % len(LINKS_THAT_SHOW)]) for k in range(each)]
+        chosen = np.random.default_rng([self.seed, 3]).permutation(count)[: len(kinds) * each]
+        faults = []
+        for kind in kinds:
+            places = LINKS_THAT_SHOW if kind == "link" else range(1, 1 + self.model.dof)
+            faults += [(kind, places[k % len(places)]) for k in range(each)]
         return dict(zip(map(int, chosen), faults, strict=True))
 
     def part(self, fault):
-        """The name of the joint or link of a fault."""
+        """The name of the joint or link of a fault, and whether it is a gain."""
         kind, number = fault
-        return (self.model.robot.joints if kind == "gearbox" else self.model.robot.links)[number - 1].name
+        parts = self.model.robot.links if kind == "link" else self.model.robot.joints
+        return parts[number - 1].name, kind == "gain"
+
+
+def part_of(cause):
+    """The same of what was found."""
+    return cause.part, cause.kind == "gain"
 
 
 def judged(fleet, planted, findings):
-    """Of findings (robot, part), the surest of each robot first: how many faults are found and named; false alarms."""
+    """Of findings (robot, part, others that explain it as well), the surest of each robot first.
+
+    Returns how many faults are found, named, and told among the others; false alarms.
+    """
     first = {}
-    for robot, part in findings:
-        first.setdefault(robot, part)
+    for robot, part, others in findings:
+        first.setdefault(robot, (part, others))
     told = {}
-    for kind in ("gearbox", "link"):
-        own = {robot: fault for robot, fault in planted.items() if fault[0] == kind}
+    for kind in dict.fromkeys(fault[0] for fault in planted.values()):
+        own = {robot: fleet.part(fault) for robot, fault in planted.items() if fault[0] == kind}
         found = [robot for robot in own if robot in first]
-        told[kind] = (len(found), sum(first[robot] == fleet.part(own[robot]) for robot in found), len(own))
+        named = sum(first[robot][0] == own[robot] for robot in found)
+        beside = sum(own[robot] in first[robot][1] and first[robot][0] != own[robot] for robot in found)
+        told[kind] = (len(found), named, beside, len(own))
     return told, sorted(set(first) - set(planted))
 
 
 def line(told, false):
-    parts = [f"{kind}: {found} of {count} found, {named} named" for kind, (found, named, count) in told.items()]
+    parts = [
+        f"{kind}: {found} of {count} found, {named} named" + f", {beside} named second" * bool(beside)
+        for kind, (found, named, beside, count) in told.items()
+    ]
     return f"{', '.join(parts)}; false alarms: {len(false)}"
 
 
@@ -179,7 +202,11 @@ def by_command(arguments, seed, folder):
     seconds = time.perf_counter() - begin
     document = json.loads((folder / "result" / "fleet.json").read_text())
     kind = "drift" if arguments.drift else "siblings"
-    found = [(int(one["robot"]), one["part"]) for one in document["findings"] if one["kind"] == kind]
+    found = [
+        (int(one["robot"]), (one["part"], one["what"] == "torque gain"), ())
+        for one in document["findings"]
+        if one["kind"] == kind
+    ]
     told, false = judged(fleet, planted, found)
     page = (folder / "result" / "fleet.html").stat().st_size
     print(f"exit {done.returncode}, {seconds:.0f} s with {arguments.workers} workers, page {page / 1e3:.0f} kB")
@@ -192,10 +219,11 @@ def by_command(arguments, seed, folder):
 
 @cache
 def simulated(arm, seed, number, fault, size):
-    """What the data of a robot tells, base parameters and their covariance."""
+    """What the data of a robot tells: base parameters, their covariance, and how they change with gains."""
     info = fleets(arm, seed).robot(number, fault, size)
     estimate = sy.least_squares(info)
-    return estimate.base, ParameterCovariance.of(info, estimate.base, estimate.weights).matrix
+    covariance = ParameterCovariance.of(info, estimate.base, estimate.weights)
+    return estimate.base, covariance.matrix, torque_gains(info, estimate.weights)
 
 
 @cache
@@ -203,19 +231,20 @@ def fleets(arm, seed):
     return SimulatedFleet(arm, seed)
 
 
-def by_comparison(arguments, seed, friction, link):
+def by_comparison(arguments, seed, **sizes):
     """Hold the robots beside each other, without the fits; the true parameters stand for those of the answers."""
     fleet = fleets(arguments.arm, seed)
-    planted = fleet.planted(arguments.robots, arguments.each)
+    planted = fleet.planted(arguments.robots, arguments.each, tuple(sizes))
     told = []
     for number in range(arguments.robots):
         fault = planted.get(number)
-        size = 0.0 if fault is None else friction if fault[0] == "gearbox" else link
-        told.append(simulated(arguments.arm, seed, number, fault, size))
-    bases, covariances = map(np.array, zip(*told, strict=True))
-    causes = possible_causes(fleet.model, fleet.usual, np.median(bases, axis=0))
-    found = compare_siblings(bases, covariances, causes, variations(fleet.model, causes))
-    return judged(fleet, planted, [(one.robot, one.cause.part) for one in found.deviations])
+        told.append(simulated(arguments.arm, seed, number, fault, 0.0 if fault is None else sizes[fault[0]]))
+    bases, covariances, gains = map(np.array, zip(*told, strict=True))
+    causes = possible_causes(fleet.model, fleet.usual, np.median(bases, axis=0), np.median(gains, axis=0))
+    own = gains_in_own_motion(fleet.model, causes, gains)
+    found = compare_siblings(bases, covariances, causes, variations(fleet.model, causes), own=own)
+    findings = [(one.robot, part_of(one.cause), [*map(part_of, one.alternatives)]) for one in found.deviations]
+    return judged(fleet, planted, findings)
 
 
 def main():
@@ -230,18 +259,21 @@ def main():
     parser.add_argument("--folder", type=Path, help="for the fleet and its results; kept")
     parser.add_argument("--compare", action="store_true")
     parser.add_argument("--sizes", action="store_true")
+    parser.add_argument("--gains", action="store_true")
     parser.add_argument("--drift", action="store_true")
     parser.add_argument("--verbose", action="store_true")
     arguments = parser.parse_args()
     for seed in arguments.seeds:
         if arguments.compare:
-            print(
-                f"seed {seed}: {line(*by_comparison(arguments, seed, arguments.friction, arguments.link))}", flush=True
-            )
+            found = line(*by_comparison(arguments, seed, gearbox=arguments.friction, link=arguments.link))
+            print(f"seed {seed}: {found}", flush=True)
         elif arguments.sizes:
             for friction, link in ((0.1, 0.02), (0.2, 0.03), (0.3, 0.05), (0.4, 0.07), (0.5, 0.1), (1.0, 0.15)):
-                found = line(*by_comparison(arguments, seed, friction, link))
+                found = line(*by_comparison(arguments, seed, gearbox=friction, link=link))
                 print(f"seed {seed}, friction +{friction:.0%}, link +{link:.0%}: {found}", flush=True)
+        elif arguments.gains:
+            for gain in (0.03, -0.03, 0.05, -0.05, 0.1, -0.1):
+                print(f"seed {seed}, gain {gain:+.0%}: {line(*by_comparison(arguments, seed, gain=gain))}", flush=True)
         elif arguments.folder is not None:
             arguments.folder.mkdir(parents=True, exist_ok=True)
             by_command(arguments, seed, arguments.folder)

@@ -25,7 +25,7 @@ FRICTION = ((1.0, 2.0), (0.8, 1.5), (0.5, 1.0))
 
 
 class Arms:
-    """Arms whose links vary by 1 %, friction by 5 %; a fault multiplies friction of a joint, or all of a link.
+    """Arms whose links vary by 1 %, friction by 5 %; a fault multiplies friction of a joint, all of a link or a torque.
 
     Those of another reach have a second link of another length.
     """
@@ -76,6 +76,8 @@ class Arms:
         noise = np.random.default_rng([number, 2, epoch])
         lasting = lfilter([np.sqrt(1 - 0.9**2)], [1.0, -0.9], noise.normal(size=torque.shape), axis=0)
         torque = torque + 0.2 * (lasting + noise.normal(size=torque.shape))
+        if fault.startswith("gain"):
+            torque[:, int(fault[4:]) - 1] *= factor
         return sy.Information.from_samples(self.model, sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque))
 
     def manifest(self, rows: list[str], *, more: str = "") -> Path:

@@ -161,6 +161,29 @@ def test_a_robot_that_was_unusual_is_held_against_what_it_was_itself(arms: Arms)
 
 
 @pytest.mark.slow
+def test_a_torque_of_another_gain_is_named_in_words(arms: Arms) -> None:
+    """One arm has always read 8 % too little at its first joint; of another the second joint reads 10 % less since."""
+    rows = []
+    for number in range(12):
+        for epoch in range(2):
+            path = arms.folder / f"gain-{number}-{epoch}.json"
+            fault = {(5, 0): ("gain1", 0.92), (5, 1): ("gain1", 0.92), (8, 1): ("gain2", 0.9)}
+            arms.information(number, *fault.get((number, epoch), ("", 1.0)), epoch=epoch).save(path)
+            rows.append(f"R{number},{DATES[epoch]},{path.name}")
+    fleet = identify_fleet(arms.manifest(rows))
+    found = {(row["kind"], row["robot"]): row for row in reversed(fleet.finding_rows())}
+    assert set(found) == {("siblings", "R5"), ("siblings", "R8"), ("drift", "R8")}
+    for (_, robot), row in found.items():
+        joint, factor = {"R5": ("joint1", 0.92), "R8": ("joint2", 0.9)}[robot]
+        assert (row["cause"], row["part"]) == (f"torque gain of {joint}", joint)
+        assert 1.0 + row["lower"] < factor < 1.0 + row["upper"]
+        assert row["ratio"] == pytest.approx(factor, abs=0.03)
+        assert row["sentence"].startswith(f"The torque measured at {joint} for the same motion is ")
+        assert "as with a sensor of another scale or another motor constant" in row["sentence"]
+    assert "torque gain of joint3" in fleet_html(fleet)
+
+
+@pytest.mark.slow
 def test_what_is_wrong_with_one_robot_is_its_row(arms: Arms) -> None:
     """Another robot's Information, a damaged file, too few rows, a missing robot: each has its reason, others go on."""
     folder = arms.folder

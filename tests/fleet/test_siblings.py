@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.stats import false_discovery_control
 
 import steelyard as sy
-from steelyard.fleet import Cause, compare_siblings, possible_causes, variations
-from steelyard.fleet.siblings import false_discoveries
+from steelyard.fleet import Cause, compare_siblings, gains_in_own_motion, possible_causes, variations
+from steelyard.fleet.siblings import SiblingComparison, false_discoveries
+from steelyard.regression import ParameterCovariance, torque_gains
+
+from .sibling_arms import Arms
 
 ONE = Cause("Fc1", "term", "joint1", "Coulomb friction", "N·m", 1.0, np.eye(2)[:, :1])
 OTHER = Cause("Fc2", "term", "joint2", "Coulomb friction", "N·m", 1.0, np.eye(2)[:, 1:])
@@ -213,3 +218,80 @@ def test_false_alarms_and_intervals_are_what_they_are_said_to_be() -> None:
     assert np.mean(rates) < 0.08
     assert count > 100
     assert inside / count > 0.93
+
+
+class Compared:
+    """Arms of `sibling_arms`, each of them in a motion of its own, of which one has a fault."""
+
+    def __init__(self, folder: Path, count: int, first: int = 0) -> None:
+        self.arms, self.first = Arms(folder), first
+        self.sound = [self.told(number) for number in range(first, first + count)]
+
+    def told(self, number: int, fault: str = "", factor: float = 1.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        info = self.arms.information(number, fault, factor)
+        estimate = sy.least_squares(info)
+        gains = torque_gains(info)
+        assert gains is not None
+        return estimate.base, ParameterCovariance.of(info, estimate.base, estimate.weights).matrix, gains
+
+    def with_fault(self, place: int, fault: str, factor: float) -> SiblingComparison:
+        told = list(self.sound)
+        told[place] = self.told(self.first + place, fault, factor)
+        bases, covariances, gains = (np.array(one) for one in zip(*told, strict=True))
+        model = self.arms.model
+        causes = possible_causes(model, self.arms.usual, np.median(bases, axis=0), np.median(gains, axis=0))
+        own = gains_in_own_motion(model, causes, gains)
+        return compare_siblings(bases, covariances, causes, variations(model, causes), own=own)
+
+
+def test_a_torque_that_reads_too_little_is_named_as_such(tmp_path: Path) -> None:
+    compared = Compared(tmp_path, 20)
+    for fault, factor, name in (
+        ("gain1", 0.95, "torque gain of joint1"),
+        ("gain2", 1.1, "torque gain of joint2"),
+        ("link3", 1.2, "mass of link3"),
+        ("joint2", 1.6, "friction of joint2"),
+    ):
+        [one] = compared.with_fault(3, fault, factor).deviations
+        assert (one.robot, one.cause.name) == (3, name)
+        assert one.lower < factor - 1.0 < one.upper
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("first", [0, 100, 200])
+def test_gains_links_and_friction_are_told_apart_or_told_together(tmp_path: Path, first: int) -> None:
+    """The torque of a joint is scaled by 3, 5 and 10 %, a link is heavier, or a joint runs hard, one at a time."""
+    compared = Compared(tmp_path, 20, first)
+    out = compared.with_fault(0, "", 1.0).differs  # by chance, as 5 % are
+    places = [place for place in range(20) if place not in out]
+    kinds = {"gain": ("gain",), "link": ("mass", "link"), "joint": ("term", "friction")}
+    faults = [("gain", 1.0 + sign * size) for size in (0.03, 0.05, 0.1) for sign in (1, -1)]
+    faults += [("link", 0.9), ("link", 1.1), ("link", 1.2), ("joint", 1.2), ("joint", 1.5)]
+    first_named = both = unseen = wrong = 0
+    for number, (kind, factor, part) in enumerate((*fault, part) for fault in faults for part in (1, 2, 3)):
+        place = places[number % len(places)]
+        found = compared.with_fault(place, f"{kind}{part}", factor)
+        own = [one for one in found.deviations if one.robot == place]
+        if not own:
+            unseen += 1
+            continue
+        surest, name = own[0], f"link{part}" if kind == "link" else f"joint{part}"
+        named = [c.part == name and c.kind in kinds[kind] for c in (surest.cause, *surest.alternatives)]
+        first_named += named[0]
+        both += any(named) and not named[0]
+        wrong += not any(named)
+    assert wrong == 0
+    assert both <= 4
+    assert unseen <= 15
+    assert first_named + both + unseen == 33
+
+
+def test_torque_gains_are_causes_of_each_joint_that_has_them() -> None:
+    robot = sy.Robot.from_dh([(0, 0.4, 0, "q"), (0, 0.3, "q", 0)], gravity=(0, -9.81, 0))
+    model = sy.Model(robot)
+    gains = np.arange(1.0, 1.0 + 2 * model.base_parameters().count).reshape(-1, 2)
+    without = possible_causes(model, np.ones(model.parameter_count))
+    causes = possible_causes(model, np.ones(model.parameter_count), gains=gains)
+    assert [cause.name for cause in causes[len(without) :]] == ["torque gain of joint1", "force gain of joint2"]
+    assert np.array_equal(np.column_stack([cause.directions for cause in causes[len(without) :]]), gains)
+    assert variations(model, causes).shape[1] == variations(model, without).shape[1] + 2

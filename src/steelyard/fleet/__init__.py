@@ -6,6 +6,7 @@ from steelyard.first_use import import_at_first_use
 
 if TYPE_CHECKING:
     from .causes import Cause as Cause
+    from .causes import gains_in_own_motion as gains_in_own_motion
     from .causes import possible_causes as possible_causes
     from .causes import variations as variations
     from .checkpoints import Checkpoints as Checkpoints

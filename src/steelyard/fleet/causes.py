@@ -1,4 +1,5 @@
-"""Possible causes of a difference between robots (friction of a joint, mass of a link), and how data shows them."""
+"""Possible causes of a difference between robots (friction of a joint, mass of a link, gain of a torque) and how data
+shows them."""
 
 from __future__ import annotations
 
@@ -10,14 +11,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.dynamics import Model, MotorSide
 
-__all__ = ["Cause", "possible_causes", "variations"]
+__all__ = ["Cause", "gains_in_own_motion", "possible_causes", "variations"]
 
 Array = NDArray[np.float64]
-Kind = Literal["term", "friction", "mass", "link"]
+Kind = Literal["term", "friction", "mass", "link", "gain"]
 
 FRICTION = ("damping", "friction")  # as a description calls viscous and Coulomb friction
 ALL_LINKS = 1e-6
 """Part of a column of base parameters that counts as one: what is less is rounding of their rules."""
+
+CREDIBLE_GAIN = 0.15
+"""Scales of sensors and constants of motors are off by a few percent, friction by half. At the last joint of an arm,
+whose torque is mostly friction, one looks like the other: a worn gearbox was told as a gain of 1.34."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,10 +32,10 @@ class Cause:
     Attributes
     ----------
     name : str
-        ``"Fcj3"``, ``"friction of elbow"``, ``"mass of forearm"``, ``"forearm"``.
-    kind : {"term", "friction", "mass", "link"}
+        ``"Fcj3"``, ``"friction of elbow"``, ``"mass of forearm"``, ``"forearm"``, ``"torque gain of elbow"``.
+    kind : {"term", "friction", "mass", "link", "gain"}
         One parameter of a drive; all friction of a drive, by one factor; all of a link, by one factor; a link whose
-        mass, centre of mass and inertia may be any.
+        mass, centre of mass and inertia may be any; the torques that are measured at a joint, all by one factor.
     part : str
         The joint or the link.
     what : str
@@ -40,7 +45,7 @@ class Cause:
     nominal : float
         Of the siblings; an amplitude of one changes by as much as this. NaN where a change has no single number.
     directions : ndarray
-        (n_b, k): how base parameters change with each of its amplitudes.
+        (n_b, k): how base parameters change with each of its amplitudes; with a gain, in the motions of most siblings.
     """
 
     name: str
@@ -54,10 +59,17 @@ class Cause:
     @property
     def has_ratio(self) -> bool:
         """Whether it is told as a multiple of what siblings have."""
-        return self.kind in ("friction", "mass") or (self.nominal > 0.0 and self.what != "torque offset")
+        return self.kind in ("friction", "mass", "gain") or (self.nominal > 0.0 and self.what != "torque offset")
+
+    @property
+    def credible(self) -> float:
+        """The amplitude beyond which other causes that explain a difference about as well are likelier."""
+        return CREDIBLE_GAIN if self.kind == "gain" else np.inf
 
 
-def possible_causes(model: Model, parameters: ArrayLike, base: ArrayLike | None = None) -> tuple[Cause, ...]:
+def possible_causes(
+    model: Model, parameters: ArrayLike, base: ArrayLike | None = None, gains: ArrayLike | None = None
+) -> tuple[Cause, ...]:
     """List what may be different about a robot.
 
     Parameters
@@ -68,6 +80,9 @@ def possible_causes(model: Model, parameters: ArrayLike, base: ArrayLike | None 
     base : (n_b,), optional
         Base parameters of the siblings by the data alone, from which the sizes of friction are taken where they are
         base parameters themselves; those of `parameters` by default.
+    gains : (n_b, N), optional
+        How base parameters change with the gain of the torque of each joint, see `steelyard.regression.torque_gains`,
+        in the motions of most siblings. Without it, gains are no causes.
 
     Returns
     -------
@@ -123,6 +138,11 @@ def possible_causes(model: Model, parameters: ArrayLike, base: ArrayLike | None 
         left, sizes, _ = np.linalg.svd(shown / np.maximum(np.abs(shown).max(initial=0.0), 1e-300))
         rank = int(np.sum(sizes > ALL_LINKS * sizes.max(initial=0.0)))
         found.append(Cause(link.name, "link", link.name, "mass, centre of mass or inertia", "", np.nan, left[:, :rank]))
+    if gains is not None:
+        for number, direction in zip(robot.driving_joints, np.transpose(gains)[:, :, None], strict=True):
+            joint = robot.joints[number]
+            what = "torque gain" if joint.rotates else "force gain"
+            found.append(Cause(f"{what} of {joint.name}", "gain", joint.name, what, "", 1.0, direction))
     largest = np.abs(K).max(initial=0.0)
     return tuple(c for c in found if np.abs(c.directions).max(initial=0.0) > ALL_LINKS * largest * _least(c))
 
@@ -134,11 +154,33 @@ def _least(cause: Cause) -> float:
 def variations(model: Model, causes: tuple[Cause, ...]) -> Array:
     """Return the directions in which siblings are taken to vary, each by an amount of its own, (n_b, c).
 
-    Single parameters of links and drives, all friction of a drive together, all of a link together: what assembly,
-    temperature and castings change.
+    Single parameters of links and drives, all friction of a drive together, all of a link together, gains of torques:
+    what assembly, temperature, castings and calibration change.
     """
     K = model.base_parameters().K
-    together = [cause.directions for cause in causes if cause.kind in ("friction", "mass")]
+    together = [cause.directions for cause in causes if cause.kind in ("friction", "mass", "gain")]
     found = np.column_stack([K, *together])
     sizes = np.abs(found).max(axis=0)
     return np.asarray(found[:, sizes > ALL_LINKS * sizes.max(initial=0.0)])
+
+
+def gains_in_own_motion(model: Model, causes: tuple[Cause, ...], gains: ArrayLike) -> dict[int, Array]:
+    """Return how base parameters change with gains in each robot's own motion: (R, n_b) by the number of the cause.
+
+    A torque that reads too much is spread over the links by the other joints' torques, and how depends on the motion:
+    between the motions of simulated arms the change differed by as much as its own size.
+
+    Parameters
+    ----------
+    model : Model
+    causes : tuple of Cause
+    gains : (R, n_b, N)
+        Of each robot, see `steelyard.regression.torque_gains`.
+    """
+    given = np.asarray(gains, dtype=float)
+    names = model.robot.joint_names
+    found = {k: given[:, :, names.index(cause.part)] for k, cause in enumerate(causes) if cause.kind == "gain"}
+    # A joint without rows tells nothing of its own: what most siblings show keeps numbers finite.
+    return {
+        k: np.where(np.any(own, axis=1, keepdims=True), own, causes[k].directions[:, 0]) for k, own in found.items()
+    }

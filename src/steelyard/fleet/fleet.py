@@ -19,7 +19,7 @@ from steelyard.files.arguments import listed
 from steelyard.identification.log_reader import Progress
 from steelyard.regression.parameter_covariance import FEWEST_DEGREES, NORMAL
 
-from .causes import Cause, possible_causes, variations
+from .causes import Cause, gains_in_own_motion, possible_causes, variations
 from .checkpoints import Checkpoints, checkpoint_key
 from .executors import Executor, Here
 from .log_reduction import first_of, run_in_order
@@ -534,14 +534,18 @@ def _compared(
     shown = shown_parameters(bases, covariances)
     known = model.base_parameters().K @ parameters
     base = np.where(shown.any(axis=0), median_of_shown(bases, shown), known)
-    causes = possible_causes(model, parameters, base)
+    gains = _gains(rows, latest, shown)
+    causes = possible_causes(model, parameters, base, None if gains is None else _usual_gains(gains, shown))
+    in_own_motion = {} if gains is None else gains_in_own_motion(model, causes, gains)
     directions = variations(model, causes)
     findings: list[Finding] = []
     remarks: list[str] = []
     called = _called(name)
     siblings = drift = None
     if len(latest) >= FEWEST:
-        siblings = compare_siblings(bases, covariances, causes, directions, rate=rate, freedoms=freedoms)
+        siblings = compare_siblings(
+            bases, covariances, causes, directions, rate=rate, freedoms=freedoms, own=in_own_motion
+        )
         for one in siblings.deviations:
             row = rows[latest[one.robot]]
             findings.append(Finding("siblings", row.entry.id, name, row.entry.date, "", one, sentence(one, "siblings")))
@@ -565,6 +569,7 @@ def _compared(
             directions,
             rate=rate,
             freedoms=np.minimum(before_freedoms, after_freedoms),
+            own={k: own[[len(dates_of) > 1 for dates_of in dates]] for k, own in in_own_motion.items()},
         )
         for one in drift.deviations:
             own = several[one.robot]
@@ -600,13 +605,30 @@ def _arrays(rows: Sequence[RobotRow], numbers: Iterable[int]) -> tuple[Array, Ar
     return base, covariance, freedom
 
 
+def _gains(rows: Sequence[RobotRow], numbers: Sequence[int], shown: NDArray[np.bool_]) -> Array | None:
+    """How base parameters change with the gain of each joint's torque, in each robot's motion, (R, n_b, N).
+
+    None where the data of no robot tells the joints apart; where that of some does not, it is as in most siblings.
+    """
+    told = {place: rows[k].values["gains"] for place, k in enumerate(numbers) if rows[k].values["gains"] is not None}
+    if not told:
+        return None
+    usual = _usual_gains(np.array([*told.values()]), shown[[*told]])
+    return np.array([told.get(place, usual) for place in range(len(numbers))])
+
+
+def _usual_gains(gains: Array, shown: NDArray[np.bool_]) -> Array:
+    """The same in the motions of most siblings, (n_b, N)."""
+    return np.column_stack([median_of_shown(one, shown) for one in np.moveaxis(gains, 2, 0)])
+
+
 def _beside_own(one: Deviation, own: Array, siblings: Array, mean: Array) -> Deviation:
     """A drift whose amplitude is a part of what the robot itself was at the first date, beside the siblings' change.
 
     The amplitude that was found is a part of what siblings are at the latest date: friction that was 1.5 times theirs,
     and doubles, grows by 1.5 of it.
     """
-    if one.weights is None or one.cause.kind not in ("term", "friction") or not one.cause.has_ratio:
+    if one.weights is None or one.cause.kind not in ("term", "friction", "gain") or not one.cause.has_ratio:
         return one
     common = float(one.weights @ mean)
     first = 1.0 - common + float(one.weights @ (own - siblings))
@@ -708,6 +730,12 @@ def sentence(one: Deviation, kind: Literal["siblings", "drift"], *, when: str = 
             f"{'heavier' if sign > 0.0 else 'lighter'} than {others} ({ends[0]:.2g} to {ends[1]:.2g} kg), "
             f"{100.0 * abs(one.amplitude):.2g} %, if it is made like {'theirs' if kind == 'siblings' else 'it was'}"
         )
+    elif cause.kind == "gain":
+        measured = cause.what.removesuffix(" gain")
+        text = (
+            f"The {measured} measured at {cause.part} for the same motion is {1.0 + one.amplitude:.3g} times {others} "
+            f"({1.0 + low:.3g} to {1.0 + high:.3g})"
+        )
     elif cause.has_ratio:
         text = f"{_what(cause)} is {1.0 + one.amplitude:.3g} times {others} ({1.0 + low:.3g} to {1.0 + high:.3g})"
         if cause.kind == "term" and kind == "siblings":
@@ -721,6 +749,8 @@ def sentence(one: Deviation, kind: Literal["siblings", "drift"], *, when: str = 
         )
     if kind == "drift":
         text += f", since {since}" if since else ""
+    if cause.kind == "gain":
+        text += ", as with a sensor of another scale or another motor constant"
     if one.alternatives:
         named = [_what(other) if other.kind != "link" else f"the link {other.part}" for other in one.alternatives[:3]]
         text += f"; {' or '.join(named)} would explain it about as well"

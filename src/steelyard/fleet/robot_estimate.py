@@ -29,7 +29,7 @@ from steelyard.identification.prediction_verdict import prediction_verdict, said
 from steelyard.identification.reduced_logs import copies_among
 from steelyard.identification.validation import few_rows_of
 from steelyard.recording.formats import content_hash, hashed_log
-from steelyard.regression import Information, ParameterCovariance, least_squares
+from steelyard.regression import Information, ParameterCovariance, least_squares, torque_gains
 from steelyard.robot import RobotFile
 
 from .checkpoints import robot_content
@@ -198,6 +198,7 @@ def _estimate(task: dict[str, Any]) -> dict[str, Any]:
         "base": unconstrained.base,
         "covariance": covariance.matrix,
         "freedom": covariance.degrees_of_freedom,
+        "gains": torque_gains(information, unconstrained.weights),
         "parameters": estimate.parameters,
         "possible": bool(feasible_set.contains(estimate.parameters)),
         "feasible": verdict.status,

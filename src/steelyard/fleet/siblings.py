@@ -13,7 +13,7 @@ degrees of freedom count the siblings.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -231,6 +231,7 @@ def compare_siblings(
     rate: float = 0.05,
     confidence: float = 0.95,
     freedoms: ArrayLike | None = None,
+    own: Mapping[int, ArrayLike] | None = None,
 ) -> SiblingComparison:
     """Tell which robots differ from their siblings, in which part, and by how much.
 
@@ -250,6 +251,9 @@ def compare_siblings(
         Of intervals.
     freedoms : (R,), optional
         Degrees of freedom of each covariance: how much data its size was estimated from. 30 by default, and at most.
+    own : mapping, optional
+        By the number of a cause with one amplitude, what takes the place of its `directions` in each robot, (R, n_b);
+        see `gains_in_own_motion`.
 
     Returns
     -------
@@ -294,7 +298,8 @@ def compare_siblings(
         degrees = np.minimum(degrees, np.asarray(freedoms, dtype=float))
     problem = _Problem(given / scale, _scaled(errors, scale), shown, degrees, np.asarray(directions) / scale[:, None])
     scaled = [cause.directions / scale[:, None] for cause in causes]
-    tests = _Tests(problem, scaled, scale, rate)
+    each = {k: np.asarray(one, dtype=float) / scale for k, one in (own or {}).items()}
+    tests = _Tests(problem, scaled, each, scale, rate, np.array([cause.credible for cause in causes]))
     moved = problem.bases
     found: list[_Found] = []
     for _ in range(ROUNDS):
@@ -308,7 +313,7 @@ def compare_siblings(
         for one in found:  # the part that is unusual does not say how much siblings vary
             moved[one.robot] -= one.change
     deviations = [
-        _deviation(one, tests, causes, scaled, confidence)
+        _deviation(one, tests, causes, confidence)
         for one in sorted(found, key=lambda one: (one.probability, one.robot))
     ]
     return SiblingComparison(
@@ -460,13 +465,35 @@ class _Found:
 class _Tests:
     """Each robot against the mean of the others, cause by cause."""
 
-    def __init__(self, problem: _Problem, directions: Sequence[Array], scale: Array, rate: float) -> None:
-        self.problem, self.directions, self.scale, self.rate = problem, directions, scale, rate
+    def __init__(
+        self,
+        problem: _Problem,
+        directions: Sequence[Array],
+        own: Mapping[int, Array],
+        scale: Array,
+        rate: float,
+        credible: Array,
+    ) -> None:
+        self.problem, self.directions, self.own, self.scale, self.rate = problem, directions, own, scale, rate
+        self.credible = credible
         self.single = [k for k, one in enumerate(directions) if one.shape[1] == 1]
         self.several = [k for k, one in enumerate(directions) if one.shape[1] > 1]
         self.columns = (
             np.column_stack([directions[k][:, 0] for k in self.single]) if self.single else np.zeros((problem.width, 0))
         )
+
+    def direction(self, robot: int, cause: int) -> Array:
+        """How a robot's base parameters change with each amplitude of a cause, (n_b, k)."""
+        return self.own[cause][robot, :, None] if cause in self.own else self.directions[cause]
+
+    def columns_of(self, robot: int) -> Array:
+        """The same of all causes with one amplitude, (n_b, k)."""
+        if not self.own:
+            return self.columns
+        found = self.columns.copy()
+        for cause, directions in self.own.items():
+            found[:, self.single.index(cause)] = directions[robot]
+        return found
 
     def run(self) -> list[_Found]:
         count, causes = self.problem.count, len(self.directions)
@@ -505,9 +532,10 @@ class _Tests:
         causes = len(self.directions)
         amplitude, error, among = np.full((3, causes), np.nan)
         probability = np.ones(causes)
-        weighed = inverse @ self.columns
-        told = np.einsum("ij,ij->j", self.columns, weighed)
-        all_told = np.einsum("ij,ij->j", self.columns, whole @ self.columns)
+        columns = self.columns_of(robot)
+        weighed = inverse @ columns
+        told = np.einsum("ij,ij->j", columns, weighed)
+        all_told = np.einsum("ij,ij->j", columns, whole @ columns)
         seen = told > HIDDEN * np.maximum(all_told, 1e-300)
         safe = np.where(seen, told, 1.0)
         score = weighed.T @ away
@@ -552,30 +580,39 @@ class _Tests:
     def parts_of(self, robot: int) -> list[_Found]:
         """The causes that differ in one robot: the likeliest, then what is left beside it, and so on."""
         whole, away = self.against_others(robot)
-        inverse, probability = whole, self.probability[robot]
-        squares = self.squares(self.amplitude[robot], self.error[robot])
+        inverse, probability, amplitude = whole, self.probability[robot], self.amplitude[robot]
+        squares = self.squares(amplitude, self.error[robot])
         parts: list[tuple[int, float, tuple[int, ...]]] = []
         while len(parts) < MOST_CAUSES:
             # Where several are so far out that their probabilities are zero, the farthest is the likeliest.
             best = int(np.lexsort((-squares, probability))[0])
             if probability[best] > self.threshold and parts:
                 break
-            as_well = (squares[best] - squares <= LIKELY) & (probability <= self.threshold)
-            near = tuple(int(k) for k in np.argsort(-squares, kind="stable") if as_well[k] and k != best)
+            told = squares
+            if best in self.several:  # a link explains more by having more amplitudes: what counts is how unlikely
+                told = np.array([deviations_of(float(one)) for one in probability]) ** 2
+            as_well = (told[best] - told <= LIKELY) & (probability <= self.threshold)
+            near = tuple(int(k) for k in np.argsort(-told, kind="stable") if as_well[k] and k != best)
+            if abs(amplitude[best]) > self.credible[best]:
+                likelier = [k for k in near if not abs(amplitude[k]) > self.credible[k]]
+                if likelier:
+                    near = (best, *(k for k in near if k != likelier[0]))
+                    best = likelier[0]
             parts.append((best, float(probability[best]), near))
-            inverse = unexplained(whole, np.column_stack([self.directions[k] for k, _, _ in parts]))
+            inverse = unexplained(whole, np.column_stack([self.direction(robot, k) for k, _, _ in parts]))
             inverse = 0.5 * (inverse + inverse.T)
             amplitude, error, _, probability = self.tested(robot, inverse, away, whole)
             squares = self.squares(amplitude, error)
             probability[[k for k, _, _ in parts]] = 1.0
         parts = self.needed(robot, whole, away, parts)
-        taken = np.column_stack([self.directions[k] for k, _, _ in parts])
+        taken = np.column_stack([self.direction(robot, k) for k, _, _ in parts])
         seen = whole @ taken
         amplitudes = _inverse(taken.T @ seen) @ (seen.T @ away)
         found, column = [], 0
         for index, (k, chance, likely) in enumerate(parts):
-            width = self.directions[k].shape[1]
-            change = self.directions[k] @ amplitudes[column : column + width]
+            direction = self.direction(robot, k)
+            width = direction.shape[1]
+            change = direction @ amplitudes[column : column + width]
             column += width
             beside = tuple(other for other, _, _ in parts if other != k)
             found.append(_Found(robot, k, chance, likely if index == 0 else (), beside, change))
@@ -593,7 +630,7 @@ class _Tests:
         while len(kept) > 1:
             chances = []
             for k, _, _ in kept:
-                others = np.column_stack([self.directions[other] for other, _, _ in kept if other != k])
+                others = np.column_stack([self.direction(robot, other) for other, _, _ in kept if other != k])
                 inverse = unexplained(whole, others)
                 chances.append(float(self.tested(robot, 0.5 * (inverse + inverse.T), away, whole)[3][k]))
             worst = int(np.argmax(chances))
@@ -609,20 +646,20 @@ def _deviation(
     one: _Found,
     tests: _Tests,
     causes: Sequence[Cause],
-    directions: Sequence[Array],
     confidence: float,
 ) -> Deviation:
     """Tell the size of a cause, beside the others of that robot."""
     from scipy.special import stdtrit
 
-    cause, own = causes[one.cause], directions[one.cause]
+    cause, own = causes[one.cause], tests.direction(one.robot, one.cause)
     alternatives = tuple(causes[k] for k in one.others)
     out = deviations_of(one.probability)
     if own.shape[1] > 1:
         unknown = float("nan")
         return Deviation(one.robot, cause, unknown, unknown, unknown, unknown, out, one.probability, alternatives)
     whole, away = tests.against_others(one.robot)
-    inverse = unexplained(whole, np.column_stack([directions[k] for k in one.beside])) if one.beside else whole
+    beside = [tests.direction(one.robot, k) for k in one.beside]
+    inverse = unexplained(whole, np.column_stack(beside)) if beside else whole
     weighed = inverse @ own[:, 0]
     told = float(own[:, 0] @ weighed)
     weights = weighed / told

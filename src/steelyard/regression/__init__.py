@@ -16,5 +16,6 @@ if TYPE_CHECKING:
     from .parameter_covariance import ParameterCovariance as ParameterCovariance
     from .parameter_covariance import ResidualCorrelation as ResidualCorrelation
     from .residual_covariance import residual_covariance as residual_covariance
+    from .torque_gains import torque_gains as torque_gains
 
 __all__ = import_at_first_use(__name__, __file__)

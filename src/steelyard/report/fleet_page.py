@@ -204,8 +204,8 @@ def _picture(fleet: Fleet, group: RobotGroup, compared: SiblingComparison, kind:
 
 
 def _is_drawn(cause: Cause, compared: SiblingComparison) -> bool:
-    """Friction and masses, and what was found."""
-    return cause.kind in ("friction", "mass") or any(
+    """Friction, masses and gains, and what was found."""
+    return cause.kind in ("friction", "mass", "gain") or any(
         one.cause is cause and np.isfinite(one.amplitude) for one in compared.deviations
     )
 
@@ -222,7 +222,7 @@ def _usual(fleet: Fleet) -> Markup:
                 continue
             spread, least = float(compared.spread[k]), float(compared.least_named[k])
             ratio = cause.has_ratio
-            usual = "" if cause.kind == "friction" else _size(cause.nominal if ratio else 0.0)
+            usual = "" if cause.kind in ("friction", "gain") else _size(cause.nominal if ratio else 0.0)
             rows.append(
                 (
                     f"{cause.name}" if cause.kind != "term" else f"{cause.name}: {cause.what} of {cause.part}",
@@ -315,9 +315,10 @@ def _how(fleet: Fleet) -> Markup:
         "<p>Each robot is estimated from its own data. What plain least squares make of it is held against the mean of "
         "the others, with the covariance of its own error and that by which siblings vary, which is estimated from all "
         "of them (restricted maximum likelihood, with the influence of unusual robots bounded). For each cause, such "
-        "as more friction in one joint or a heavier link, generalised least squares tell the amplitude and its "
-        "standard error. The largest is kept where it is beyond chance over all robots and causes (Benjamini and "
-        f"Hochberg, a rate of false discoveries of {100 * rate:g} %); what is left beside it is tried in turn.</p>"
-        "<p>Robots that all differ in the same way differ from no sibling. A cause that is not in the list, such as a "
-        "wrong torque constant, shows as one or several of the others.</p>"
+        "as more friction in one joint, a heavier link or a torque sensor of another scale, generalised least squares "
+        "tell the amplitude and its standard error. The largest is kept where it is beyond chance over all robots and "
+        f"causes (Benjamini and Hochberg, a rate of false discoveries of {100 * rate:g} %); what is left beside it "
+        "is tried in turn.</p>"
+        "<p>Robots that all differ in the same way differ from no sibling. A cause that is not in the list, such as "
+        "an encoder whose zero is off, shows as one or several of the others.</p>"
     )
