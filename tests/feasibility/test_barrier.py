@@ -5,7 +5,7 @@ import pytest
 from simulated_arm import simulated_arm
 
 from steelyard.feasibility import CenterOfMassBox, FeasibleSet, TotalMass
-from steelyard.feasibility.barrier import Barrier, log_determinants, minimise
+from steelyard.feasibility.barrier import Barrier, add_log_determinants, log_determinants, minimise
 
 ARM = simulated_arm(2)
 SETS = [
@@ -86,3 +86,23 @@ def test_what_is_not_finite_is_outside() -> None:
     found = log_determinants(matrices)
     assert found[0] == pytest.approx(np.log(6.0))
     assert np.all(found[1:] == -np.inf)
+
+
+def test_derivatives_of_log_determinants_are_traces() -> None:
+    """tr(P⁻¹A) and -tr(P⁻¹A P⁻¹B) of matrices that share unknowns; none where a matrix is not positive definite."""
+    random = np.random.default_rng(0)
+    roots, coefficients = random.normal(size=(2, 3, 5, 5)), random.normal(size=(3, 4, 5, 5))
+    matrices, coefficients = roots @ roots.swapaxes(-1, -2), coefficients + coefficients.swapaxes(-1, -2)
+    indices, factors = np.array([[0, 1, 2, 3], [5, 4, 3, 2], [0, 2, 4, 6]]), np.array([2.0, -0.5])
+    gradients, hessians = np.ones((2, 7)), np.ones((2, 7, 7))
+    add_log_determinants(matrices, coefficients, indices, factors, gradients, hessians)
+    slopes, curvatures = np.ones((2, 7)), np.ones((2, 7, 7))
+    for point, factor in enumerate(factors):
+        for matrix, own, columns in zip(matrices[point], coefficients, indices, strict=True):
+            products = np.linalg.inv(matrix) @ own
+            slopes[point, columns] += factor * np.trace(products, axis1=1, axis2=2)
+            curvatures[point][np.ix_(columns, columns)] -= factor * np.einsum("cij,dji->cd", products, products)
+    np.testing.assert_allclose(gradients, slopes, rtol=1e-9)
+    np.testing.assert_allclose(hessians, curvatures, rtol=1e-9, atol=1e-9 * np.abs(curvatures).max())
+    with pytest.raises(np.linalg.LinAlgError, match="not positive definite"):
+        add_log_determinants(-matrices, coefficients, indices, factors, gradients, hessians)

@@ -16,6 +16,7 @@ from steelyard.lmi import AffineBlock
 from steelyard.once import cached_property
 from steelyard.robot.inertia import PSEUDO_INERTIA
 
+from .barrier_code import add_derivatives, add_squares, pivots
 from .feasible_set import FeasibleSet
 
 __all__ = [
@@ -36,12 +37,6 @@ Indices = npt.NDArray[np.intp]
 
 TOGETHER = 16
 """Problems whose Hessians are made and solved together: those of a robot with seven joints stay in the cache."""
-
-MOST_TOGETHER = 10
-"""Unknowns of rows whose part of a Hessian is made in one piece: those of a link."""
-
-ROUNDING = 1e-14
-"""A matrix with a smaller pivot, relative to the element of its diagonal, is not positive definite to rounding."""
 
 SUFFICIENT = 0.1
 """Part of the decrease that the Newton step promises, with which a step is taken (Armijo's rule)."""
@@ -152,11 +147,6 @@ def _values(own: Tensor, coefficients: Tensor, constants: Tensor) -> Tensor:
     return np.asarray(constants + products.swapaxes(0, 1).reshape(-1, blocks, size, size))
 
 
-def _add_blocks(hessians: Tensor, places: Indices, blocks: Tensor) -> None:
-    """Add blocks (p, b, c, c) to matrices (p, n, n), in rows and columns (b, c) that no two blocks share."""
-    hessians[:, places[:, :, None], places[:, None, :]] += blocks
-
-
 class LinearConditions:
     """The 1 x 1 blocks among some: rows · δ + constants must be positive.
 
@@ -180,25 +170,15 @@ class LinearConditions:
         self.constants = np.array([block.constant[0, 0] for block in lines])
 
     @cached_property
-    def _single(self) -> tuple[Indices, Matrix]:
-        """Which rows are about one unknown, and their squares."""
-        single = np.flatnonzero(np.count_nonzero(self.rows, axis=1) == 1)
-        return single, self.rows[single] ** 2
-
-    @cached_property
-    def _clusters(self) -> list[tuple[Indices, Indices, Tensor]]:
-        """Other rows that share no unknowns (k, r), their unknowns (k, c), and what they have of these (k, r, c)."""
-        others = np.setdiff1d(np.arange(len(self.rows)), self._single[0])
-        alike = _alike(_clusters(self.rows, others))
-        return [(which, own, self.rows[which[:, :, None], own[:, None]]) for which, own in alike]
+    def _sparse(self) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], Vector]:
+        """Where the elements of each row begin, their columns, and the elements."""
+        rows, columns = np.nonzero(self.rows)
+        starts = np.searchsorted(rows, np.arange(len(self.rows) + 1))
+        return starts.astype(np.int64), columns.astype(np.int64), self.rows[rows, columns]
 
     def add_squares(self, factors: Matrix, hessians: Tensor) -> None:
         """Add (f r)(f r)ᵀ of all rows r, with factors f of each point (p, b), to matrices (p, n, n)."""
-        single, squares = self._single
-        np.einsum("pii->pi", hessians)[...] += factors[:, single] ** 2 @ squares
-        for which, own, rows in self._clusters:
-            scaled = rows * factors[:, which][..., None]
-            _add_blocks(hessians, own, scaled.swapaxes(-1, -2) @ scaled)
+        add_squares(*self._sparse, factors, hessians)
 
 
 def matrix_conditions(blocks: Sequence[AffineBlock]) -> list[tuple[Indices, Tensor, Tensor]]:
@@ -217,54 +197,13 @@ def matrix_conditions(blocks: Sequence[AffineBlock]) -> list[tuple[Indices, Tens
     ]
 
 
-def _clusters(rows: Matrix, numbers: Sequence[int] | Indices) -> list[tuple[Indices, Indices]]:
-    """Rows that are about the same few unknowns, such as the bounds of one centre of mass, and these unknowns."""
-    found: list[tuple[list[int], set[int]]] = []
-    for number in sorted(numbers, key=lambda number: np.count_nonzero(rows[number])):
-        used = set(np.flatnonzero(rows[number]).tolist())
-        for own, together in found:
-            if used & together and len(used | together) <= MOST_TOGETHER:
-                own.append(int(number))
-                together |= used
-                break
-        else:
-            found.append(([int(number)], used))
-    return [(np.array(own), np.array(sorted(together))) for own, together in found]
-
-
-def _alike(clusters: Sequence[tuple[Indices, Indices]]) -> list[tuple[Indices, Indices]]:
-    """Clusters of one shape that share no unknowns, together: their rows (k, r) and unknowns (k, c)."""
-    found: list[tuple[list[Indices], list[Indices]]] = []
-    for which, own in clusters:
-        for others, used in found:
-            if others[0].shape == which.shape and used[0].shape == own.shape and not np.isin(own, used).any():
-                others.append(which)
-                used.append(own)
-                break
-        else:
-            found.append(([which], [own]))
-    return [(np.array(which), np.array(own)) for which, own in found]
-
-
 def log_determinants(matrices: Matrix) -> Matrix:
     """Return log-determinants of symmetric matrices (..., d, d); -inf where they are not positive definite."""
-    try:
-        diagonals = np.diagonal(np.linalg.cholesky(matrices), axis1=-2, axis2=-1)
-        return np.asarray(2.0 * np.log(diagonals).sum(axis=-1))
-    except np.linalg.LinAlgError:
-        pass
-    # Some are not: the same elimination for all at once, in a tenth of the time that eigenvalues take.
-    # Steps along which nothing bounds a problem overflow; they are refused like those that leave the set.
-    matrices = np.where(np.isfinite(matrices).all(axis=(-2, -1), keepdims=True), matrices, 0.0)
-    rest = matrices.copy()
-    inside, found = np.ones(rest.shape[:-2], dtype=bool), np.zeros(rest.shape[:-2])
-    for k in range(rest.shape[-1]):
-        inside &= rest[..., k, k] > ROUNDING * matrices[..., k, k]
-        pivots = np.where(inside, rest[..., k, k], 1.0)
-        found += np.log(pivots)
-        column = np.where(inside[..., None], rest[..., k + 1 :, k], 0.0)
-        rest[..., k + 1 :, k + 1 :] -= column[..., :, None] * (column / pivots[..., None])[..., None, :]
-    return np.where(inside, found, -np.inf)
+    found = pivots(np.ascontiguousarray(matrices))
+    inside = np.all(found > 0.0, axis=-1)
+    if inside.all():
+        return np.asarray(np.log(found).sum(axis=-1))
+    return np.where(inside, np.log(np.abs(found)).sum(axis=-1), -np.inf)
 
 
 def add_log_determinants(
@@ -283,19 +222,8 @@ def add_log_determinants(
     gradients : (p, n)
     hessians : (p, n, n)
     """
-    roots = np.linalg.inv(np.linalg.cholesky(matrices))[:, :, None]
-    products = roots @ coefficients @ roots.swapaxes(-1, -2)
-    points, blocks, count, size, _ = products.shape
-    flat = products.reshape(points, blocks, count, size * size)
-    slopes = np.einsum("pbcii->pbc", products) * factors[:, None, None]
-    curvatures = (flat @ flat.swapaxes(-1, -2)) * factors[:, None, None, None]
-    if np.bincount(indices.ravel()).max(initial=0) == 1:
-        gradients[:, indices] += slopes
-        _add_blocks(hessians, indices, -curvatures)
-        return
-    for block, own in enumerate(indices):
-        gradients[:, own] += slopes[:, block]
-        hessians[:, own[:, None], own] -= curvatures[:, block]
+    matrices, coefficients, factors = (np.ascontiguousarray(one) for one in (matrices, coefficients, factors))
+    add_derivatives(matrices, coefficients, indices.astype(np.int64), factors, gradients, hessians)
 
 
 MOST_STEPS = 100

@@ -271,15 +271,15 @@ def link_torques(model: Model, samples: Sequence[Samples]) -> LinkTorques:
     masks = (np.ones_like(one.q, dtype=bool) if one.mask is None else one.mask for one in samples)
     used = np.concatenate([mask[::every] for mask in masks])
     rows = model.regressor(q, dq, ddq)
-    held = model.regressor(q, np.zeros_like(q), np.zeros_like(q)) @ described
+    held = model.inverse_dynamics(q, np.zeros_like(q), np.zeros_like(q), described)
     ends = np.concatenate([model.link_columns[k] for k in model.robot.end_links])
     joints = [
         _Joint.of(
             torque[used[:, k], k],
             held[used[:, k], k],
-            rows[used[:, k], k] @ described,
-            rows[used[:, k], k][:, ends],
-            rows[used[:, k], k][:, ~of_links],
+            (own := rows[used[:, k], k]) @ described,
+            own[:, ends],
+            own[:, ~of_links],
         )
         for k in range(model.dof)
         if used[:, k].sum() > FEWEST

@@ -142,7 +142,7 @@ class AffineBlock:
     @property
     def size(self) -> int:
         """Number of rows d."""
-        return int(self.constant.shape[0])
+        return len(self.constant)
 
     def evaluate(self, parameters: Vector) -> Matrix:
         """D(δ), of shape (d, d)."""

@@ -378,10 +378,15 @@ def solve(problem: Reduced) -> Array:
 
     What has no column is exactly 0: by rounding it would be friction of -1e-12, which no robot has.
     """
+    from scipy.linalg import lapack
+
     lengths = column_lengths(problem.R)
     present = ~_missing(lengths)
     solution = np.zeros(len(lengths))
     scaled = problem.R[:, present] / lengths[present]
+    is_triangle = scaled.shape == problem.R.shape == 2 * lengths.shape and not np.tril(scaled, -1).any()
+    if is_triangle and is_well_conditioned(scaled):  # a tenth of the time that singular values take
+        return np.asarray(lapack.dtrtrs(scaled, problem.rho)[0] / lengths)
     solution[present] = np.linalg.lstsq(scaled, problem.rho, rcond=RANK)[0] / lengths[present]
     return solution
 

@@ -13,6 +13,7 @@ from steelyard.display import capital, html_sentences, joint_label
 from steelyard.errors import InputError
 
 from ..measurements import Measurements
+from ..samples import column_ranges
 
 __all__ = [
     "DETECTORS",
@@ -149,7 +150,7 @@ def resolution(values: ArrayLike) -> Array:
     """
     columns = np.asarray(values, dtype=np.float64)
     steps = np.zeros(columns.shape[1])
-    for j, column in enumerate(columns.T):
+    for j, column in enumerate(np.ascontiguousarray(columns.T)):
         size = float(np.abs(column).max(initial=0.0))
         jumps = np.abs(np.diff(column))
         jumps = jumps[jumps > 1e-12 * size]
@@ -181,9 +182,10 @@ def noise_deviation(values: ArrayLike) -> Array:
     columns = np.asarray(values, dtype=np.float64)
     if len(columns) < 8:
         return np.zeros(columns.shape[1])
-    differences = np.diff(columns, n=4, axis=0)
+    # Column by column, each of which the cache holds, takes half of the time.
+    medians = [np.median(np.abs(np.diff(column, n=4))) for column in np.ascontiguousarray(columns.T)]
     # 1, 4, 6, 4, 1 squared and added.
-    return np.asarray(NORMAL * np.median(np.abs(differences), axis=0) / np.sqrt(70.0))
+    return np.asarray(NORMAL * np.array(medians) / np.sqrt(70.0))
 
 
 def saturation_levels(torque: ArrayLike) -> Array:
@@ -268,7 +270,7 @@ def find_saturation(recording: Measurements, levels: ArrayLike | None = None) ->
 
 def clipped_rows(torque: Array, levels: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Tell which torques (S, N) are at levels (N, 2), and which of them are or have a neighbour that is."""
-    slack = 1e-6 * np.ptp(torque, axis=0)
+    slack = 1e-6 * column_ranges(torque)
     at = (torque <= levels[:, 0] + slack) | (torque >= levels[:, 1] - slack)
     near = at.copy()
     near[1:] |= at[:-1]
@@ -494,6 +496,8 @@ def faulty_rows(recording: Measurements, handled: Collection[str] = ()) -> tuple
 
 def fault(rows: Intervals, option: str) -> tuple[str, ...]:
     """Return the sentences on what a detector found, where it is enough to harm a regression."""
+    if not rows:
+        return ()
     flags = rows.flags & (rows.flags.mean(axis=0) >= FEW[option])
     return tuple(with_remedy(replace(rows, flags=flags), option))
 
