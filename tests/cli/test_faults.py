@@ -149,8 +149,10 @@ def test_a_reader_that_goes_away_is_no_fault(place, command):
         ("--version <&- >&- 2>&-", 0, "", ""),
         ("--version 2>/dev/full", 0, "steelyard", ""),
         ("--version >/dev/full", 2, "", "steelyard: the system: No space left on device.\n"),
-        ("inspect no.urdf 2>&-", 2, "", ""),
-        ("inspect no.urdf --json 2>/dev/full", 2, '{\n "format": "steelyard-error-1"', ""),
+        pytest.param("inspect no.urdf 2>&-", 2, "", "", marks=pytest.mark.slow),
+        pytest.param(
+            "inspect no.urdf --json 2>/dev/full", 2, '{\n "format": "steelyard-error-1"', "", marks=pytest.mark.slow
+        ),
         ("inspect no.urdf --json >/dev/full", 2, "", "steelyard: no.urdf: cannot be read (No such file or directory)"),
     ],
 )

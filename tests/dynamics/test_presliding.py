@@ -253,6 +253,7 @@ def test_friction_that_remembers_is_no_mistake_of_a_log():
     assert wrong[0].error_after < 0.01
 
 
+@pytest.mark.slow
 def test_the_state_of_a_log_is_that_of_the_model_it_is_used_with():
     short, long = (sy.Model(PENDULUM.with_terms(Dahl(d), Viscous())) for d in (D, 10.0 * D))
     recording = late_log(0.0)

@@ -90,6 +90,7 @@ def test_held_out_error_is_no_worse_than_the_best_of_others() -> None:
     assert max(ratios) < 1.3
 
 
+@pytest.mark.slow
 def test_joint_that_stands_still_keeps_no_friction() -> None:
     arm = simulated_arm(5, still=(1,))
     prior = EntropicPrior(blurred(arm, 5), term_deviations=term_deviations(arm.information, arm.feasible_set))

@@ -157,7 +157,8 @@ def test_how_much_siblings_vary_is_told_by_those_that_show_it() -> None:
     assert named <= 6  # as 0.05 of 40 come to more than 6 with a probability of 0.3 %
 
 
-@pytest.mark.parametrize(("fleets", "most"), [(40, 2), pytest.param(150, 6, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize(("fleets", "most"), [(40, 2), (150, 6)])
 def test_noise_that_few_rows_tell_is_not_taken_for_known(fleets: int, most: int) -> None:
     """One log of twelve is short: its covariance has six degrees of freedom, and may be too small."""
     random = np.random.default_rng(10)

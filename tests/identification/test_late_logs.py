@@ -44,7 +44,8 @@ def test_a_sound_log_is_not_told_to_be_late(sound):
     assert "delay" not in " ".join(sound.remarks)
 
 
-@pytest.mark.parametrize("delay", [0.012, pytest.param(-0.012, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("delay", [0.012, -0.012])
 def test_a_late_log_is_told_with_the_line_that_mends_it(arm, sound, delay):
     path, log = arm
     result = sy.identify(path, late(log, delay))

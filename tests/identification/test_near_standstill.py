@@ -81,6 +81,7 @@ def test_the_change_is_that_of_a_fit_without_these_rows(model, truth, monkeypatc
         assert np.all(variance >= 0.0)
 
 
+@pytest.mark.slow
 def test_its_variance_is_that_of_many_logs(model, truth, monkeypatch):
     changes, by_parts = [], near_standstill._without
     monkeypatch.setattr(near_standstill, "_without", lambda *all: changes.append(by_parts(*all)) or changes[-1])
@@ -104,6 +105,7 @@ def test_a_model_that_is_right_keeps_its_intervals(model, truth):
         assert np.median(found) < 1.01
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_truth_where_friction_near_standstill_is_another(model, truth):
     true_base, coulomb = model.base_parameters().values(truth), []
     for seed in range(40):

@@ -66,6 +66,7 @@ def test_a_mistake_is_said(arm, tmp_path, mistake, chunk_rows):
     assert any(all(word in remark for word in words) for remark in found), found
 
 
+@pytest.mark.slow
 def test_clipped_torques_are_to_be_left_out_before_anything_else(arm, simulation, tmp_path):
     path, model, log = arm
     most = 0.5 * np.abs(log.torque).max(axis=0)

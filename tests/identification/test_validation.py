@@ -101,6 +101,7 @@ def test_a_payload_in_one_of_two_logs_is_weighed_and_not_stated_of_the_robot(log
     assert json.loads(out)["mass"] == pytest.approx(2.0, rel=0.02)
 
 
+@pytest.mark.slow
 def test_a_wrong_prediction_exits_with_3(logs, run, tmp_path):
     folder, _ = logs
     recording = Recording.read(folder / "two.csv")

@@ -83,7 +83,9 @@ def test_many_logs_stay_few_blocks() -> None:
     np.testing.assert_allclose([f.norm2 for f in total.factors()], np.sum(ARM.samples.torque**2, axis=0), rtol=1e-12)
 
 
-@pytest.mark.parametrize("count", [41, 162, pytest.param(500, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "count", [41, pytest.param(162, marks=pytest.mark.slow), pytest.param(500, marks=pytest.mark.slow)]
+)
 def test_folds_of_many_short_logs_are_of_about_equal_length(count: int) -> None:
     total = TimeBlocks(empty_factors(ARM.model))
     for first in range(count):

@@ -176,6 +176,18 @@ def gains_in_own_motion(model: Model, causes: tuple[Cause, ...], gains: ArrayLik
     causes : tuple of Cause
     gains : (R, n_b, N)
         Of each robot, see `steelyard.regression.torque_gains`.
+
+    Examples
+    --------
+    Two pendulums, each with one base parameter, which is in proportion to the torque of the joint:
+
+    >>> import numpy as np
+    >>> import steelyard as sy
+    >>> model = sy.Model(sy.Robot.from_dh([(0, 0.3, 0, "q")], name="pendulum"))
+    >>> gains = np.array([[[0.4]], [[0.5]]])
+    >>> causes = possible_causes(model, model.robot.parameters, gains=gains.mean(axis=0))
+    >>> [(causes[k].name, own.tolist()) for k, own in gains_in_own_motion(model, causes, gains).items()]
+    [('torque gain of joint1', [[0.4], [0.5]])]
     """
     given = np.asarray(gains, dtype=float)
     names = model.robot.joint_names

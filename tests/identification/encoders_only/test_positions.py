@@ -206,6 +206,7 @@ def test_gains_that_are_off_by_a_factor_of_two_are_told(arm, factor):
         assert f"instead of {factor * KP:g}" in told
 
 
+@pytest.mark.slow
 def test_stretches_side_by_side_are_one_simulation(arm):
     """And where they are not joined, rows follow one another."""
     t = np.arange(150) * 0.005

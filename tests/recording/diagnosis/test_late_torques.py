@@ -72,6 +72,7 @@ def test_the_delay_of_all_joints_comes_out(model, delay, stribeck):
         assert not found.told.any()
 
 
+@pytest.mark.slow
 def test_deviations_are_as_large_as_the_errors_are(model):
     pulls = [
         (found.delay - 0.005) / found.standard_deviation

@@ -33,7 +33,8 @@ def test_reduced_regression_is_the_regression():
     assert W.std() == pytest.approx(1.0, abs=0.01)
 
 
-@pytest.mark.parametrize("kind", [pytest.param("inertia", marks=pytest.mark.slow), "full"])
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["inertia", "full"])
 def test_nobody_is_better_and_the_optimum_is_that_of_cvxpy(results, kind):
     cvxpy = pytest.importorskip("cvxpy", reason="CVXPY is not installed")
     for count in LINKS:

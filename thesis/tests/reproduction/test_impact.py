@@ -54,6 +54,7 @@ def in_pinocchio(subject, parameters):
     return pinocchio, model, model.createData()
 
 
+@pytest.mark.slow
 def test_effects_are_those_that_pinocchio_tells(arm, gross):
     states = States.random(arm, 200)
     delta = standard(arm, gross.estimate)
