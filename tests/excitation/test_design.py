@@ -220,6 +220,7 @@ def test_a_minimiser_of_ones_own_is_called_for_each_start(arm, arm_limits, plain
     assert design.condition_number > 2.0 * plain.condition_number
 
 
+@pytest.mark.slow
 def test_a_constraint_of_ones_own_is_kept(arm, arm_limits, plain):
     class Coupled:
         """Joints 2 and 3 must bend together by at least 0.5 rad."""

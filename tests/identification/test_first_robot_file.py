@@ -223,6 +223,7 @@ def test_times_in_two_columns_are_stated_as_such(tmp_path):
     assert content["log"]["time"] == ["sec", "nanosec"]
 
 
+@pytest.mark.slow
 def test_joints_that_are_coupled_stand_as_matrices(tmp_path):
     """Encoders on the motors of a parallelogram: the second one turns against the first, and so do the torques."""
     path = description(tmp_path)

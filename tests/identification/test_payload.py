@@ -78,6 +78,7 @@ def test_a_log_that_is_given_twice_is_told(logs):
     assert any("were given twice, and count twice" in remark for remark in found.remarks)
 
 
+@pytest.mark.slow
 def test_a_payload_that_is_mounted_elsewhere_is_told(logs):
     """Wherever it is said to be, some body comes out, with intervals that know of no wrong place."""
     folder, _, _ = logs

@@ -119,6 +119,7 @@ def test_few_rows_and_thousands_of_logs_are_looked_at_alike(motion):
     assert many == pytest.approx(one, rel=0.02)
 
 
+@pytest.mark.slow
 def test_what_carries_the_links_is_no_scale(motion):
     found = links(motion, weight=0.3)
     assert found.gravity.max() < 0.5
@@ -157,9 +158,8 @@ def recorded(motion, folder, longer, rate=200.0):
     return folder / "log.npz"
 
 
-@pytest.mark.parametrize(
-    "longer", [pytest.param(0.5, marks=pytest.mark.slow), pytest.param(2.0, marks=pytest.mark.slow), 4.0]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("longer", [0.5, 2.0, 4.0])
 def test_rows_that_are_closer_or_further_apart_are_the_first_thing_to_check(motion, tmp_path, longer):
     result = sy.identify(robot_of(CAD), [recorded(motion, tmp_path, longer)])
     assert result.scale.of == "times"

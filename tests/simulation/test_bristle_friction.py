@@ -32,7 +32,8 @@ def exact(t, ratio, damping, viscous, torque):
     return solve_ivp(slope, (0.0, t[-1]), [0.3, 0.0, 0.0], t_eval=t, rtol=1e-9, atol=1e-11, method="Radau").y
 
 
-@pytest.mark.parametrize("ratio", [pytest.param(0.0, marks=pytest.mark.slow), RATIO])
+@pytest.mark.slow
+@pytest.mark.parametrize("ratio", [0.0, RATIO])
 def test_a_pendulum_moves_as_its_equations_say(ratio):
     term = LuGre(D, RATIO, SPEED) if ratio else Dahl(D)
     model, numbers = pendulum(term)
