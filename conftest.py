@@ -56,6 +56,12 @@ settings.register_profile(
 settings.load_profile("steelyard")
 
 
+def pytest_collection_finish() -> None:
+    """Let the garbage collector pass over the modules and tests that are there to stay."""
+    gc.collect()
+    gc.freeze()
+
+
 def pytest_configure() -> None:
     """Keep what happens to be imported out of the examples that are the same every time.
 

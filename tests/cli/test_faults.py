@@ -153,7 +153,13 @@ def test_a_reader_that_goes_away_is_no_fault(place, command):
         pytest.param(
             "inspect no.urdf --json 2>/dev/full", 2, '{\n "format": "steelyard-error-1"', "", marks=pytest.mark.slow
         ),
-        ("inspect no.urdf --json >/dev/full", 2, "", "steelyard: no.urdf: cannot be read (No such file or directory)"),
+        pytest.param(
+            "inspect no.urdf --json >/dev/full",
+            2,
+            "",
+            "steelyard: no.urdf: cannot be read (No such file",
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_streams_that_are_closed_or_full(line, code, out, err):

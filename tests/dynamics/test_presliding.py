@@ -273,6 +273,7 @@ def test_the_state_of_a_log_is_that_of_the_model_it_is_used_with():
         filtered.with_presliding(long)
 
 
+@pytest.mark.slow
 def test_a_joint_that_moves_too_little_to_tell_its_state_is_said():
     model = sy.Model(PENDULUM.with_terms(Dahl(1000.0)))
     with pytest.raises(sy.InputError, match=r"before presliding friction is known: [0-9]+ of joint 1"):

@@ -464,6 +464,7 @@ def test_units_of_joints_that_turn_and_of_those_that_slide_are_told_apart(tmp_pa
     assert examine(log, robot).findings == ()
 
 
+@pytest.mark.slow
 def test_one_unit_for_all_is_that_of_its_kind_of_joint(tmp_path):
     """A slide whose metres were taken for degrees would weigh a thousand times as much, and predict as well."""
     _, q, torque = polar(tmp_path, False)

@@ -98,6 +98,7 @@ def test_its_variance_is_that_of_many_logs(model, truth, monkeypatch):
             assert sizes == pytest.approx(said, rel=0.5)
 
 
+@pytest.mark.slow
 def test_a_model_that_is_right_keeps_its_intervals(model, truth):
     for every in (1, 3):
         found = np.array([widths(model, *told(model, samples_of(model, truth, seed), every)) for seed in range(30)])

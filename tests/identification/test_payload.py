@@ -108,6 +108,7 @@ def test_the_mounting_frame_stands_in_the_robot_file(logs):
     assert "The mass of 2.5 kg that [payload] states lies within the interval." in found.sentences()
 
 
+@pytest.mark.slow
 def test_one_log_with_an_estimate(logs, run):
     folder, truth, _ = logs
     samples = sy.Recording.read(folder / "unloaded.csv").process(cutoff=5.0, velocity_threshold=0.005)

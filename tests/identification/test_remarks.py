@@ -141,6 +141,7 @@ def test_filled_values_are_said_chunk_by_chunk(arm, tmp_path):
     assert any("3 positions are missing" in remark for remark in found)
 
 
+@pytest.mark.slow
 def test_a_tool_that_the_description_leaves_out_is_asked_for():
     """The log is that of an arm with a tool of 3 kg."""
     body = sy.Inertia.from_com(2.0, [0.2, 0.0, 0.0], np.diag([0.01, 0.02, 0.02]))

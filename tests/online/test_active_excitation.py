@@ -189,6 +189,7 @@ def test_a_velocity_that_no_joint_has_is_no_reason_for_a_long_stop(model: sy.Mod
     assert np.abs(stop.dq).max() <= 2.0 * np.max(excitation.limits.velocity)
 
 
+@pytest.mark.slow
 def test_measured_velocities_damp_the_robot(model: sy.Model) -> None:
     """A joint that is said to turn while its position has not changed yet is held back at once."""
     first, second = ActiveExcitation(model, LIMITS), ActiveExcitation(model, LIMITS)

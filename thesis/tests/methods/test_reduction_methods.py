@@ -57,6 +57,7 @@ def test_path_says_what_check_and_correct_say(planar, reducible):
         assert step.distance == (0.0 if step.feasible else np.sqrt(nearest.squared_distance))
 
 
+@pytest.mark.slow
 def test_estimate_is_the_first_feasible_reduction(planar, reducible):
     feasible = sy.FeasibleSet(planar)
     path = DiazRodriguez2010().path(reducible, feasible, distances=False)

@@ -80,6 +80,7 @@ def test_what_is_too_slow_is_stopped_and_said(monkeypatch):
     assert constrained_methods._excess(runs[4]) == (-np.inf, "nobody")
 
 
+@pytest.mark.slow
 def test_a_run_is_the_method(results):
     information, model = free_links_problem(2)
     feasible = FeasibleSet(model, "inertia")

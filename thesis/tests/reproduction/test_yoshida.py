@@ -7,6 +7,8 @@ from steelyard_thesis.reproduction.published import column
 from steelyard_thesis.reproduction.section import Context
 from steelyard_thesis.reproduction.sections.yoshida import SECTION, yoshida_model
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def result():
