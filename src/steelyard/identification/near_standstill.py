@@ -144,12 +144,8 @@ class _SlowRows:
             counts += used.sum(axis=0)
             slow = used & (np.abs(samples.dq) < limits)
             places = np.flatnonzero(slow.any(axis=1))
-            if samples.regressor is not None and samples.regressor_model is model:
-                entries = samples.regressor[places]
-            else:
-                q, dq, ddq = (np.ascontiguousarray(one[places]) for one in (samples.q, samples.dq, samples.ddq))
-                entries = columns.entries(q, dq, ddq, samples.channels_for(model, places))
-            for k, (own, regressor) in enumerate(zip(columns.joints, columns.by_joint(entries), strict=True)):
+            by_joint = columns.by_joint(samples.entries_for(model, places))
+            for k, (own, regressor) in enumerate(zip(columns.joints, by_joint, strict=True)):
                 chosen = slow[places, k]
                 rows, at = regressor[chosen], places[chosen]
                 errors = left[at, k] + rows @ more[own]

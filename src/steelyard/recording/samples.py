@@ -149,6 +149,13 @@ class Samples:
         given = {name: values[part] for name, values in (self.channels or {}).items()}
         return model.channel_values(given, self.q[part].shape)
 
+    def entries_for(self, model: Model, part: slice | NDArray[np.intp] = slice(None)) -> NDArray[np.float64]:
+        """Return the entries of the base regressor of a model, (S, C): what is held of them, or else computed."""
+        if self.regressor is not None and self.regressor_model is model:
+            return self.regressor[part]
+        logged = self.channels_for(model, part)
+        return model.base_columns.entries(self.q[part], self.dq[part], self.ddq[part], logged)
+
     def with_presliding(self, model: Model) -> Samples:
         """Return the samples with the state of friction that remembers the motion, which terms of a model need.
 

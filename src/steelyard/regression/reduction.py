@@ -96,14 +96,7 @@ def _entries(model: Model, samples: Samples, block: int) -> Iterator[tuple[slice
     """For some samples at a time, the entries of the base regressor, (samples, C)."""
     for start in range(0, samples.count, block):
         part = slice(start, min(start + block, samples.count))
-        yield part, _entries_of(model, samples, part)
-
-
-def _entries_of(model: Model, samples: Samples, part: slice) -> Array:
-    if samples.regressor is not None and samples.regressor_model is model:
-        return samples.regressor[part]
-    logged = samples.channels_for(model, part)
-    return model.base_columns.entries(samples.q[part], samples.dq[part], samples.ddq[part], logged)
+        yield part, samples.entries_for(model, part)
 
 
 def rows_of_entries(model: Model, entries: Array, torque: Array) -> list[Array]:

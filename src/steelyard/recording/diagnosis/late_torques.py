@@ -191,11 +191,7 @@ class _Rows:
             places = np.arange(end, samples.count - end, every)
             if len(places) < 2:
                 continue
-            own = samples.regressor if samples.regressor_model is model else None
-            q, dq, ddq = (np.ascontiguousarray(one[places]) for one in (samples.q, samples.dq, samples.ddq))
-            entries.append(
-                columns.entries(q, dq, ddq, samples.channels_for(model, places)) if own is None else own[places]
-            )
+            entries.append(samples.entries_for(model, places))
             rate = (predicted[places + 1] - predicted[places - 1]) / (2.0 * step)
             turns = np.cumsum(np.diff(samples.dq > 0.0, axis=0, prepend=samples.dq[:1] > 0.0), axis=0)
             near = np.maximum(places - around, 0), np.minimum(places + around, samples.count - 1)
