@@ -16,6 +16,7 @@ __all__ = ["Cause", "gains_in_own_motion", "possible_causes", "variations"]
 Array = NDArray[np.float64]
 Kind = Literal["term", "friction", "mass", "link", "gain"]
 
+FACTORS = ("friction", "mass", "gain")  # kinds of causes with one amplitude, by which all of something is multiplied
 FRICTION = ("damping", "friction")  # as a description calls viscous and Coulomb friction
 ALL_LINKS = 1e-6
 """Part of a column of base parameters that counts as one: what is less is rounding of their rules."""
@@ -59,7 +60,7 @@ class Cause:
     @property
     def has_ratio(self) -> bool:
         """Whether it is told as a multiple of what siblings have."""
-        return self.kind in ("friction", "mass", "gain") or (self.nominal > 0.0 and self.what != "torque offset")
+        return self.kind in FACTORS or (self.nominal > 0.0 and self.what != "torque offset")
 
     @property
     def credible(self) -> float:
@@ -158,7 +159,7 @@ def variations(model: Model, causes: tuple[Cause, ...]) -> Array:
     what assembly, temperature, castings and calibration change.
     """
     K = model.base_parameters().K
-    together = [cause.directions for cause in causes if cause.kind in ("friction", "mass", "gain")]
+    together = [cause.directions for cause in causes if cause.kind in FACTORS]
     found = np.column_stack([K, *together])
     sizes = np.abs(found).max(axis=0)
     return np.asarray(found[:, sizes > ALL_LINKS * sizes.max(initial=0.0)])

@@ -9,6 +9,7 @@ import numpy as np
 
 from steelyard.display import shortened
 from steelyard.fleet import Cause, Finding, Fleet, RobotGroup, SiblingComparison
+from steelyard.fleet.causes import FACTORS
 from steelyard.fleet.siblings import deviations_of
 
 from .html_document import Markup, Section, bullets, escape, figures, html_document, number, percent, table
@@ -205,7 +206,7 @@ def _picture(fleet: Fleet, group: RobotGroup, compared: SiblingComparison, kind:
 
 def _is_drawn(cause: Cause, compared: SiblingComparison) -> bool:
     """Friction, masses and gains, and what was found."""
-    return cause.kind in ("friction", "mass", "gain") or any(
+    return cause.kind in FACTORS or any(
         one.cause is cause and np.isfinite(one.amplitude) for one in compared.deviations
     )
 
