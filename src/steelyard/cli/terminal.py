@@ -128,16 +128,19 @@ class _Guarded:
         parts = _COLOUR.split(text) if self._stream.isatty() else [text]
         safe = "".join(part if index % 2 else printable(part) for index, part in enumerate(parts))
         encoding = self._stream.encoding or "utf-8"
-        self._stream.write(safe.encode(encoding, "backslashreplace").decode(encoding))
+        self._put(safe.encode(encoding, "backslashreplace").decode(encoding))
         return len(text)
+
+    def _put(self, text: str) -> None:
+        self._stream.write(text)
 
     def overwrite(self, text: str, *, back: bool = False) -> None:
         """Write a text in the place of the line that the cursor is in, and leave the cursor at its begin or its end."""
-        self._stream.write("\r")
+        self._put("\r")
         self.write(text)
         if back:
-            self._stream.write("\r")
-        self._stream.flush()
+            self._put("\r")
+        self.flush()
 
     def writelines(self, lines: Any) -> None:
         """Write several texts."""
@@ -148,25 +151,16 @@ class _Guarded:
 class _Said(_Guarded):
     """Standard error, which nobody may be able to read: no work is lost for a line of progress."""
 
-    def write(self, text: str) -> int:
-        """Write a text; see `_Guarded.write`."""
+    def _put(self, text: str) -> None:
         try:
-            return super().write(text)
+            self._stream.write(text)
         except OSError:
             _discard(self._stream)
-            return len(text)
 
     def flush(self) -> None:
         """Write what waits to be written."""
         try:
             self._stream.flush()
-        except OSError:
-            _discard(self._stream)
-
-    def overwrite(self, text: str, *, back: bool = False) -> None:
-        """Write a text in the place of a line; see `_Guarded.overwrite`."""
-        try:
-            super().overwrite(text, back=back)
         except OSError:
             _discard(self._stream)
 
@@ -199,18 +193,21 @@ def _opened(name: Literal["stdout", "stderr"]) -> TextIO:
     try:
         os.fstat(number)
     except OSError:
-        nothing = os.open(os.devnull, os.O_WRONLY)
-        if nothing != number:
-            os.dup2(nothing, number)
-            os.close(nothing)
+        _lead_nowhere(number)
     return open(os.devnull, "w", encoding="utf-8")
 
 
 def _discard(stream: TextIO) -> None:
     """Let what is written to a stream, and what waits to be written, go nowhere."""
     with suppress(OSError):
-        nothing = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nothing, stream.fileno())
+        _lead_nowhere(stream.fileno())
+
+
+def _lead_nowhere(number: int) -> None:
+    """Let a file descriptor stand for the null device."""
+    nothing = os.open(os.devnull, os.O_WRONLY)
+    if nothing != number:
+        os.dup2(nothing, number)
         os.close(nothing)
 
 

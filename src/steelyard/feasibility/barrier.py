@@ -200,10 +200,7 @@ def matrix_conditions(blocks: Sequence[AffineBlock]) -> list[tuple[Indices, Tens
 def log_determinants(matrices: Matrix) -> Matrix:
     """Return log-determinants of symmetric matrices (..., d, d); -inf where they are not positive definite."""
     found = pivots(np.ascontiguousarray(matrices))
-    inside = np.all(found > 0.0, axis=-1)
-    if inside.all():
-        return np.asarray(np.log(found).sum(axis=-1))
-    return np.where(inside, np.log(np.abs(found)).sum(axis=-1), -np.inf)
+    return np.where(np.all(found > 0.0, axis=-1), np.log(np.abs(found)).sum(axis=-1), -np.inf)
 
 
 def add_log_determinants(

@@ -83,13 +83,11 @@ def _compiled() -> _Functions:
         _squares(code)
 
     loaded = host_machine(1).load_code(write, _Functions._fields)
-    kinds = ((3, 2), (8, 5), (5, 3))
     array, integer = ctypes.c_void_p, ctypes.c_int64
     return _Functions(
-        *(
-            loaded.function(name, *[array] * arrays, *[integer] * integers)
-            for name, (arrays, integers) in zip(_Functions._fields, kinds, strict=True)
-        )
+        loaded.function("pivots", *[array] * 3, *[integer] * 2),
+        loaded.function("derivatives", *[array] * 8, *[integer] * 5),
+        loaded.function("squares", *[array] * 5, *[integer] * 3),
     )
 
 
