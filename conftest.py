@@ -28,7 +28,8 @@ if sys.dont_write_bytecode:
 
 import pytest
 from child_programs import run_here
-from hypothesis import settings
+from hypothesis import given, settings
+from hypothesis.strategies import booleans
 from stand_ins import factored as factored
 from stand_ins import inertial_symbols as inertial_symbols
 from stand_ins import least_by_descent as least_by_descent
@@ -58,6 +59,9 @@ settings.load_profile("steelyard")
 
 def pytest_collection_finish() -> None:
     """Let the garbage collector pass over the modules and tests that are there to stay."""
+    # What is passed over is no longer found as holding anything. When it is first used, Hypothesis looks for what holds
+    # its generator of random numbers, and up to 6.120 at least it warned where it found nothing.
+    given(booleans())(lambda value: None)()
     gc.collect()
     gc.freeze()
 
