@@ -178,6 +178,45 @@ class Bound:
 UNBOUNDED = Bound(-np.inf, -np.inf, None)
 
 
+class RatioProof:
+    """What dual points of the problem in (τ, τ δ) prove of a ratio, relative to that at the center.
+
+    Parameters
+    ----------
+    finder : BoundFinder
+    row, mass : (n,)
+        The ratio is (row · δ) / (mass · δ).
+    floor : float
+        The proofs hold for masses of at least this.
+    """
+
+    def __init__(self, finder: "BoundFinder", row: Vector, mass: Vector, floor: float) -> None:
+        self.row, self.mass, self.floor = row, mass, floor
+        self._center, self._dual = finder.center, finder.dual
+        self._weight = float(mass @ self._center.parameters)
+        self._ratio = float(row @ self._center.parameters) / self._weight
+        self._room = finder.mass_duals(mass)
+        self._told: list[tuple[float, float]] = []
+
+    def __call__(self, dual: DualPoint, size: float) -> float:
+        """Return the bound that a dual point for an objective of length 1 proves; `size` is its true length."""
+        # If row - (ratio + value) mass is at least -x everywhere, no ratio is below ratio + value - x / mass. A
+        # slightly smaller value leaves room for mending if the ratio is attained at an infinite mass.
+        value = size * (dual.value - ROOM)
+        aim = self.row - (self._ratio + value) * self.mass
+        length = float(np.linalg.norm(self._center.directions.T @ aim))
+        own = dual.matrices[-len(self._center.groups) :]
+        unit = size / length if length > 0 else 1.0
+        mixed = tuple(unit * (self._weight * Z + ROOM * E) for Z, E in zip(own, self._room, strict=True))
+        least = min(0.0, self._dual.of(aim, mixed, unit * self._weight * dual.pull))
+        self._told.append((value, least))
+        return value + least / self.floor
+
+    def above(self, mass: float) -> float:
+        """Return the largest of the bounds for masses of at least the given one."""
+        return max((value + least / mass for value, least in self._told), default=-np.inf)
+
+
 class BoundFinder:
     """Least values of many quantities over one slice.
 
@@ -191,7 +230,7 @@ class BoundFinder:
     def __init__(self, center: AnalyticCenter, solver: str = "clarabel") -> None:
         self.center = center
         self.solver = solver
-        self._dual = SliceBound(center)
+        self.dual = SliceBound(center)
         count = len(center.point)
         first, second = center.ball
         ball = Ball(first, second, np.zeros(count)) if len(first) else None
@@ -202,7 +241,7 @@ class BoundFinder:
     @property
     def trace_bound(self) -> float:
         """The proofs hold for parameters whose traces of all blocks (kg, kg m², ...) add up to less than this."""
-        return self._dual.trace_bound
+        return self.dual.trace_bound
 
     def least(self, row: Vector) -> Bound:
         """The least value of row · δ.
@@ -224,7 +263,7 @@ class BoundFinder:
         if not slice_.is_constrained(row):
             return UNBOUNDED
         objective = center.directions.T @ row
-        found = self._search.least(objective, lambda dual, _: self._dual.of(row, dual.matrices, dual.pull) - value)
+        found = self._search.least(objective, lambda dual, _: self.dual.of(row, dual.matrices, dual.pull) - value)
         if found.proved == -np.inf or found.point is None:
             return UNBOUNDED
         step = center.directions @ found.point
@@ -254,14 +293,19 @@ class BoundFinder:
             return Bound(ratio - self._rounding(row) / floor, ratio, center.parameters)
         search, units = self._ratio_search(mass, rates, weight)
         own = units.T @ objective
-        found = search.least(own, self._ratio_proof(row, mass, floor))
+        proof = RatioProof(self, row, mass, floor)
+        found = search.least(own, proof)
         if found.point is None:
             return UNBOUNDED
         point = units @ found.point
         attained, proved = float(objective @ point), found.proved
-        if lightest == 0.0 and attained - proved > WIDE_AT_NO_MASS * max(float(np.linalg.norm(own)), -attained):
-            # If the mass may vanish, a bound for masses above the floor proves nothing.
-            proved = -np.inf
+        if lightest == 0.0:
+            # If the mass may vanish, a bound for masses above the floor proves nothing of a value that is attained at
+            # a smaller one: a centre of mass may be as far away as the square root of what a vanishing mass leaves.
+            inverse = (1.0 - float(rates @ point)) / weight
+            below = proof.above(1.0 / max(inverse, 1.0 / floor))
+            if attained - below > WIDE_AT_NO_MASS * max(float(np.linalg.norm(own)), -attained):
+                proved = -np.inf
         proved += ratio
         if not ratio + attained - proved <= WIDE_RATIO * abs(ratio + attained):
             proved = max(proved, self._plain_ratio(row, mass, moments))
@@ -271,26 +315,6 @@ class BoundFinder:
         parameters = self._contained(lambda share: center.parameters + share * step / (1.0 - share * growth))
         attained = float(row @ parameters) / float(mass @ parameters)
         return Bound(min(proved, attained - self._rounding(row) / floor), attained, parameters)
-
-    def _ratio_proof(self, row: Vector, mass: Vector, floor: float) -> Certify:
-        """Return what dual points of the problem in (τ, τ δ) prove of a ratio, relative to that at the center."""
-        center = self.center
-        weight = float(mass @ center.parameters)
-        ratio = float(row @ center.parameters) / weight
-        room = self._mass_duals(mass)
-
-        def certify(dual: DualPoint, size: float) -> float:
-            # If row - (ratio + value) mass is at least -x everywhere, no ratio is below ratio + value - x / mass. A
-            # slightly smaller value leaves room for mending if the ratio is attained at an infinite mass.
-            value = size * (dual.value - ROOM)
-            aim = row - (ratio + value) * mass
-            length = float(np.linalg.norm(center.directions.T @ aim))
-            own = dual.matrices[-len(center.groups) :]
-            unit = size / length if length > 0 else 1.0
-            mixed = tuple(unit * (weight * Z + ROOM * E) for Z, E in zip(own, room, strict=True))
-            return value + min(0.0, self._dual.of(aim, mixed, unit * weight * dual.pull)) / floor
-
-        return certify
 
     def _plain_ratio(self, row: Vector, mass: Vector, moments: Sequence[Vector]) -> float:
         """A lower bound of a ratio from the bounds of its parts, which is tighter if the mass may vary a lot."""
@@ -330,7 +354,7 @@ class BoundFinder:
                 return parameters
         return self.center.parameters
 
-    def _mass_duals(self, mass: Vector) -> tuple[Matrix, ...]:
+    def mass_duals(self, mass: Vector) -> tuple[Matrix, ...]:
         """Z of each group with Σ <D_b, Z_b> = mass · δ, in the units of the center; zero where no block says so."""
         feasible_set, found, told = self.center.slice.feasible_set, [], False
         for group, inverse in zip(self.center.groups, self.center.factors, strict=True):
