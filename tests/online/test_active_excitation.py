@@ -141,6 +141,8 @@ def test_credible_robots_are_possible_and_hold_a_true_one(model: sy.Model) -> No
     ("limits", "options", "words"),
     [
         ({"lower": -1.0, "upper": 1.0}, {}, "no limit of velocity or acceleration"),
+        ([1.0, 2.0], {}, "limits must be MotionLimits or a mapping"),
+        (MotionLimits.of(["a", "b", "c"], velocity=1.0, acceleration=1.0), {}, "The limits are of 3 joints"),
         (LIMITS, {"criterion": "condition"}, "criterion must be"),
         (LIMITS, {"accuracy": 0.0}, "accuracy"),
         (LIMITS, {"starts": 0}, "starts must be a whole number of at least 1"),
@@ -148,9 +150,7 @@ def test_credible_robots_are_possible_and_hold_a_true_one(model: sy.Model) -> No
         (LIMITS, {"cutoff": 60.0, "sample_time": 0.01}, "cutoff must be below 50 Hz"),
     ],
 )
-def test_what_cannot_be_used_is_told(
-    model: sy.Model, limits: dict[str, object], options: dict[str, object], words: str
-) -> None:
+def test_what_cannot_be_used_is_told(model: sy.Model, limits: object, options: dict[str, object], words: str) -> None:
     with pytest.raises(sy.InputError, match=words):
         ActiveExcitation(model, limits, **options)  # type: ignore[arg-type]
 

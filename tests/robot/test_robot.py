@@ -52,6 +52,12 @@ def test_coordinates_are_those_of_the_driving_joints(robot):
     assert robot.link_names == ("A", "B", "C")
 
 
+def test_a_robot_in_the_place_of_its_model_is_told(robot):
+    with pytest.raises(AttributeError, match="a Robot has no attribute 'base_parameters'; its dynamics are those of"):
+        robot.base_parameters()
+    assert not hasattr(robot, "_nothing")
+
+
 def test_terms_stand_after_the_link_of_each_driving_joint(robot):
     weighed = robot.with_terms(Drag())
     ten = ["Lxx", "Lxy", "Lxz", "Lyy", "Lyz", "Lzz", "lx", "ly", "lz", "m"]

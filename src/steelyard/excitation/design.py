@@ -329,18 +329,9 @@ def _limits(
     parameters: ArrayLike | None,
 ) -> MotionLimits:
     names = tuple(model.robot.joint_names)
-    if isinstance(limits, MotionLimits):
-        if len(limits.joint_names) != len(names):
-            raise InputError(
-                f"The limits are of {len(limits.joint_names)} joints, but {model.robot.name} has {len(names)}: "
-                f"{listed(names)}."
-            )
-        bounds = limits
-    else:
-        own = MotionLimits.from_robot(model.robot)
-        asked = dict(limits or {})
-        bounds = own.updated(asked, where)
-        torques = {"torque", "effort", "power", "total_power"} & set(asked)
+    bounds = MotionLimits.for_robot(model.robot, limits, where)
+    if not isinstance(limits, MotionLimits):
+        torques = {"torque", "effort", "power", "total_power"} & set(limits or {})
         if not torques and parameters is None and np.isnan(model.robot.parameters[_link_columns(model)]).any():
             if np.isfinite(bounds.torque).any():
                 remarks.append(

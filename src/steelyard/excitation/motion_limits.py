@@ -124,6 +124,34 @@ class MotionLimits:
         return cls(robot.joint_names, lower, upper, velocity, none, torque, none)
 
     @classmethod
+    def for_robot(
+        cls, robot: Robot, limits: MotionLimits | Mapping[str, Any] | None, where: str = "limits"
+    ) -> MotionLimits:
+        """Return the limits of the description with those of a mapping in their place, or given limits as they are.
+
+        Raises
+        ------
+        InputError
+            As `of` and `updated` do, or if the limits are of another number of joints, or nothing of the sort.
+        """
+        if isinstance(limits, MotionLimits):
+            names = robot.joint_names
+            if len(limits.joint_names) != len(names):
+                raise InputError(
+                    f"The limits are of {len(limits.joint_names)} joints, but {robot.name} has {len(names)}: "
+                    f"{listed(names)}."
+                )
+            return limits
+        own = cls.from_robot(robot)
+        if limits is None:
+            return own
+        if not isinstance(limits, Mapping):
+            raise InputError(
+                f'{where} must be MotionLimits or a mapping such as {{"velocity": 1.0}}, got {shown(limits)}.'
+            )
+        return own.updated(limits, where)
+
+    @classmethod
     def envelope(cls, trajectories: Sequence[Trajectory], joint_names: Sequence[str], rate: float) -> MotionLimits:
         """Return the smallest limits that some trajectories keep: of positions, velocities and accelerations.
 

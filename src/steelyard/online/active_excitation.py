@@ -285,8 +285,7 @@ class ActiveExcitation:
         seed: int = 0,
     ) -> None:
         self.model = model
-        own = MotionLimits.from_robot(model.robot)
-        self.limits = limits if isinstance(limits, MotionLimits) else own.updated(dict(limits or {}))
+        self.limits = MotionLimits.for_robot(model.robot, limits)
         for k, name in enumerate(model.robot.joint_names):
             if not np.isfinite([self.limits.velocity[k], self.limits.acceleration[k]]).all():
                 raise InputError(

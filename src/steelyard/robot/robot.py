@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -749,6 +749,13 @@ class Robot:
             f"Robot {self.name!r}: {self.dof} coordinate{'s' * (self.dof != 1)}, {len(self.links)} "
             f"link{'s' * (len(self.links) != 1)} on {self.base_link!r}, gravity ({gravity}) m/s²{terms}"
         )
+
+    if not TYPE_CHECKING:  # with this, types would have every attribute
+
+        def __getattr__(self, name: str) -> Any:
+            # Called for what a robot does not have: it is often given in the place of its model.
+            told = "" if name.startswith("_") else "; its dynamics are those of steelyard.Model(robot)"
+            raise AttributeError(f"a Robot has no attribute {name!r}{told}", name=name, obj=self)
 
     def __repr__(self) -> str:
         rows = self._rows()
