@@ -299,11 +299,11 @@ class BoundFinder:
             return UNBOUNDED
         point = units @ found.point
         attained, proved = float(objective @ point), found.proved
-        if lightest == 0.0:
-            # If the mass may vanish, a bound for masses above the floor proves nothing of a value that is attained at
-            # a smaller one: a centre of mass may be as far away as the square root of what a vanishing mass leaves.
+        if lightest < floor:
+            # If the mass may nearly vanish, a bound for masses above the floor proves nothing of a value that is
+            # attained at a smaller one: a centre of mass may be as far away as one over the root of that mass.
             inverse = (1.0 - float(rates @ point)) / weight
-            below = proof.above(1.0 / max(inverse, 1.0 / floor))
+            below = proof.above(max(1.0 / max(inverse, 1.0 / floor), lightest))
             if attained - below > WIDE_AT_NO_MASS * max(float(np.linalg.norm(own)), -attained):
                 proved = -np.inf
         proved += ratio
