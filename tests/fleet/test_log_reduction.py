@@ -16,6 +16,7 @@ from dask_cluster import dask_workers, disturbed
 
 import steelyard as sy
 from steelyard.fleet import log_reduction
+from steelyard.fleet.packed import packed, unpacked
 from steelyard.identification.log_reader import LogReader, LogTask, one_by_one
 from steelyard.regression.batch_means import BatchMeansTree
 from steelyard.robot import RobotFile
@@ -202,3 +203,11 @@ def test_killed_runs_leave_nothing_and_lose_nothing(place: Path) -> None:
         assert subprocess.run(command, capture_output=True).returncode == code
         assert contents() == expected
         assert [path.name for path in (place / "out").iterdir()] == ["result"]
+
+
+def test_an_array_that_is_kept_keeps_no_others_alive() -> None:
+    """Of thousands of logs the rows that are drawn are kept, and not the sums of batches beside them."""
+    many, few = unpacked(packed([np.zeros(1_000_000), np.ones(3)]))
+    assert few.base is None
+    assert not few.flags.writeable
+    assert many.nbytes == 8_000_000

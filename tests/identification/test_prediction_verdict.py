@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +14,14 @@ from steelyard.estimators import EntropicPrior
 from steelyard.estimators.cross_validation import cross_validation, term_deviations
 from steelyard.identification.identify import _held_out
 from steelyard.identification.mistakes import Hypothesis, find_mistakes
-from steelyard.identification.prediction_verdict import few_rows, prediction_verdict, white_noise
+from steelyard.identification.next_steps import _events
+from steelyard.identification.prediction_verdict import (
+    FewRows,
+    few_rows,
+    prediction_verdict,
+    white_noise,
+    without_turns,
+)
 from steelyard.recording import Samples
 from steelyard.regression import Information
 from steelyard.regression.reduction import empty_factors, residuals
@@ -216,8 +224,46 @@ def test_noise_is_that_of_the_log_that_is_predicted(own: float, other: float) ->
 
 def events_of(arm: SimulatedArm, log, estimate):
     left = np.vstack([part for _, part in residuals(arm.model, log.samples, estimate.base)])
+    left = without_turns(arm.model, log.samples, estimate.base, left)
     own = (np.arange(len(left)) * 0.01, left, (), len(left))
     return few_rows("log.csv", "validation", ("a", "b", "c"), log.information, estimate.base, *own)
+
+
+def test_friction_that_jumps_a_row_after_the_turn_is_no_event() -> None:
+    """Filtered positions turn a little before or after the joint, so that the Coulomb friction has the wrong sign."""
+    arm, other = simulated_arm(13, seconds=20.0), simulated_arm(14)
+    estimate = sy.fit(arm.information, arm.feasible_set)
+    q, dq, ddq = other.samples.q, other.samples.dq, other.samples.ddq
+    friction = arm.truth[[arm.model.parameter_names.index(f"Fcj{joint}") for joint in (1, 2, 3)]]
+    late = friction * (np.sign(np.roll(dq, 2, axis=0)) - np.sign(dq))
+    late[:2] = 0.0
+    torque = arm.model.inverse_dynamics(q, dq, ddq, arm.truth) + late
+    torque += 0.02 * np.random.default_rng(4).normal(size=torque.shape)
+    log = with_torque(replace(other, model=arm.model), torque)
+    errors = np.vstack([part for _, part in residuals(arm.model, log.samples, estimate.base)])
+    times = np.arange(len(errors)) * 0.01
+    joints = ("a", "b", "c")
+    taken = few_rows("log.csv", "validation", joints, log.information, estimate.base, times, errors, (), len(errors))
+    assert {one.count for one in taken} <= set(np.count_nonzero(late, axis=0))  # these rows and no others stand out
+    assert taken
+    assert events_of(arm, log, estimate) == ()
+    # What the arm meets while it turns is still seen.
+    turn = int(np.flatnonzero(late[:, 1])[0])
+    hit = torque.copy()
+    hit[turn : turn + 6, 1] += 10.0 * np.abs(friction[1])
+    found = events_of(arm, with_torque(log, hit), estimate)
+    assert [one.joint for one in found] == ["b"]
+    assert found[0].times[0] == pytest.approx((times[turn], times[turn + 5]), abs=1e-9)
+
+
+def test_events_in_many_logs_are_told_in_a_few_lines() -> None:
+    one = FewRows("", "b", "identification", 1, 6, 1900, 4.0, 0.8, 0.2, 0.1, ((2.0, 2.02),), False)
+    few = [replace(one, log=f"run{k}.csv") for k in range(1000)]
+    (step,) = _events(SimpleNamespace(prediction=SimpleNamespace(few_rows=few)))  # type: ignore[arg-type]
+    lines = step.code.splitlines()
+    assert lines[2] == "# torques are empty in run0.csv at t = 1.90 to 2.12 s"
+    assert lines[-1] == "# and in 992 more logs, which run.json names"
+    assert len(lines) == 11
 
 
 def test_what_few_rows_hold_is_no_white_noise() -> None:

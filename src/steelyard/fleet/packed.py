@@ -92,7 +92,9 @@ def unpacked(data: bytes) -> Any:
         nonlocal place
         dtype = _ARRAYS[kind]
         count = int(np.prod(shape, dtype=np.int64))
-        array = np.frombuffer(content, dtype, count, place).reshape(shape)
+        # A copy: a view would hold the bytes of all arrays for as long as one of them is kept.
+        array = np.frombuffer(content, dtype, count, place).reshape(shape).copy()
+        array.flags.writeable = False
         place += array.nbytes
         return array
 

@@ -42,7 +42,7 @@ from .late_logs import LateLog, late_hypotheses, late_logs
 from .log_reader import LogReader, LogReduction, Progress, ReducedLog
 from .near_standstill import standstill_errors
 from .parameter_table import parameter_table
-from .prediction_verdict import FewRows, few_rows, prediction_verdict
+from .prediction_verdict import FewRows, few_rows, prediction_verdict, without_turns
 from .reduced_logs import reduced_logs
 from .result import Identification, Prediction, Trace
 
@@ -503,8 +503,8 @@ def _few_rows(
 ) -> tuple[FewRows, ...]:
     trace = prediction.trace
     errors = trace.measured - trace.feasible
-    if trace.samples is not None and trace.samples.mask is not None:
-        errors = np.where(trace.samples.mask, errors, np.nan)
+    if trace.samples is not None:
+        errors = without_turns(model, trace.samples, estimate.base, errors)
     own = (trace.t, errors, trace.residuals, trace.log_rows)
     return few_rows(prediction.name, prediction.role, model.robot.joint_names, information, estimate.base, *own)
 

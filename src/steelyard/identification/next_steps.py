@@ -35,6 +35,7 @@ LARGE = 0.08
 AROUND = 0.1
 """s before and after an event that are left out with it: filters spread what it does to the motion."""
 MOST_SPANS = 8
+MOST_LOGS = 8
 DEFAULTS = {
     "viscous": "viscous friction",
     "coulomb": "Coulomb friction",
@@ -285,7 +286,8 @@ def _events(identification: Identification) -> Iterator[NextStep]:
     if not few:
         return
     lines = []
-    for log in dict.fromkeys(one.log for one in few):
+    logs = list(dict.fromkeys(one.log for one in few))
+    for log in logs[:MOST_LOGS]:
         spans: list[list[float]] = []
         for begin, end in sorted(span for one in few if one.log == log for span in one.times):
             if spans and begin - AROUND <= spans[-1][1]:
@@ -295,6 +297,8 @@ def _events(identification: Identification) -> Iterator[NextStep]:
         told = ", ".join(f"{begin:.2f} to {end:.2f}" for begin, end in spans[:MOST_SPANS])
         more = f" and {len(spans) - MOST_SPANS} more" if len(spans) > MOST_SPANS else ""
         lines.append(f"# torques are empty in {log} at t = {told} s{more}")
+    if len(logs) > MOST_LOGS:
+        lines.append(f"# and in {len(logs) - MOST_LOGS} more logs, which run.json names")
     yield NextStep(
         "Leave out the moments at which the arm met something or a sensor erred, and identify again.",
         f"{said_of(few[:1])} Empty torques are left out; in Python, steelyard.estimators.robust_information gives such "

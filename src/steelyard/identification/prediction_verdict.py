@@ -11,13 +11,26 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.display import html_table, text_table
 from steelyard.files import listed, plain
+from steelyard.recording import Samples
 from steelyard.regression import Information
 from steelyard.regression.batch_means import BATCH_LENGTHS, LONG
+from steelyard.regression.reduction import residuals
 
 if TYPE_CHECKING:
+    from steelyard.dynamics import Model
+
     from .mistakes import Hypothesis
 
-__all__ = ["FewRows", "PredictionVerdict", "Word", "few_rows", "prediction_verdict", "said_of", "white_noise"]
+__all__ = [
+    "FewRows",
+    "PredictionVerdict",
+    "Word",
+    "few_rows",
+    "prediction_verdict",
+    "said_of",
+    "white_noise",
+    "without_turns",
+]
 
 Array = NDArray[np.float64]
 Word = Literal["good", "usable", "poor", "wrong"]
@@ -70,6 +83,9 @@ rows on a log of 120 000 show 40 % of the squared error. Of sound noise none is 
 LARGE_EVENT = 0.03
 """Least size of the errors in those rows beside the torques of the joint, root mean squares over all rows. Coulomb
 friction that a filter rounds where the motion turns reaches 1.7 %, and harms nothing."""
+
+TURN = 0.03
+"""s, before or after which a joint may really turn: a filter of the positions moves the turn by a row or a few."""
 
 PAUSE = 0.25
 """s between rows that belong to separate events."""
@@ -328,6 +344,11 @@ def said_of(few: Sequence[FewRows]) -> str:
     )
 
 
+def beyond_noise(errors: Array) -> float:
+    """Return the size of an error, of some errors (S,) that are finite, from which it is no noise; see `few_rows`."""
+    return BEYOND * NORMAL_DEVIATION * float(np.median(np.abs(errors)))
+
+
 def few_rows(
     log: str,
     role: str,
@@ -379,7 +400,7 @@ def few_rows(
         total = factor.residual2(np.asarray(base, dtype=float))
         if not len(sizes) or not total > 0.0 or not factor.norm2 > least * factor.count:
             continue
-        limit = BEYOND * NORMAL_DEVIATION * float(np.median(sizes))
+        limit = beyond_noise(sizes)
         if np.mean(sizes > limit) > FEW:
             continue
         apart = np.abs(errors[:, joint]) > limit  # not where it is NaN
@@ -407,6 +428,35 @@ def few_rows(
             )
         )
     return tuple(sorted(found, key=lambda one: -one.share))
+
+
+def without_turns(model: Model, samples: Samples, base: Array, errors: Array) -> Array:
+    """Return errors (S, N) with NaN where a row was not used, or where a joint turns and friction is taken as if it
+    moved the other way: these are errors of the model that return with every turn, and no events.
+
+    Friction jumps where the motion turns, by twice the Coulomb friction. A row whose error is noise with the velocity
+    of its joint reversed belongs to the other side of the turn.
+    """
+    left = errors.copy() if samples.mask is None else np.where(samples.mask, errors, np.nan)
+    if samples.regressor is not None:  # which went through the filters of the torques, as their jumps did
+        return left
+    turning = np.abs(samples.dq) <= TURN * np.abs(samples.ddq)
+    for joint in range(left.shape[1]):
+        own = left[:, joint]
+        known = own[np.isfinite(own)]
+        if not len(known):
+            continue
+        limit = beyond_noise(known)
+        rows = np.flatnonzero((np.abs(own) > limit) & turning[:, joint])
+        if not len(rows):
+            continue
+        dq = samples.dq[rows]
+        dq[:, joint] *= -1.0
+        channels = None if samples.channels is None else {name: one[rows] for name, one in samples.channels.items()}
+        other = Samples(samples.q[rows], dq, samples.ddq[rows], samples.torque[rows], channels=channels)
+        opposite = np.vstack([part for _, part in residuals(model, other, base)])[:, joint]
+        own[rows[np.abs(opposite) <= limit]] = np.nan
+    return left
 
 
 def prediction_verdict(

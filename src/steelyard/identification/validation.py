@@ -26,7 +26,14 @@ from .doubts import mistakes_in_logs
 from .given import Data, GivenLog, GivenRobot, given_constraints, given_logs, given_robot
 from .log_reader import DrawnLog, DrawnRows, LogReader, Progress
 from .mistakes import sentence
-from .prediction_verdict import FEWEST_BATCHES, FewRows, PredictionVerdict, few_rows, prediction_verdict
+from .prediction_verdict import (
+    FEWEST_BATCHES,
+    FewRows,
+    PredictionVerdict,
+    few_rows,
+    prediction_verdict,
+    without_turns,
+)
 from .saved import matching_estimate
 from .saved_result import RECORD, SavedResult
 
@@ -275,7 +282,7 @@ def few_rows_of(
 
     def errors(samples: Samples) -> Array:
         left = np.vstack([part for _, part in residuals(model, samples, base)])
-        return left if samples.mask is None else np.where(samples.mask, left, np.nan)
+        return without_turns(model, samples, base, left)
 
     assert drawn.samples.t is not None
     stretches = [errors(window) for window in drawn.windows]
