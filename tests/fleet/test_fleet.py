@@ -184,6 +184,27 @@ def test_a_torque_of_another_gain_is_named_in_words(arms: Arms) -> None:
 
 
 @pytest.mark.slow
+def test_a_torque_that_reads_half_of_what_it_did_has_halved(arms: Arms) -> None:
+    """One arm has read 1.4 times too much and now reads half of that; of another the torque reads half since."""
+    rows = []
+    for number in range(10):
+        for epoch in range(3):
+            path = arms.folder / f"half-{number}-{epoch}.json"
+            factors = {3: (1.4, 0.7, 0.7), 6: (1.0, 0.75, 0.5)}.get(number, (1.0, 1.0, 1.0))
+            arms.information(number, "gain2", factors[epoch], epoch).save(path)
+            rows.append(f"R{number},{DATES[epoch]},{path.name}")
+    found = {(one.kind, one.robot): one for one in reversed(identify_fleet(arms.manifest(rows)).findings)}
+    assert set(found) == {(kind, robot) for kind in ("siblings", "drift") for robot in ("R3", "R6")}
+    for (kind, robot), one in found.items():
+        factor = 0.7 if (kind, robot) == ("siblings", "R3") else 0.5
+        assert one.deviation.cause.name == "torque gain of joint2"
+        assert 1.0 + one.deviation.lower < factor < 1.0 + one.deviation.upper
+        assert one.deviation.amplitude == pytest.approx(factor - 1.0, abs=0.03)
+    assert found["drift", "R3"].ratio == pytest.approx(0.5, abs=0.02)
+    assert [value for _, value in found["drift", "R6"].history] == pytest.approx([-0.25, -0.5], abs=0.03)
+
+
+@pytest.mark.slow
 def test_what_is_wrong_with_one_robot_is_its_row(arms: Arms) -> None:
     """Another robot's Information, a damaged file, too few rows, a missing robot: each has its reason, others go on."""
     folder = arms.folder

@@ -534,7 +534,7 @@ def _compared(
     shown = shown_parameters(bases, covariances)
     known = model.base_parameters().K @ parameters
     base = np.where(shown.any(axis=0), median_of_shown(bases, shown), known)
-    gains = _gains(rows, latest, shown)
+    gains = _gains(rows, latest)
     causes = possible_causes(model, parameters, base, None if gains is None else _usual_gains(gains, shown))
     in_own_motion = {} if gains is None else gains_in_own_motion(model, causes, gains)
     directions = variations(model, causes)
@@ -605,21 +605,20 @@ def _arrays(rows: Sequence[RobotRow], numbers: Iterable[int]) -> tuple[Array, Ar
     return base, covariance, freedom
 
 
-def _gains(rows: Sequence[RobotRow], numbers: Sequence[int], shown: NDArray[np.bool_]) -> Array | None:
+def _gains(rows: Sequence[RobotRow], numbers: Sequence[int]) -> Array | None:
     """How base parameters change with the gain of each joint's torque, in each robot's motion, (R, n_b, N).
 
-    None where the data of no robot tells the joints apart; where that of some does not, it is as in most siblings.
+    None where the data of no robot tells the joints apart, NaN for robots whose data does not.
     """
-    told = {place: rows[k].values["gains"] for place, k in enumerate(numbers) if rows[k].values["gains"] is not None}
-    if not told:
-        return None
-    usual = _usual_gains(np.array([*told.values()]), shown[[*told]])
-    return np.array([told.get(place, usual) for place in range(len(numbers))])
+    told = [rows[k].values["gains"] for k in numbers]
+    shapes = [np.shape(one) for one in told if one is not None]
+    return np.array([np.full(shapes[0], np.nan) if one is None else one for one in told]) if shapes else None
 
 
 def _usual_gains(gains: Array, shown: NDArray[np.bool_]) -> Array:
     """The same in the motions of most siblings, (n_b, N)."""
-    return np.column_stack([median_of_shown(one, shown) for one in np.moveaxis(gains, 2, 0)])
+    told = np.isfinite(gains).all(axis=(1, 2))
+    return np.column_stack([median_of_shown(one, shown[told]) for one in np.moveaxis(gains[told], 2, 0)])
 
 
 def _beside_own(one: Deviation, own: Array, siblings: Array, mean: Array) -> Deviation:
@@ -628,7 +627,8 @@ def _beside_own(one: Deviation, own: Array, siblings: Array, mean: Array) -> Dev
     The amplitude that was found is a part of what siblings are at the latest date: friction that was 1.5 times theirs,
     and doubles, grows by 1.5 of it.
     """
-    if one.weights is None or one.cause.kind not in ("term", "friction", "gain") or not one.cause.has_ratio:
+    # A gain is told as a part of the robot's own already.
+    if one.weights is None or one.cause.kind not in ("term", "friction") or not one.cause.has_ratio:
         return one
     common = float(one.weights @ mean)
     first = 1.0 - common + float(one.weights @ (own - siblings))
@@ -734,7 +734,7 @@ def sentence(one: Deviation, kind: Literal["siblings", "drift"], *, when: str = 
         measured = cause.what.removesuffix(" gain")
         text = (
             f"The {measured} measured at {cause.part} for the same motion is {1.0 + one.amplitude:.3g} times {others} "
-            f"({1.0 + low:.3g} to {1.0 + high:.3g})"
+            f"({1.0 + low:.3g} {f'to {1.0 + high:.3g}' if np.isfinite(high) else 'or more'})"
         )
     elif cause.has_ratio:
         text = f"{_what(cause)} is {1.0 + one.amplitude:.3g} times {others} ({1.0 + low:.3g} to {1.0 + high:.3g})"
