@@ -205,6 +205,33 @@ def test_a_torque_that_reads_half_of_what_it_did_has_halved(arms: Arms) -> None:
 
 
 @pytest.mark.slow
+def test_a_log_that_no_robot_of_this_kind_made_is_not_told_as_a_worn_one(arms: Arms, called: Called) -> None:
+    """One log is in degrees, one has its joints in reverse order: neither is a link that lost all its mass or more."""
+    t = np.arange(0.0, 20.0, 0.01)[:, None]
+    for number in range(8):
+        random = np.random.default_rng([number, 7])
+        w, phase = 2 * np.pi * np.array([0.2, 0.31, 0.43]), random.uniform(0.0, 6.0, 3)
+        q = np.sin(w * t + phase)
+        values = arms.usual * (1.0 + 0.01 * random.normal(size=len(arms.usual)))
+        torque = arms.model.inverse_dynamics(q, w * np.cos(w * t + phase), -(w**2) * q, values)
+        torque += 0.2 * random.normal(size=q.shape)
+        q, torque = {6: (np.degrees(q), torque), 7: (q[:, ::-1], torque[:, ::-1])}.get(number, (q, torque))
+        header = "t,q1,q2,q3,tau1,tau2,tau3"
+        table = np.hstack([t, q, torque])
+        np.savetxt(arms.folder / f"{number}.csv", table, delimiter=",", header=header, comments="", fmt="%.9g")
+    manifest = arms.folder / "fleet.toml"
+    entries = "".join(f'[[robots]]\nid = "R{number}"\nlogs = ["{number}.csv"]\n' for number in range(8))
+    manifest.write_text(f'robot = "robot.toml"\n{entries}', encoding="utf-8")
+    code, said = called("fleet", manifest, "--output", arms.folder / "result", "--quiet")
+    assert code == 0, said
+    document = json.loads((arms.folder / "result" / "fleet.json").read_text(encoding="utf-8"))
+    assert not {one["robot"] for one in document["findings"]} & {"R6", "R7"}
+    assert document["unexplained"] == ["R6", "R7"]
+    assert "no parameters explain the data of 2" in document["headline"]
+    assert any("R6 (" in one and "R7 (" in one for one in document["remarks"])
+
+
+@pytest.mark.slow
 def test_what_is_wrong_with_one_robot_is_its_row(arms: Arms) -> None:
     """Another robot's Information, a damaged file, too few rows, a missing robot: each has its reason, others go on."""
     folder = arms.folder
