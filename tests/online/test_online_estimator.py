@@ -125,6 +125,10 @@ def spoilt(t: Array, rows: Array, kind: str) -> tuple[Array, Array]:
         t, rows = t[kept], rows[kept]
     elif kind == "reset":
         t[2500:] -= 100.0
+    elif kind == "wild":
+        rows[random.integers(0, len(t), size=5), random.integers(0, 2, size=5)] += 3.0
+    elif kind == "modulo":
+        rows[:, :2] = np.mod(rows[:, :2], 2.0 * np.pi)
     return t, rows
 
 
@@ -138,6 +142,8 @@ TOLD = {
     "damaged message": "beyond 1e12",
     "gap": "missing for more than 20 ms",
     "reset": "clock went back",
+    "wild": "5 samples had a position that is too far from those before and after",
+    "modulo": "times a position jumped by a turn",
 }
 
 

@@ -300,7 +300,7 @@ def compare_siblings(
     problem = _Problem(given / scale, _scaled(errors, scale), shown, degrees, np.asarray(directions) / scale[:, None])
     scaled = [cause.directions / scale[:, None] for cause in causes]
     each = {k: np.asarray(one, dtype=float) / scale for k, one in (own or {}).items()}
-    of_robot = {k: np.isfinite(one).all(axis=1) for k, one in each.items()}
+    of_robot = {k: np.asarray(np.isfinite(one).all(axis=1)) for k, one in each.items()}
     each = {k: np.where(of_robot[k][:, None], one, scaled[k][:, 0]) for k, one in each.items()}
     tests = _Tests(problem, scaled, each, scale, rate, np.array([cause.credible for cause in causes]))
     moved = problem.bases

@@ -38,6 +38,7 @@ from .causal_filter import CausalMotionFilter
 from .change_detector import Change, ChangeDetector
 from .counted_rows import CountedRows
 from .even_stream import EvenStream, Stretch
+from .position_jumps import PositionJumps
 from .source_project import generate_online
 
 __all__ = ["OnlineEstimate", "OnlineEstimator"]
@@ -156,8 +157,8 @@ class OnlineEstimator:
 
     Positions go through the filter of :class:`steelyard.Recording`, which is run with a delay instead of backwards; the
     torque waits for them. A joint at rest tells nothing of its friction, and its rows are left out where friction
-    jumps. Samples that are late, repeated, missing or no numbers are left out, interpolated or bridged, and told in
-    `remarks`.
+    jumps. Samples that are late, repeated, missing or no numbers are left out, interpolated or bridged, as are those
+    with a position that no joint reaches in one sample; `remarks` tell of them.
 
     It belongs to one thread at a time: whoever updates it in one and asks in another one takes a lock for both.
 
@@ -352,6 +353,8 @@ class OnlineEstimator:
         self._waiting = 0
         # With a new stream the filter begins anew, too, which holds samples back that would count with those to come.
         self._stream = EvenStream(self.rate, self.model.dof, self._longest_gap)
+        rotates = np.array([unit == "rad" for unit in self.model.robot.position_units])
+        self._positions = PositionJumps(self.rate, rotates, self._longest_gap)
         self._detector = ChangeDetector(self.model.dof, max(1, round(DETECTION * self.rate)))
         self._answer: OnlineEstimate | None = None
         self._begin()
@@ -383,8 +386,12 @@ class OnlineEstimator:
     def _take(self, rows: Array) -> None:
         self._waiting = 0
         with one_thread():
-            for stretch in self._stream.add(rows):
-                self._filtered(stretch)
+            # Only filters make accelerations of jumps.
+            for jumped, part in [(False, rows)] if self._filter is None else self._positions.add(rows):
+                if jumped:
+                    self._stream.begin_anew()
+                for stretch in self._stream.add(part):
+                    self._filtered(stretch)
 
     def _filtered(self, stretch: Stretch) -> None:
         N = self.model.dof
@@ -477,12 +484,12 @@ class OnlineEstimator:
     @property
     def stream_counts(self) -> dict[str, int]:
         """The number of samples that came, and of those that were left out or mended, by reason."""
-        return dict(self._stream.counts)
+        return self._stream.counts | self._positions.counts
 
     @property
     def remarks(self) -> tuple[str, ...]:
         """What the user should know of the samples, in sentences."""
-        found = list(self._stream.remarks())
+        found = [*self._stream.remarks(), *self._positions.remarks()]
         if self._at_rest:
             found.append(
                 f"{self._at_rest} rows of joints that moved slower than {self._least_speed:g} rad/s (or m/s) were left "
