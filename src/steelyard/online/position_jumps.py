@@ -5,21 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.recording.conversion import STEADY, TURN
+from steelyard.recording.conversion import LEAST_JUMP, STEADY, SUDDEN, TURN
 
 from .even_stream import GREATEST
 
 __all__ = ["PositionJumps"]
 
 Array = NDArray[np.float64]
-
-SUDDEN = 20.0
-"""rad/s or m/s by which no joint changes its velocity from one sample to the next. Knees of legged robots turn at this
-speed, wrists of arms at a third of it; a link of an arm that meets a wall loses less."""
-
-LEAST = 0.05
-"""rad or m; a smaller jump may be one count of a coarse encoder. Five of twice the size in 20 s of an arm that moves
-at 1 rad/s move estimates by as much as noise does."""
 
 
 class PositionJumps:
@@ -94,7 +86,7 @@ class PositionJumps:
 
     @staticmethod
     def _most(times: Array) -> Array:
-        return np.asarray(np.maximum(SUDDEN * times, LEAST))
+        return np.asarray(np.maximum(SUDDEN * times, LEAST_JUMP))
 
     def _one_by_one(self, rows: Array) -> list[tuple[bool, Array]]:
         width = 1 + len(self.rotates)
