@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
 import steelyard as sy
+from steelyard.online import online_estimator
 from steelyard.online.causal_filter import CausalMotionFilter
 from steelyard.online.even_stream import EvenStream
 from steelyard.online.running_information import RunningInformation
@@ -409,6 +410,30 @@ def heavier_from_13_s(
     torque = model.inverse_dynamics(q, dq, ddq, TRUE)
     torque[13000:] = model.inverse_dynamics(q[13000:], dq[13000:], ddq[13000:], heavier)
     return t, q, torque + 0.1 * np.random.default_rng(1).normal(size=q.shape)
+
+
+def test_a_robot_that_picks_and_places_all_day_fills_no_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By a clock that counts from 1970, whose times six digits do not tell apart."""
+    monkeypatch.setattr(online_estimator, "MOST_CHANGES", 4)
+    pendulum = sy.Model(sy.Robot.from_dh([(0, 1.0, 0, "q")], gravity=(0, -9.81, 0)))
+    alone = sy.Inertia.from_com(2.0, [-0.5, 0, 0], 0.1 * np.eye(3)).parameters
+    weight = sy.Inertia.from_com(1.0, [0, 0, 0], 0.01 * np.eye(3)).parameters
+    t = np.arange(70000)[:, None] / 1000
+    held = (t // 8.0) % 2.0 == 1.0  # from 8 to 16 s, from 24 to 32 s and so on
+    motion = np.sin(2 * t), 2 * np.cos(2 * t), -4 * np.sin(2 * t)
+    torque = np.where(
+        held, pendulum.inverse_dynamics(*motion, alone + weight), pendulum.inverse_dynamics(*motion, alone)
+    )
+    estimator = sy.OnlineEstimator(pendulum, detect_changes=True)
+    noise = 0.1 * np.random.default_rng(1).normal(size=t.shape)
+    estimator.update(1.7e9 + t[:, 0], motion[0], torque + noise)
+    assert estimator.change_count == 8
+    found = [change.t - 1.7e9 for change in estimator.changes]
+    assert found == pytest.approx([8.0, 48.0, 56.0, 64.0], abs=0.6)
+    told = [remark for remark in estimator.remarks if "changed" in remark]
+    assert told[0].startswith("The robot changed 8 times, the first time at 1700000007.9")
+    assert told[1].startswith("At 170000006")
+    assert len(told) == 2
 
 
 @pytest.mark.slow
