@@ -335,6 +335,24 @@ def test_intervals_hold_the_truth(model: sy.Model, motion: tuple[Array, ...]) ->
     assert 100 <= np.sum(held) <= 119
 
 
+@pytest.mark.parametrize("options", [{"forget": 1.0}, {"forget": 1.0, "window": 2.5}])
+def test_intervals_are_no_wider_than_what_is_forgotten_asks_for(
+    model: sy.Model, motion: tuple[Array, ...], options: dict[str, float]
+) -> None:
+    """The variance of a weighted mean takes the squares of the weights: half of what the weights themselves make it."""
+    t, q, dq, ddq, _ = motion
+    base, random = model.base_parameters().values(TRUE), np.random.default_rng(6)
+    torque = model.inverse_dynamics(q, dq, ddq, TRUE)
+    estimator, away = sy.OnlineEstimator(model, **options), []
+    for _ in range(25):
+        estimator.restart()
+        estimator.update(t, q, torque + 0.1 * random.normal(size=q.shape), dq, ddq)
+        low, high = estimator.intervals().T
+        away.append((0.5 * (low + high) - base) / (high - low) * 2.0 * 1.96)
+    # Of standard deviations that are right the mean square is 1, less what few batches and Student's quantile ask for.
+    assert 0.7 < np.mean(np.square(away)) < 1.3
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
