@@ -430,6 +430,33 @@ def heavier_from_13_s(
     return t, q, torque + 0.1 * np.random.default_rng(1).normal(size=q.shape)
 
 
+def test_an_answer_that_what_is_assumed_keeps_from_the_data_is_told() -> None:
+    """Two slides of 20 and 10 kg whose kinematics have no length, so that their links are taken for light ones."""
+    rows = [
+        (0, 0, "q", 0),
+        ("pi/2", 0, "q", "pi/2"),
+        ("pi/2", 0, 0.2, "q"),
+        ("pi/2", 0.1, 0, "q"),
+        ("-pi/2", 0, 0, "q"),
+    ]
+    gantry = sy.Model(sy.Robot.from_dh(rows, name="gantry"))
+    links = [
+        sy.Inertia.from_com(20.0 / k, [0.03, 0.02, -0.05], 0.5 / k * np.diag([0.1, 0.12, 0.09])).parameters
+        for k in range(1, 6)
+    ]
+    t, pace = np.arange(8000)[:, None] / 1000, np.array([1.3, 2.1, 3.7, 2.9, 4.3])
+    motion = 0.3 * np.sin(pace * t), 0.3 * pace * np.cos(pace * t), -0.3 * pace**2 * np.sin(pace * t)
+    for scale, heavy in ((1.0, True), (0.02, False)):
+        torque = gantry.inverse_dynamics(*motion, scale * np.concatenate(links))
+        torque += 0.01 * torque.std(axis=0) * np.random.default_rng(1).normal(size=torque.shape)
+        estimator = sy.OnlineEstimator(gantry)
+        estimator.update(t[:, 0], motion[0], torque)
+        answer = estimator.estimate()
+        assert ("of the torques and least squares 0.0" in " ".join(estimator.remarks)) == heavy
+        off = gantry.inverse_dynamics(*motion, answer.parameters) - torque
+        assert (np.linalg.norm(off) > 0.2 * np.linalg.norm(torque)) == heavy
+
+
 def test_a_robot_that_picks_and_places_all_day_fills_no_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     """By a clock that counts from 1970, whose times six digits do not tell apart."""
     monkeypatch.setattr(online_estimator, "MOST_CHANGES", 4)

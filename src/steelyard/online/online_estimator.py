@@ -74,6 +74,10 @@ LEAST_DEVIATION = 1e-4
 """The least deviation of the torques, relative to them: no drive tells its torque better. Data of a simulation without
 noise would count for a million times more than the prior, and what only the prior tells would drown in rounding."""
 
+MISFIT = 0.2
+"""Part of the weighted torques that an answer leaves, from which it is told where least squares leave less than half of
+that: what is assumed of the robot beyond what bodies can be then makes most of the error."""
+
 DETECTION = 0.05
 """s over which residuals are averaged to notice a change; see `ChangeDetector`."""
 
@@ -387,6 +391,7 @@ class OnlineEstimator:
         self._certain = self._new_rows() if self.detect_changes else None
         self._doubtful: list[tuple[int, list[Array], NDArray[np.bool_]]] = []
         self._slow: _Slow | None = None
+        self._left = np.zeros(2)  # parts of the weighted torques that the answer leaves, and least squares
         self._t = float("nan")
         # What has passed is counted in samples: clocks jump, and a gap teaches nothing.
         self._taken, self._answered = 0, 0
@@ -507,6 +512,12 @@ class OnlineEstimator:
                 f"{self._at_rest} rows of joints that moved slower than {self._least_speed:g} rad/s (or m/s) were left "
                 "out, since friction at rest is not that of motion."
             )
+        if self._left[0] > MISFIT and self._left[1] < 0.5 * self._left[0]:
+            found.append(
+                f"The last answer leaves {self._left[0]:.2g} of the torques and least squares {self._left[1]:.2g}: "
+                "this robot is not what its description or kinematics make credible, or torques have another unit. "
+                "State its masses in the description, or give `prior`."
+            )
         told = self.changes
         if self.change_count > TOLD_CHANGES:
             told = told[-1:]
@@ -558,7 +569,8 @@ class OnlineEstimator:
         if slow is None or rows > GROWTH * slow.rows or rows < slow.rows / GROWTH:
             slow = self._slow = self._slowly(info)
         left = max(seconds - (perf_counter() - begun), 0.0) if np.isfinite(seconds) else np.inf
-        parameters, converged, steps = self._searched(info.reduced(slow.weights), slow, accuracy, left)
+        problem = info.reduced(slow.weights)
+        parameters, converged, steps = self._searched(problem, slow, accuracy, left)
         remark = ""
         if not converged:
             remark = f"The search was stopped after {steps} steps; the parameters are possible, not yet the best."
@@ -567,6 +579,9 @@ class OnlineEstimator:
             parameters, converged = self._possible, False
             remark = "The search left the feasible set; these are the parameters before it."
         self._possible, self._answered = parameters, self._taken
+        away = problem.R @ (self._set.K @ parameters) - problem.rho
+        total = np.array([float(away @ away) + problem.residual2, problem.residual2])
+        self._left = np.sqrt(total / problem.norm2)
         self._answer = OnlineEstimate(
             self._t,
             self._set.K @ parameters,
