@@ -184,6 +184,54 @@ def test_a_torque_of_another_gain_is_named_in_words(arms: Arms) -> None:
 
 
 @pytest.mark.slow
+def test_a_torque_that_reads_half_of_what_it_did_has_halved(arms: Arms) -> None:
+    """One arm has read 1.4 times too much and now reads half of that; of another the torque reads half since."""
+    rows = []
+    for number in range(10):
+        for epoch in range(3):
+            path = arms.folder / f"half-{number}-{epoch}.json"
+            factors = {3: (1.4, 0.7, 0.7), 6: (1.0, 0.75, 0.5)}.get(number, (1.0, 1.0, 1.0))
+            arms.information(number, "gain2", factors[epoch], epoch).save(path)
+            rows.append(f"R{number},{DATES[epoch]},{path.name}")
+    found = {(one.kind, one.robot): one for one in reversed(identify_fleet(arms.manifest(rows)).findings)}
+    assert set(found) == {(kind, robot) for kind in ("siblings", "drift") for robot in ("R3", "R6")}
+    for (kind, robot), one in found.items():
+        factor = 0.7 if (kind, robot) == ("siblings", "R3") else 0.5
+        assert one.deviation.cause.name == "torque gain of joint2"
+        assert 1.0 + one.deviation.lower < factor < 1.0 + one.deviation.upper
+        assert one.deviation.amplitude == pytest.approx(factor - 1.0, abs=0.03)
+    assert found["drift", "R3"].ratio == pytest.approx(0.5, abs=0.02)
+    assert [value for _, value in found["drift", "R6"].history] == pytest.approx([-0.25, -0.5], abs=0.03)
+
+
+@pytest.mark.slow
+def test_a_log_that_no_robot_of_this_kind_made_is_not_told_as_a_worn_one(arms: Arms, called: Called) -> None:
+    """One log is in degrees, one has its joints in reverse order: neither is a link that lost all its mass or more."""
+    t = np.arange(0.0, 20.0, 0.01)[:, None]
+    for number in range(8):
+        random = np.random.default_rng([number, 7])
+        w, phase = 2 * np.pi * np.array([0.2, 0.31, 0.43]), random.uniform(0.0, 6.0, 3)
+        q = np.sin(w * t + phase)
+        values = arms.usual * (1.0 + 0.01 * random.normal(size=len(arms.usual)))
+        torque = arms.model.inverse_dynamics(q, w * np.cos(w * t + phase), -(w**2) * q, values)
+        torque += 0.2 * random.normal(size=q.shape)
+        q, torque = {6: (np.degrees(q), torque), 7: (q[:, ::-1], torque[:, ::-1])}.get(number, (q, torque))
+        header = "t,q1,q2,q3,tau1,tau2,tau3"
+        table = np.hstack([t, q, torque])
+        np.savetxt(arms.folder / f"{number}.csv", table, delimiter=",", header=header, comments="", fmt="%.9g")
+    manifest = arms.folder / "fleet.toml"
+    entries = "".join(f'[[robots]]\nid = "R{number}"\nlogs = ["{number}.csv"]\n' for number in range(8))
+    manifest.write_text(f'robot = "robot.toml"\n{entries}', encoding="utf-8")
+    code, said = called("fleet", manifest, "--output", arms.folder / "result", "--quiet")
+    assert code == 0, said
+    document = json.loads((arms.folder / "result" / "fleet.json").read_text(encoding="utf-8"))
+    assert not {one["robot"] for one in document["findings"]} & {"R6", "R7"}
+    assert document["unexplained"] == ["R6", "R7"]
+    assert "no parameters explain the data of 2" in document["headline"]
+    assert any("R6 (" in one and "R7 (" in one for one in document["remarks"])
+
+
+@pytest.mark.slow
 def test_what_is_wrong_with_one_robot_is_its_row(arms: Arms) -> None:
     """Another robot's Information, a damaged file, too few rows, a missing robot: each has its reason, others go on."""
     folder = arms.folder

@@ -258,6 +258,15 @@ def test_a_torque_that_reads_too_little_is_named_as_such(tmp_path: Path) -> None
         assert one.lower < factor - 1.0 < one.upper
 
 
+@pytest.mark.parametrize("factor", [0.5, 0.85, 1.2, 2.0])
+def test_a_torque_of_half_or_twice_the_scale_is_told_as_such(factor: float, tmp_path: Path) -> None:
+    """Not as 0, 0.825, 1.17 and 1.5 times that of its siblings, as a part of what the robot itself shows would be."""
+    [one] = Compared(tmp_path, 12).with_fault(4, "gain1", factor).deviations
+    assert (one.robot, one.cause.name) == (4, "torque gain of joint1")
+    assert one.lower < factor - 1.0 < one.upper
+    assert one.amplitude == pytest.approx(factor - 1.0, abs=0.03)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("first", [0, 100, 200])
 def test_gains_links_and_friction_are_told_apart_or_told_together(tmp_path: Path, first: int) -> None:

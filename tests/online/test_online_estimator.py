@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
 import steelyard as sy
+from steelyard.online import online_estimator
 from steelyard.online.causal_filter import CausalMotionFilter
 from steelyard.online.even_stream import EvenStream
 from steelyard.online.running_information import RunningInformation
@@ -125,6 +126,10 @@ def spoilt(t: Array, rows: Array, kind: str) -> tuple[Array, Array]:
         t, rows = t[kept], rows[kept]
     elif kind == "reset":
         t[2500:] -= 100.0
+    elif kind == "wild":
+        rows[random.integers(0, len(t), size=5), random.integers(0, 2, size=5)] += 3.0
+    elif kind == "modulo":
+        rows[:, :2] = np.mod(rows[:, :2], 2.0 * np.pi)
     return t, rows
 
 
@@ -138,6 +143,8 @@ TOLD = {
     "damaged message": "beyond 1e12",
     "gap": "missing for more than 20 ms",
     "reset": "clock went back",
+    "wild": "5 samples had a position that is too far from those before and after",
+    "modulo": "times a position jumped by a turn",
 }
 
 
@@ -328,6 +335,24 @@ def test_intervals_hold_the_truth(model: sy.Model, motion: tuple[Array, ...]) ->
     assert 100 <= np.sum(held) <= 119
 
 
+@pytest.mark.parametrize("options", [{"forget": 1.0}, {"forget": 1.0, "window": 2.5}])
+def test_intervals_are_no_wider_than_what_is_forgotten_asks_for(
+    model: sy.Model, motion: tuple[Array, ...], options: dict[str, float]
+) -> None:
+    """The variance of a weighted mean takes the squares of the weights: half of what the weights themselves make it."""
+    t, q, dq, ddq, _ = motion
+    base, random = model.base_parameters().values(TRUE), np.random.default_rng(6)
+    torque = model.inverse_dynamics(q, dq, ddq, TRUE)
+    estimator, away = sy.OnlineEstimator(model, **options), []
+    for _ in range(25):
+        estimator.restart()
+        estimator.update(t, q, torque + 0.1 * random.normal(size=q.shape), dq, ddq)
+        low, high = estimator.intervals().T
+        away.append((0.5 * (low + high) - base) / (high - low) * 2.0 * 1.96)
+    # Of standard deviations that are right the mean square is 1, less what few batches and Student's quantile ask for.
+    assert 0.7 < np.mean(np.square(away)) < 1.3
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
@@ -403,6 +428,57 @@ def heavier_from_13_s(
     torque = model.inverse_dynamics(q, dq, ddq, TRUE)
     torque[13000:] = model.inverse_dynamics(q[13000:], dq[13000:], ddq[13000:], heavier)
     return t, q, torque + 0.1 * np.random.default_rng(1).normal(size=q.shape)
+
+
+def test_an_answer_that_what_is_assumed_keeps_from_the_data_is_told() -> None:
+    """Two slides of 20 and 10 kg whose kinematics have no length, so that their links are taken for light ones."""
+    rows = [
+        (0, 0, "q", 0),
+        ("pi/2", 0, "q", "pi/2"),
+        ("pi/2", 0, 0.2, "q"),
+        ("pi/2", 0.1, 0, "q"),
+        ("-pi/2", 0, 0, "q"),
+    ]
+    gantry = sy.Model(sy.Robot.from_dh(rows, name="gantry"))
+    links = [
+        sy.Inertia.from_com(20.0 / k, [0.03, 0.02, -0.05], 0.5 / k * np.diag([0.1, 0.12, 0.09])).parameters
+        for k in range(1, 6)
+    ]
+    t, pace = np.arange(8000)[:, None] / 1000, np.array([1.3, 2.1, 3.7, 2.9, 4.3])
+    motion = 0.3 * np.sin(pace * t), 0.3 * pace * np.cos(pace * t), -0.3 * pace**2 * np.sin(pace * t)
+    for scale, heavy in ((1.0, True), (0.02, False)):
+        torque = gantry.inverse_dynamics(*motion, scale * np.concatenate(links))
+        torque += 0.01 * torque.std(axis=0) * np.random.default_rng(1).normal(size=torque.shape)
+        estimator = sy.OnlineEstimator(gantry)
+        estimator.update(t[:, 0], motion[0], torque)
+        answer = estimator.estimate()
+        assert ("of the torques and least squares 0.0" in " ".join(estimator.remarks)) == heavy
+        off = gantry.inverse_dynamics(*motion, answer.parameters) - torque
+        assert (np.linalg.norm(off) > 0.2 * np.linalg.norm(torque)) == heavy
+
+
+def test_a_robot_that_picks_and_places_all_day_fills_no_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By a clock that counts from 1970, whose times six digits do not tell apart."""
+    monkeypatch.setattr(online_estimator, "MOST_CHANGES", 4)
+    pendulum = sy.Model(sy.Robot.from_dh([(0, 1.0, 0, "q")], gravity=(0, -9.81, 0)))
+    alone = sy.Inertia.from_com(2.0, [-0.5, 0, 0], 0.1 * np.eye(3)).parameters
+    weight = sy.Inertia.from_com(1.0, [0, 0, 0], 0.01 * np.eye(3)).parameters
+    t = np.arange(70000)[:, None] / 1000
+    held = (t // 8.0) % 2.0 == 1.0  # from 8 to 16 s, from 24 to 32 s and so on
+    motion = np.sin(2 * t), 2 * np.cos(2 * t), -4 * np.sin(2 * t)
+    torque = np.where(
+        held, pendulum.inverse_dynamics(*motion, alone + weight), pendulum.inverse_dynamics(*motion, alone)
+    )
+    estimator = sy.OnlineEstimator(pendulum, detect_changes=True)
+    noise = 0.1 * np.random.default_rng(1).normal(size=t.shape)
+    estimator.update(1.7e9 + t[:, 0], motion[0], torque + noise)
+    assert estimator.change_count == 8
+    found = [change.t - 1.7e9 for change in estimator.changes]
+    assert found == pytest.approx([8.0, 48.0, 56.0, 64.0], abs=0.6)
+    told = [remark for remark in estimator.remarks if "changed" in remark]
+    assert told[0].startswith("The robot changed 8 times, the first time at 1700000007.9")
+    assert told[1].startswith("At 170000006")
+    assert len(told) == 2
 
 
 @pytest.mark.slow

@@ -176,7 +176,8 @@ def gains_in_own_motion(model: Model, causes: tuple[Cause, ...], gains: ArrayLik
     model : Model
     causes : tuple of Cause
     gains : (R, n_b, N)
-        Of each robot, see `steelyard.regression.torque_gains`.
+        Of each robot, see `steelyard.regression.torque_gains`; NaN, here and in what is returned, where its data does
+        not tell them.
 
     Examples
     --------
@@ -193,7 +194,5 @@ def gains_in_own_motion(model: Model, causes: tuple[Cause, ...], gains: ArrayLik
     given = np.asarray(gains, dtype=float)
     names = model.robot.joint_names
     found = {k: given[:, :, names.index(cause.part)] for k, cause in enumerate(causes) if cause.kind == "gain"}
-    # A joint without rows tells nothing of its own: what most siblings show keeps numbers finite.
-    return {
-        k: np.where(np.any(own, axis=1, keepdims=True), own, causes[k].directions[:, 0]) for k, own in found.items()
-    }
+    # A joint without rows tells nothing of its own; there what most siblings show takes its place.
+    return {k: np.where(np.any(own, axis=1, keepdims=True), own, np.nan) for k, own in found.items()}

@@ -17,6 +17,7 @@ from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import SteelyardError
 from steelyard.files.arguments import listed
 from steelyard.identification.log_reader import Progress
+from steelyard.identification.prediction_verdict import WRONG
 from steelyard.regression.parameter_covariance import FEWEST_DEGREES, NORMAL
 
 from .causes import Cause, gains_in_own_motion, possible_causes, variations
@@ -133,6 +134,8 @@ class Fleet:
     findings : tuple of Finding
         The surest first; those against siblings, then those in time.
     remarks : tuple of str
+    unexplained : tuple of RobotRow
+        Whose own data no parameters explain, while that of most siblings is explained. No part of them is compared.
     """
 
     manifest: FleetManifest
@@ -140,6 +143,7 @@ class Fleet:
     groups: tuple[RobotGroup, ...] = field(repr=False)
     findings: tuple[Finding, ...] = field(repr=False)
     remarks: tuple[str, ...] = field(default=(), repr=False)
+    unexplained: tuple[RobotRow, ...] = field(default=(), repr=False)
 
     @property
     def failed(self) -> tuple[RobotRow, ...]:
@@ -168,6 +172,9 @@ class Fleet:
         if any(group.drift is not None for group in self.groups):
             number = len(self.drifted)
             parts.append(f"{number or 'none'} ha{'ve' if number > 1 else 's'} drifted")
+        if self.unexplained:
+            number = len({row.entry.id for row in self.unexplained})
+            parts.append(f"no parameters explain the data of {number}")
         if self.failed:
             parts.append(f"nothing came of {len(self.failed)} of {len(self.rows)} entries")
         return (
@@ -199,6 +206,7 @@ class Fleet:
             "false_discovery_rate": self.manifest.false_discovery_rate,
             "differing": list(self.differing),
             "drifted": list(self.drifted),
+            "unexplained": [row.entry.label for row in self.unexplained],
             "findings": [_finding_row(one) | {"history": list(one.history)} for one in self.findings],
             "failed": [{"robot": r.entry.id, "date": r.entry.date, "reason": r.reason} for r in self.failed],
             "remarks": list(self.remarks),
@@ -408,6 +416,8 @@ def identify_fleet(
     groups, findings, remarks = [], [], []
     copies = _copies(rows)
     grouped = _grouped(rows, copies)
+    strange = _strangers(rows, grouped)
+    grouped = {key: [k for k in numbers if k not in strange] for key, numbers in grouped.items()}
     models = Counter(name for name, _ in grouped)
     for (name, _), numbers in grouped.items():
         say(f"siblings{f' of {name}' if name else ''}: {len({rows[k].entry.id for k in numbers})} robots")
@@ -421,6 +431,13 @@ def identify_fleet(
         remarks.append(
             f"{_called(name, capital=True)} has robots of {models[name]} models, with other lengths or other terms: "
             "each is compared with those of its own model alone."
+        )
+    if strange:
+        errors = [f"{rows[k].entry.label} ({100.0 * rows[k].values['least_squares_error']:.3g} %)" for k in strange]
+        remarks.append(
+            f"No parameters explain the data of {listed(errors)}: so much of the torques is left by least squares, "
+            "while the data of most siblings is explained. So these are not compared with siblings: see whether their "
+            "logs are of these robots, in the units and with the joints in the order that are stated."
         )
     filtered = sum(bool(row.values.get("filtered")) for row in rows)
     if filtered:
@@ -446,7 +463,8 @@ def identify_fleet(
             f"{blind} entr{'y gives' if blind == 1 else 'ies give'} Informations, which hold no rows: what impacts and "
             "other short events leave counts as noise there. Give the logs where that may hide a poor prediction."
         )
-    return Fleet(given, tuple(rows), tuple(groups), tuple(findings), tuple(dict.fromkeys(remarks)))
+    not_explained = tuple(rows[k] for k in strange)
+    return Fleet(given, tuple(rows), tuple(groups), tuple(findings), tuple(dict.fromkeys(remarks)), not_explained)
 
 
 def _estimated(
@@ -488,6 +506,23 @@ def _grouped(rows: Sequence[RobotRow], copies: Container[int]) -> dict[tuple[str
         names = (*map(str, model.parameter_names), *model.base_parameters().expressions)
         found.setdefault((row.entry.group, names), []).append(number)
     return found
+
+
+def _strangers(rows: Sequence[RobotRow], grouped: Mapping[Any, Sequence[int]]) -> list[int]:
+    """Numbers of rows whose own data no parameters explain, in groups where those of most others are explained.
+
+    What such a robot differs in is no friction and no mass: compared all the same, one whose log was in degrees lacked
+    all of a link, and one with the joints in another order had a link that was lighter by twice what it weighs. Where
+    most models are wrong, something that all robots have is missing in them, and what they show can be compared. One
+    that is wrong as masses of no credible robot explain the data, such as where a torque reads ten times too much, is
+    told by that torque.
+    """
+    found: list[int] = []
+    for numbers in grouped.values():
+        wrong = [k for k in numbers if rows[k].values["word"] == "wrong"]
+        if 2 * len(wrong) < len(numbers):
+            found += [k for k in wrong if float(rows[k].values["least_squares_error"]) > WRONG]
+    return sorted(found)
 
 
 def _copies(rows: Sequence[RobotRow]) -> dict[int, int]:
@@ -534,7 +569,7 @@ def _compared(
     shown = shown_parameters(bases, covariances)
     known = model.base_parameters().K @ parameters
     base = np.where(shown.any(axis=0), median_of_shown(bases, shown), known)
-    gains = _gains(rows, latest, shown)
+    gains = _gains(rows, latest)
     causes = possible_causes(model, parameters, base, None if gains is None else _usual_gains(gains, shown))
     in_own_motion = {} if gains is None else gains_in_own_motion(model, causes, gains)
     directions = variations(model, causes)
@@ -605,21 +640,20 @@ def _arrays(rows: Sequence[RobotRow], numbers: Iterable[int]) -> tuple[Array, Ar
     return base, covariance, freedom
 
 
-def _gains(rows: Sequence[RobotRow], numbers: Sequence[int], shown: NDArray[np.bool_]) -> Array | None:
+def _gains(rows: Sequence[RobotRow], numbers: Sequence[int]) -> Array | None:
     """How base parameters change with the gain of each joint's torque, in each robot's motion, (R, n_b, N).
 
-    None where the data of no robot tells the joints apart; where that of some does not, it is as in most siblings.
+    None where the data of no robot tells the joints apart, NaN for robots whose data does not.
     """
-    told = {place: rows[k].values["gains"] for place, k in enumerate(numbers) if rows[k].values["gains"] is not None}
-    if not told:
-        return None
-    usual = _usual_gains(np.array([*told.values()]), shown[[*told]])
-    return np.array([told.get(place, usual) for place in range(len(numbers))])
+    told = [rows[k].values["gains"] for k in numbers]
+    shapes = [np.shape(one) for one in told if one is not None]
+    return np.array([np.full(shapes[0], np.nan) if one is None else one for one in told]) if shapes else None
 
 
 def _usual_gains(gains: Array, shown: NDArray[np.bool_]) -> Array:
     """The same in the motions of most siblings, (n_b, N)."""
-    return np.column_stack([median_of_shown(one, shown) for one in np.moveaxis(gains, 2, 0)])
+    told = np.isfinite(gains).all(axis=(1, 2))
+    return np.column_stack([median_of_shown(one, shown[told]) for one in np.moveaxis(gains[told], 2, 0)])
 
 
 def _beside_own(one: Deviation, own: Array, siblings: Array, mean: Array) -> Deviation:
@@ -628,7 +662,8 @@ def _beside_own(one: Deviation, own: Array, siblings: Array, mean: Array) -> Dev
     The amplitude that was found is a part of what siblings are at the latest date: friction that was 1.5 times theirs,
     and doubles, grows by 1.5 of it.
     """
-    if one.weights is None or one.cause.kind not in ("term", "friction", "gain") or not one.cause.has_ratio:
+    # A gain is told as a part of the robot's own already.
+    if one.weights is None or one.cause.kind not in ("term", "friction") or not one.cause.has_ratio:
         return one
     common = float(one.weights @ mean)
     first = 1.0 - common + float(one.weights @ (own - siblings))
@@ -734,7 +769,7 @@ def sentence(one: Deviation, kind: Literal["siblings", "drift"], *, when: str = 
         measured = cause.what.removesuffix(" gain")
         text = (
             f"The {measured} measured at {cause.part} for the same motion is {1.0 + one.amplitude:.3g} times {others} "
-            f"({1.0 + low:.3g} to {1.0 + high:.3g})"
+            f"({1.0 + low:.3g} {f'to {1.0 + high:.3g}' if np.isfinite(high) else 'or more'})"
         )
     elif cause.has_ratio:
         text = f"{_what(cause)} is {1.0 + one.amplitude:.3g} times {others} ({1.0 + low:.3g} to {1.0 + high:.3g})"

@@ -206,6 +206,7 @@ def _estimate(task: dict[str, Any]) -> dict[str, Any]:
         "source": prediction.source,
         "model_error": prediction.model_error,
         "relative_error": prediction.relative_error,
+        "least_squares_error": unconstrained.relative_error,
         "condition_number": information.condition_number,
         "filtered": information.filtered_torque,
         "table": rows,

@@ -14,7 +14,7 @@ degrees of freedom count the siblings.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -253,7 +253,8 @@ def compare_siblings(
         Degrees of freedom of each covariance: how much data its size was estimated from. 30 by default, and at most.
     own : mapping, optional
         By the number of a cause with one amplitude, what takes the place of its `directions` in each robot, (R, n_b);
-        see `gains_in_own_motion`.
+        see `gains_in_own_motion`. It is a part of what the robot itself has, so a change of it by a is one of
+        a / (1 - a) of what siblings have, and told so. NaN where the `directions` of the cause hold.
 
     Returns
     -------
@@ -299,6 +300,8 @@ def compare_siblings(
     problem = _Problem(given / scale, _scaled(errors, scale), shown, degrees, np.asarray(directions) / scale[:, None])
     scaled = [cause.directions / scale[:, None] for cause in causes]
     each = {k: np.asarray(one, dtype=float) / scale for k, one in (own or {}).items()}
+    of_robot = {k: np.asarray(np.isfinite(one).all(axis=1)) for k, one in each.items()}
+    each = {k: np.where(of_robot[k][:, None], one, scaled[k][:, 0]) for k, one in each.items()}
     tests = _Tests(problem, scaled, each, scale, rate, np.array([cause.credible for cause in causes]))
     moved = problem.bases
     found: list[_Found] = []
@@ -313,7 +316,7 @@ def compare_siblings(
         for one in found:  # the part that is unusual does not say how much siblings vary
             moved[one.robot] -= one.change
     deviations = [
-        _deviation(one, tests, causes, confidence)
+        _of_siblings(_deviation(one, tests, causes, confidence), of_robot.get(one.cause))
         for one in sorted(found, key=lambda one: (one.probability, one.robot))
     ]
     return SiblingComparison(
@@ -640,6 +643,26 @@ class _Tests:
         if len(kept) == 1:
             return [(k, min(chance, float(self.probability[robot, k])), near) for k, chance, near in kept]
         return kept
+
+
+def _of_siblings(one: Deviation, of_robot: NDArray[np.bool_] | None) -> Deviation:
+    """Tell a part of what the robot itself has as a part of what its siblings have.
+
+    What a robot has by a factor g beside its siblings is more by (g - 1) / g of its own. The difference is of the
+    second order in the change: of torques that read half, the part of its own is -1.
+    """
+    if of_robot is None or not of_robot[one.robot]:
+        return one
+    weights, amplitude, lower, upper = one.weights, *(_beside(a) for a in (one.amplitude, one.lower, one.upper))
+    if weights is not None and np.isfinite(amplitude) and one.amplitude != 0.0:
+        weights = weights * (amplitude / one.amplitude)
+    error = one.standard_error / max(1.0 - one.amplitude, LEAST) ** 2
+    return replace(one, amplitude=amplitude, standard_error=error, lower=lower, upper=upper, weights=weights)
+
+
+def _beside(part: float) -> float:
+    """A part of what is there as a part of what would be there without it; infinite where no factor is too large."""
+    return part / (1.0 - part) if part < 1.0 else np.inf
 
 
 def _deviation(

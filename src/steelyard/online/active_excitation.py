@@ -329,7 +329,9 @@ class ActiveExcitation:
             k = int(np.flatnonzero(outside)[0])
             raise InputError(
                 f"{self.model.robot.joint_names[k]} stands at {q[k]:.4g}, outside its limits "
-                f"{self.limits.lower[k]:.4g} to {self.limits.upper[k]:.4g}; bring it inside first."
+                f"{self.limits.lower[k]:.4g} to {self.limits.upper[k]:.4g} by "
+                f"{max(self.limits.lower[k] - q[k], q[k] - self.limits.upper[k]):.2g} "
+                f"{self.model.robot.position_units[k]}; bring it inside first."
             )
         self._started = t
         self._last_time = t

@@ -66,3 +66,10 @@ class CountedRows:
         """All of it, with sums of neighbouring rows or, at once, without."""
         current = self._current.information(batch_means)
         return current if self._older is None else self._older.information(batch_means) + current
+
+    def squared(self) -> list[Array]:
+        """Rows of each joint with the Gram matrix of all rows, weighted by the squares of what is left of them."""
+        current = self._current.squared()
+        if self._older is None:
+            return list(current)
+        return [np.vstack(both) for both in zip(self._older.squared(), current, strict=True)]

@@ -106,6 +106,10 @@ class EvenStream:
             kept.append(index)
         return self._joined(rows[kept], found)
 
+    def begin_anew(self) -> None:
+        """Let the next row begin a stretch of its own, as after a gap."""
+        self._last, self._begins = None, True
+
     def _joined(self, rows: Array, found: list[Stretch]) -> list[Stretch]:
         """Put the next rows of one stretch at even times."""
         if not len(rows):

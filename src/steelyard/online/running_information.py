@@ -47,12 +47,17 @@ class RunningInformation:
         empty = self._nothing.factors
         self._triangles = [np.asfortranarray(f.triangle) for f in empty]
         self._weights = np.zeros(len(empty))
+        # Of rows that are weighted by what is left of them once more: the variance of a weighted mean needs the squares
+        # of the weights. Absent where nothing was forgotten yet.
+        self._squared: list[Array] | None = None
         self._levels = [[np.asfortranarray(f.triangle) for f in empty] for _ in BATCH_LENGTHS]
         self._level_weights = np.zeros((len(BATCH_LENGTHS), len(empty)))
         self._block = [np.zeros((LONGEST, len(f.triangle))) for f in empty]
+        # What is left of each row of the block; sums are of rows that count as those of the triangles do.
+        self._left = np.ones((len(empty), LONGEST))
         self._filled = 0
         # Joints whose full block waits to be summed; one at a time, so that no update takes long.
-        self._waiting: list[tuple[int, Array]] = []
+        self._waiting: list[tuple[int, Array, Array]] = []
 
     def add(self, rows: Sequence[Array], used: NDArray[np.bool_], keep: float = 1.0) -> None:
         """Add rows ``[W omega]`` (samples, c + 1) of every joint, of which the mask (samples, N) tells which count.
@@ -81,9 +86,14 @@ class RunningInformation:
                     continue
                 weights = mask.astype(float)
                 if keep < 1.0:
+                    if self._squared is None:
+                        self._squared = [triangle.copy(order="F") for triangle in self._triangles]
                     self._forget(k, keep ** int(mask.sum()))
                     # Rows that come together count as if they had come one by one.
-                    weights *= keep ** (np.cumsum(weights[::-1])[::-1] - weights)
+                    left = keep ** (np.cumsum(weights[::-1])[::-1] - weights)
+                    weights *= left
+                    self._left[k, self._filled : self._filled + size] = left
+                    self._squared[k] = stacked(self._squared[k], new * weights[:, None])
                     new = new * np.sqrt(weights)[:, None]
                 self._triangles[k] = stacked(self._triangles[k], new)
                 self._weights[k] += weights.sum()
@@ -99,34 +109,46 @@ class RunningInformation:
     def _forget(self, joint: int, left: float) -> None:
         self._triangles[joint] *= np.sqrt(left)
         self._weights[joint] *= left
+        if self._squared is not None:
+            self._squared[joint] *= left
         for level in self._levels:
             level[joint] *= np.sqrt(left)
         self._level_weights[:, joint] *= left
+        self._left[joint, : self._filled] *= left
+        for other, _, waiting in self._waiting:
+            if other == joint:
+                waiting *= left
 
     def _end_block(self) -> None:
         self._drain()
-        self._waiting = list(enumerate(self._block))
+        self._waiting = list(zip(range(len(self._block)), self._block, self._left, strict=True))
+        self._empty_block()
+
+    def _empty_block(self) -> None:
         self._block = [np.zeros_like(block) for block in self._block]
+        self._left = np.ones_like(self._left)
         self._filled = 0
 
     def _drain(self) -> None:
         while self._waiting:
             self._sum(*self._waiting.pop())
 
-    def _sum(self, joint: int, block: Array) -> None:
+    def _sum(self, joint: int, block: Array, left: Array) -> None:
+        share = 1.0
+        if self._squared is not None:
+            block, share = block * np.sqrt(left)[:, None], float(left.mean())
         for level, shown in enumerate(sums_of_all_lengths(summed(block, BATCH_LENGTHS[0]))):
             if len(shown):
                 self._levels[level][joint] = stacked(self._levels[level][joint], shown)
-                self._level_weights[level, joint] += len(shown)
+                self._level_weights[level, joint] += share * len(shown)
 
     def ended(self) -> RunningInformation:
         """Sum the batches that are not full, too; nothing more may be added."""
         self._drain()
         if self._filled:
-            for k, block in enumerate(self._block):
-                self._sum(k, block)
-            self._block = [np.zeros_like(block) for block in self._block]
-            self._filled = 0
+            for k, (block, left) in enumerate(zip(self._block, self._left, strict=True)):
+                self._sum(k, block, left)
+            self._empty_block()
         return self
 
     def copy(self) -> RunningInformation:
@@ -135,12 +157,19 @@ class RunningInformation:
 
     def merge(self, other: RunningInformation) -> None:
         """Add what another part, which is ended, holds."""
+        if self._squared is not None or other._squared is not None:
+            parts = zip(self.squared(), other.squared(), strict=True)
+            self._squared = [stacked(own.copy(order="F"), further) for own, further in parts]
         for k in range(len(self._triangles)):
             self._triangles[k] = stacked(self._triangles[k], other._triangles[k])
             for own, further in zip(self._levels, other._levels, strict=True):
                 own[k] = stacked(own[k], further[k])
         self._weights += other._weights
         self._level_weights += other._level_weights
+
+    def squared(self) -> Sequence[Array]:
+        """Triangles of the rows of each joint, weighted by the squares of what is left of them."""
+        return self._triangles if self._squared is None else self._squared
 
     def information(self, batch_means: bool = True) -> Information:
         """Return all the rows as an Information, with sums of neighbouring rows or without."""

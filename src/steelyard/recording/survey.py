@@ -291,7 +291,11 @@ class LogSurvey:
     def _filled_remarks(self) -> tuple[str, ...]:
         counts = zip(self._filled, ("positions", "torques"), strict=True)
         words = " and ".join(f"{count} {name}" for count, name in counts if count)
-        return (f"{words[0].upper()}{words[1:]} are missing; they were filled in, and are not used.",) if words else ()
+        # Reading makes wild positions missing, and does not tell them from those that the log lacks.
+        wild = ", or too far from those before and after for a joint to move there and back" if self._filled[0] else ""
+        if not words:
+            return ()
+        return (f"{words[0].upper()}{words[1:]} are missing{wild}; they were filled in, and are not used.",)
 
     def limit_remarks(
         self, lower: ArrayLike, upper: ArrayLike, velocity_limit: ArrayLike, units: Sequence[str] | None = None

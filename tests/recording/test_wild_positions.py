@@ -1,0 +1,49 @@
+"""Single positions that no joint can have: they count as missing, and nothing else does."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import steelyard as sy
+from steelyard.recording.conversion import without_wild
+
+ARM = sy.Robot.from_dh([("pi/2", 0, 0.3, "q"), (0, 0.4, 0, "q")], name="arm")
+LINKS = np.tile(sy.Inertia.from_com(2.0, [-0.1, 0.0, 0.0], 0.02 * np.eye(3)).parameters, 2)
+
+
+@pytest.mark.parametrize("size", [0.1, 1.0, 10.0])
+def test_wild_readings_do_not_move_the_estimate(size: float, tmp_path: Path) -> None:
+    """Five of 1 rad moved it by 10 standard errors, and by 10 rad the log was said to be too short."""
+    model = sy.Model(ARM)
+    t, pace, random = np.arange(20000)[:, None] / 1000.0, np.array([2.0, 3.1]), np.random.default_rng(1)
+    q, dq, ddq = np.sin(pace * t), pace * np.cos(pace * t), -(pace**2) * np.sin(pace * t)
+    torque = model.inverse_dynamics(q, dq, ddq, LINKS) + 0.2 * random.normal(size=q.shape)
+    q[random.integers(10, len(q) - 10, 5), random.integers(0, 2, 5)] += size
+    path = tmp_path / "log.csv"
+    table = np.hstack([t, q, torque])
+    np.savetxt(path, table, delimiter=",", header="t,q1,q2,tau1,tau2", comments="", fmt="%.9g")
+    recording = sy.Recording.read(path, joints=2)
+    assert "5 positions are missing, or too far from those before and after" in " ".join(recording.remarks)
+    found = sy.least_squares(sy.Information.from_samples(model, recording.process(cutoff=10.0)))
+    away = (found.base - model.base_parameters().values(LINKS)) / found.standard_error
+    assert np.all(np.abs(away) < 3.5)
+    if size == 10.0:
+        result = sy.identify(model, path)
+        assert any("5 positions are missing, or too far from those before and after" in one for one in result.remarks)
+
+
+@pytest.mark.parametrize(
+    "q",
+    [
+        np.sin(np.arange(500) / 5.0),  # 20 samples a period
+        np.round(np.sin(np.arange(3000) / 500.0) / 0.04) * 0.04,  # 157 counts a turn
+        np.where(np.arange(500) < 250, 0.0, 1.0),  # an encoder that slips
+        np.random.default_rng(1).normal(size=500),
+        np.minimum(2.0 * np.arange(500) / 100.0, 3.0),  # an arm that meets a wall
+    ],
+)
+def test_what_moves_or_slips_is_not_wild(q: np.ndarray) -> None:
+    assert without_wild(np.arange(len(q)) / 100.0, q[:, None]).tolist() == q[:, None].tolist()
