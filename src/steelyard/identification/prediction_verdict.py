@@ -84,7 +84,7 @@ LARGE_EVENT = 0.03
 """Least size of the errors in those rows beside the torques of the joint, root mean squares over all rows. Coulomb
 friction that a filter rounds where the motion turns reaches 1.7 %, and harms nothing."""
 
-TURN = 0.03
+NEAR_TURN = 0.03
 """s, before or after which a joint may really turn: a filter of the positions moves the turn by a row or a few."""
 
 PAUSE = 0.25
@@ -440,7 +440,7 @@ def without_turns(model: Model, samples: Samples, base: Array, errors: Array) ->
     left = errors.copy() if samples.mask is None else np.where(samples.mask, errors, np.nan)
     if samples.regressor is not None:  # which went through the filters of the torques, as their jumps did
         return left
-    turning = np.abs(samples.dq) <= TURN * np.abs(samples.ddq)
+    turning = np.abs(samples.dq) <= NEAR_TURN * np.abs(samples.ddq)
     for joint in range(left.shape[1]):
         own = left[:, joint]
         known = own[np.isfinite(own)]
