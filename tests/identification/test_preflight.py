@@ -1,39 +1,14 @@
 """Defects of descriptions that are named before anything moves."""
 
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pytest
 from planted_defects import DEFECTS, ROBOTS, installed, named, planted
 
-from steelyard import collision
 from steelyard.identification.preflight import preflight
 from steelyard.robot import Inertia, Robot
 
-pytestmark = pytest.mark.usefixtures("meshes_in_this_process")
+pytestmark = pytest.mark.usefixtures("meshes_in_this_process", "installed_shapes_once")
 NEEDED = pytest.mark.skipif(not (installed() / ROBOTS[0]).exists(), reason="example-robot-data is not installed")
-
-
-@pytest.fixture(scope="module", autouse=True)
-def shapes_are_read_once():
-    """Defects are planted into robots that were read: their shapes are those of one file, which nobody changes."""
-    known: dict[Path, tuple[Any, list[tuple[str, str]]]] = {}
-    read = collision.shapes_of_moving_links
-
-    def once(robot, path, skipped, largest):
-        if not path.is_relative_to(installed()):
-            return read(robot, path, skipped, largest)
-        if path not in known:
-            told: list[tuple[str, str]] = []
-            known[path] = read(robot, path, told, largest), told
-        shapes, told = known[path]
-        skipped += told
-        return dict(shapes)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(collision, "shapes_of_moving_links", once)
-        yield
 
 
 @NEEDED
