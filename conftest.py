@@ -7,11 +7,13 @@ import importlib
 import importlib.metadata
 import os
 import sys
+import sysconfig
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from importlib.metadata import EntryPoints
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 # There are as many processes as cores: threads of each only wait for those of the others, a third of the time.
 # NumPy reads this when it is imported, so that nothing may import it before.
@@ -241,6 +243,33 @@ def no_extensions(monkeypatch: pytest.MonkeyPatch) -> None:
 def meshes_in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
     """Run the program that reads meshes here."""
     monkeypatch.setattr("steelyard.collision.mesh_files.run_child", run_here)
+
+
+@pytest.fixture(scope="session")
+def _shapes_of_installed() -> dict[tuple[Any, ...], Any]:
+    return {}
+
+
+@pytest.fixture
+def installed_shapes_once(monkeypatch: pytest.MonkeyPatch, _shapes_of_installed: dict[tuple[Any, ...], Any]) -> None:
+    """Read meshes of robots that packages bring, which nobody changes, once: it takes longer than most uses of them."""
+    from steelyard import collision
+
+    known, read, packages = _shapes_of_installed, collision.shapes_of_moving_links, sysconfig.get_path("purelib")
+
+    def once(robot: Any, path: Path, skipped: list[tuple[str, str]], largest: int) -> dict[Any, Any]:
+        if not path.is_relative_to(packages):
+            return read(robot, path, skipped, largest)
+        # Of the robot only the joints that are held change what is read, which then belong to another link.
+        key = (path, robot.joint_names, largest)
+        if key not in known:
+            told: list[tuple[str, str]] = []
+            known[key] = read(robot, path, told, largest), told
+        shapes, told = known[key]
+        skipped += told
+        return dict(shapes)
+
+    monkeypatch.setattr(collision, "shapes_of_moving_links", once)
 
 
 @pytest.fixture

@@ -2,7 +2,7 @@
 
 import ctypes
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -42,6 +42,15 @@ def project_of(name: str, functions: Sequence[Function], description: str = "") 
         Constant("time_step", 0.002, description),
     )
     return Project(name, tuple(functions), description, constants, reference, "1.2.3")
+
+
+@pytest.fixture
+def quick_compilation() -> Iterator[None]:
+    """Let XLA compile without most of its optimisations, which take half of the time; others test what they do."""
+    jax = pytest.importorskip("jax", reason="JAX is not installed")
+    jax.config.update("jax_disable_most_optimizations", True)
+    yield
+    jax.config.update("jax_disable_most_optimizations", False)
 
 
 @pytest.fixture(scope="session")

@@ -32,7 +32,7 @@ def project(model: sy.Model) -> Project:
 
 
 @pytest.fixture
-def double_precision() -> Iterator[None]:
+def double_precision(quick_compilation: None) -> Iterator[None]:
     jax = pytest.importorskip("jax", reason="JAX is not installed")
     jax.config.update("jax_enable_x64", True)
     yield

@@ -40,6 +40,7 @@ def test_robot_functions_agree(name: str, wam_with_friction: sy.Model, random: n
         assert difference(np.asarray(found), of_kernel(function, values, sample)[output.name]) < 1e-12
 
 
+@pytest.mark.usefixtures("quick_compilation")
 @pytest.mark.slow
 @pytest.mark.parametrize("lowering", [pytest.param("scalars", marks=slow), "vectors"])
 def test_several_outputs_and_names(lowering: str, odd_function: Function, random: np.random.Generator) -> None:
@@ -55,6 +56,7 @@ def test_several_outputs_and_names(lowering: str, odd_function: Function, random
             assert difference(np.asarray(value), expected[name][sample]) < 1e-13
 
 
+@pytest.mark.usefixtures("quick_compilation")
 @pytest.mark.slow
 @pytest.mark.parametrize("lowering", [pytest.param("scalars", marks=slow), "vectors"])
 def test_transformations_go_together(lowering: str, odd_function: Function, random: np.random.Generator) -> None:
@@ -78,6 +80,7 @@ def test_transformations_go_together(lowering: str, odd_function: Function, rand
     assert difference(np.asarray(gradient), exact) < 1e-12
 
 
+@pytest.mark.usefixtures("quick_compilation")
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("transformation", "lowering"),

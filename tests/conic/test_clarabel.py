@@ -98,3 +98,53 @@ def test_a_right_side_whose_square_overflows_is_no_crash():
     found = solve(smallest(1e200))
     assert found.outcome is Outcome.SOLVED
     assert found.primal[0] >= 1e200
+
+
+def farther_than(target: np.ndarray) -> ConicProblem:
+    """The smallest u, and x ≥ 0, with [[u, (t - x)ᵀ], [t - x, 1]] positive semidefinite: u is the squared distance."""
+    count = len(target)
+    order = count + 1
+    place = {(i, j): i + j * (j + 1) // 2 for j in range(order) for i in range(j + 1)}
+    A, b = np.zeros((count + len(place), order)), np.zeros(count + len(place))
+    A[:count, 1:] = -np.eye(count)
+    A[count, 0] = -1.0
+    for k in range(count):
+        A[count + place[0, k + 1], k + 1] = np.sqrt(2)
+        b[count + place[0, k + 1]] = np.sqrt(2) * target[k]
+        b[count + place[k + 1, k + 1]] = 1.0
+    cones = (Cone("nonnegative", count), Cone("semidefinite", order))
+    return ConicProblem(sparse.csc_array((order, order)), np.eye(order)[0], sparse.csc_array(A), b, cones)
+
+
+def matrix(vector: np.ndarray, order: int) -> np.ndarray:
+    """The symmetric matrix of a stacked upper triangle."""
+    found = np.zeros((order, order))
+    found.T[np.tril_indices(order)] = vector
+    return (found + found.T) / np.where(np.eye(order) > 0.0, 2.0, np.sqrt(2))
+
+
+@pytest.mark.parametrize("failing", [0, 1])
+@pytest.mark.parametrize("count", [5, 30])
+def test_large_arrows_are_decomposed_into_small_cones(monkeypatch, count, failing):
+    """The answers are whole matrices in either case; where the decomposition fails, the next attempt does without."""
+    decomposed = []
+
+    class Watched(Faulty):
+        def __init__(self, *arguments):
+            decomposed.append(arguments[-1].chordal_decomposition_enable)
+            super().__init__(*arguments)
+
+    monkeypatch.setattr(clarabel, "DefaultSolver", Watched)
+    monkeypatch.setattr(Faulty, "faults", failing)
+    target = np.random.default_rng(3).normal(size=count)
+    problem = farther_than(target)
+    found = solve(problem)
+    assert decomposed == [count == 30, False][: failing + 1]
+    assert found.outcome is Outcome.SOLVED
+    assert found.objective == pytest.approx(np.sum(target.clip(max=0.0) ** 2), rel=1e-6)
+    np.testing.assert_allclose(found.primal[1:], target.clip(min=0.0), atol=1e-3)
+    np.testing.assert_allclose(problem.A @ found.primal + found.slack, problem.b, atol=1e-6)
+    np.testing.assert_allclose(problem.A.T @ found.dual, -problem.q, atol=1e-6)
+    for vector in (found.slack, found.dual):
+        assert vector[:count].min() > -1e-6
+        assert np.linalg.eigvalsh(matrix(vector[count:], count + 1))[0] > -1e-6

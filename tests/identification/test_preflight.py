@@ -7,7 +7,7 @@ from planted_defects import DEFECTS, ROBOTS, installed, named, planted
 from steelyard.identification.preflight import preflight
 from steelyard.robot import Inertia, Robot
 
-pytestmark = pytest.mark.usefixtures("meshes_in_this_process")
+pytestmark = pytest.mark.usefixtures("meshes_in_this_process", "installed_shapes_once")
 NEEDED = pytest.mark.skipif(not (installed() / ROBOTS[0]).exists(), reason="example-robot-data is not installed")
 
 

@@ -110,5 +110,7 @@ class FeedforwardTracking(ControlBlock):
             feedback = applied(self._part.matrix("total_inertia_matrix", (count, count), q), feedback)
         torque += feedback
         if self._compensates:
-            torque += self._part("drive_torque", *np.broadcast_arrays(wanted, speed, acceleration, q)[:3])
+            if not wanted.shape == speed.shape == acceleration.shape == q.shape:
+                wanted, speed, acceleration, _ = np.broadcast_arrays(wanted, speed, acceleration, q)
+            torque += self._part("drive_torque", wanted, speed, acceleration)
         return torque

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import ctypes
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +14,7 @@ from steelyard.dynamics import Model
 from steelyard.dynamics.functions import given_parameters
 from steelyard.errors import InputError
 from steelyard.files.arguments import positive
+from steelyard.graph.kernel import address_of
 
 __all__ = ["ModelPart"]
 
@@ -36,6 +39,11 @@ class ModelPart:
         (3,) point of the Jacobians in the link frame, m.
     sign_width : float
         Velocity within which Coulomb friction changes its sign smoothly, rad/s or m/s; 0 for the exact sign.
+
+    Attributes
+    ----------
+    dof : int
+        Number N of joints.
 
     Raises
     ------
@@ -66,6 +74,7 @@ class ModelPart:
         sign_width: float = 0.0,
     ) -> None:
         self.model = model.without_channels
+        self.dof = self.model.dof
         self.base = bool(base)
         self.functions = tuple(functions)
         values = np.array(given_parameters(model, parameters, base=self.base))
@@ -89,11 +98,6 @@ class ModelPart:
             "sign_width": np.array([sign_width]),
         }
         self._calls: dict[tuple[str, tuple[int, ...]], Callable[..., Array]] = {}
-
-    @property
-    def dof(self) -> int:
-        """Number N of joints."""
-        return self.model.dof
 
     def __call__(self, name: str, *motion: Array) -> Array:
         """Return all outputs of a function, flattened and concatenated, (..., elements).
@@ -186,12 +190,14 @@ class ModelPart:
         if count == 0:
             return lambda *motion: result.copy()
         function = kernel.single_function if count == 1 else kernel.batch_function
-        pointers = [array.ctypes.data for array in (*arguments, out)]
+        samples = ctypes.c_int64(count)
+        pointers = (ctypes.c_void_p(address_of(array)) for array in (*arguments, out))
+        compute = partial(function, samples, *pointers, samples)
 
         def call(*motion: Array) -> Array:
             for place, array in zip(places, motion, strict=True):
                 place[...] = array
-            function(count, *pointers, count)
+            compute()
             return result.copy()
 
         # The pointers do not keep the memory alive.

@@ -72,6 +72,7 @@ class FixedStep(Integrator):
         super().__init__(plant, watch, state)
         self.step, self.method = step, method
         self._other = np.empty_like(self.state)
+        self._ones = np.ones(self.state.size)
         functions = plant.functions
         self._compiled = plant.is_held and functions.fits_one_piece(method)
         self._calls: tuple[Callable[[], None], Callable[[], None]] | None = None
@@ -100,16 +101,16 @@ class FixedStep(Integrator):
                 following = self._other
             else:
                 following = self._made(begin, step, self.state)
-            if not abs(following.sum()) < ABSURD_SPEED:  # cheaper than checking every element
+            if not abs(following.ravel().dot(self._ones)) < ABSURD_SPEED:  # cheaper than checking every element
                 self._diverged(begin, step, following)
             previous, self.state, self._other = self.state, following, self.state
             if every:
                 self._show(begin, end if k == count - 1 else t + (k + 1) * step, previous)
             if self.plant.bristles is not None:
                 self.plant.bristles.step_made(self.state)
-            if watch.ended.any():
+            if watch.some_ended:
                 self.state[watch.ended] = watch.final[watch.ended]
-                if watch.ended.all():
+                if watch.all_ended:
                     return
 
     def _made(self, t: float, step: float, state: Array) -> Array:

@@ -109,6 +109,7 @@ class SensorReadings:
         self._counts = self._resolution > 0.0
         self._coarse = bool(self._counts.any())
         self._noise = per_joint(sensors.torque_noise, count, "torque_noise")
+        self._noisy = bool(self._noise.any())
         self._force_noise = per_joint(sensors.force_noise, 6, "force_noise")
         self._torque_generator, self._force_generator = (np.random.default_rng([seed, k]) for k in (1, 2))
         self._deviation: Array | None = None
@@ -154,7 +155,7 @@ class SensorReadings:
         if self._read is not None and not self._is_due(t, self._read[0]):
             return self._read[1]
         value = self._history[0][1]
-        if self._noise.any():
+        if self._noisy:
             value = value + self._noise * self._drawn(t)
         self._read = (t, value)
         return value

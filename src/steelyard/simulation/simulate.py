@@ -233,7 +233,7 @@ class Experiment:
             self._by_ticks()
         else:
             self.watch.begin()
-            if not self.watch.ended.all():
+            if not self.watch.all_ended:
                 self.integrator.advance(0.0, self.request.duration)
             assert self.watch.samples is not None
             self.states = self.watch.samples
@@ -271,7 +271,7 @@ class Experiment:
             if check is not None:
                 for run, reason in check.reason(k, state[:, :n], state[:, n:]).items():
                     watch.end(run, Status.STOPPED, t, f"stopped at {t:.6g} s: {reason}", state[run])
-            if k == last or watch.ended.all():
+            if k == last or watch.all_ended:
                 return
             integrator.advance(t, ticks[k + 1])
 
@@ -305,7 +305,7 @@ class Experiment:
         ended = self.watch.ended
         if self.bent is not None and self.request.bristles is not None:
             self.bent[~ended, row] = self.request.bristles.states[~ended]
-        if not ended.any():
+        if not self.watch.some_ended:
             self.states[:, row] = state
             self.torques[:, row] = self.plant.held
         else:

@@ -111,6 +111,8 @@ class Watch:
     ----------
     ended : ndarray
         (R,) of bool, whether a run has ended.
+    some_ended, all_ended : bool
+        Whether any of the runs have, or all; asked after every step, where a look at the array takes longer.
     final : ndarray
         (R, 2 N) last states of the runs that ended.
     runaway : Runaway
@@ -131,6 +133,7 @@ class Watch:
         runs, width = state.shape
         self.plant, self.events = plant, tuple(events)
         self.ended = np.zeros(runs, dtype=bool)
+        self.some_ended = self.all_ended = False
         self.final = state.copy()
         self.end_time = np.full(runs, np.nan)
         self.status: list[Status] = [Status.FINISHED] * runs
@@ -158,6 +161,7 @@ class Watch:
             if status is Status.DIVERGED:
                 message += self.plant.unknown_torque(run, t)
             self.ended[run] = True
+            self.some_ended, self.all_ended = True, bool(self.ended.all())
             self.status[run], self.end_time[run], self.message[run] = status, t, message
             self.final[run] = state
 
