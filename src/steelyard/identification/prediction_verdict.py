@@ -85,7 +85,8 @@ LARGE_EVENT = 0.03
 friction that a filter rounds where the motion turns reaches 1.7 %, and harms nothing."""
 
 NEAR_TURN = 0.03
-"""s, before or after which a joint may really turn: a filter of the positions moves the turn by a row or a few."""
+"""s, before or after a turn of the positions in which friction may change its sign: filters move the turn by a row or a
+few, and a joint that sticks turns its friction late. In eleven simulated arms it is 14 ms at most."""
 
 PAUSE = 0.25
 """s between rows that belong to separate events."""
