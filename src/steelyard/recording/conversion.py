@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from steelyard.display import joint_label
 from steelyard.errors import InputError
+from steelyard.files.arguments import LARGEST
 
 from .clock import ClockStatistics, clock_of
 from .columns import ACCELERATION_UNITS, POSITION_UNITS, TORQUE_UNITS, VELOCITY_UNITS, LogColumns
@@ -313,6 +314,7 @@ def without_wild(t: NDArray[np.float64], q: NDArray[np.float64]) -> NDArray[np.f
         most = np.maximum(SUDDEN * (t[rows + 1] - t[rows - 1]), LEAST_JUMP)
         before, after = steps[rows - 1], steps[rows]
         off = (np.minimum(np.abs(before), np.abs(after)) > most) & (np.abs(before + after) <= most)
+        off &= np.abs(q[rows, j]) <= LARGEST  # beyond it is damage, for which a log is refused
         if off.any():
             result = result.copy() if result is q else result
             result[rows[off], j] = np.nan
