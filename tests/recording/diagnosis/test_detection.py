@@ -20,7 +20,7 @@ from steelyard.recording import (
     process_chunks,
 )
 from steelyard.recording.diagnosis import advanced, noise_deviation, resolution, saturation_levels
-from steelyard.recording.diagnosis.detectors import _largest_around
+from steelyard.recording.diagnosis.detectors import _largest_around, _may_rest
 from steelyard.recording.diagnosis.rest import HeldJoints
 
 RATE = 1000.0
@@ -57,6 +57,21 @@ def test_the_largest_of_neighbours_is_that_of_scipy(size):
         flags[: size // 2] = flags[count - size // 2 :] = False
         expected = maximum_filter1d(flags.astype(np.uint8), size, mode="constant") > 0
         np.testing.assert_array_equal(_largest_around(flags, size), expected)
+
+
+def test_no_rest_is_passed_over_by_its_blocks():
+    """Where any window of so many rows stays within the tolerance, so does a block of half as many."""
+    random = np.random.default_rng(5)
+    rests = 0
+    for _ in range(300):
+        count = int(random.integers(10, 200))
+        q = np.cumsum(random.normal(size=count) * random.choice([0.0, 0.1, 1.0], size=count, p=[0.6, 0.2, 0.2]))
+        half, tolerance = int(random.integers(1, count // 3 + 1)), float(random.choice([1e-9, 0.1, 0.5]))
+        windows = np.lib.stride_tricks.sliding_window_view(q, 2 * half + 1)
+        if np.any(np.ptp(windows, axis=1) <= tolerance):
+            assert _may_rest(q, half, tolerance)
+            rests += 1
+    assert rests > 50
 
 
 def stuck(step: float = 1e-5) -> tuple[Recording, slice]:

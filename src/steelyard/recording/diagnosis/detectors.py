@@ -441,11 +441,21 @@ def _resting(recording: Measurements, tolerance: Array, lengths: Array) -> NDArr
         if size >= recording.count:
             continue
         half = size // 2
+        if not _may_rest(q, half, tolerance[j]):
+            continue
         travel = _largest_around(q, size) + _largest_around(-q, size)
         centre = travel <= tolerance[j]
         centre[:half] = centre[recording.count - half :] = False
         flags[:, j] = _largest_around(centre, size)  # its ends are false, as what lies beyond them
     return flags
+
+
+def _may_rest(q: Array, block: int, tolerance: float) -> bool:
+    """Say whether q (S,) stays within a tolerance in one of its blocks: every rest of twice that length holds one."""
+    count = len(q) // block * block
+    near = np.abs(q[block - 1 : count : block] - q[:count:block]) <= tolerance
+    blocks = q[:count].reshape(-1, block)[near]
+    return bool((blocks.max(axis=1) - blocks.min(axis=1) <= tolerance).any())
 
 
 def _largest_around(values: NDArray[Any], size: int) -> NDArray[Any]:
