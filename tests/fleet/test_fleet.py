@@ -49,6 +49,16 @@ def called(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) 
     return run
 
 
+def entries(arms: Arms, number: int, *faults: tuple[str, float]) -> list[str]:
+    """Save what one robot shows with each of some faults, one date after the other, and return its rows."""
+    found = []
+    for epoch, (fault, factor) in enumerate(faults):
+        path = arms.folder / f"{number}-{epoch}.json"
+        arms.information(number, fault, factor, epoch).save(path)
+        found.append(f"R{number},{DATES[epoch]},{path.name}")
+    return found
+
+
 @pytest.fixture
 def rows(arms: Arms) -> list[str]:
     """Thirty arms: 4 has a worn second joint, 9 a heavy third link, 17 wears out in time; 30 has no file."""
@@ -131,10 +141,7 @@ def test_what_changed_in_all_robots_is_a_part_of_what_was(arms: Arms) -> None:
     """Half of the friction is gone in each: -50 % of what it was, and not -100 %, as of what is left."""
     rows = []
     for number in range(6):
-        for epoch, factor in enumerate((1.0, 0.5)):
-            path = arms.folder / f"worn-{number}-{epoch}.json"
-            arms.information(number, "joint2", factor, epoch).save(path)
-            rows.append(f"R{number},{DATES[epoch]},{path.name}")
+        rows += entries(arms, number, ("joint2", 1.0), ("joint2", 0.5))
     [told] = [one for one in identify_fleet(arms.manifest(rows)).remarks if "on average" in one]
     value, lower, upper = map(float, re.findall(r"([+-][0-9.]+) %", told))
     assert "friction of joint2" in told
@@ -147,11 +154,8 @@ def test_a_robot_that_was_unusual_is_held_against_what_it_was_itself(arms: Arms)
     """Friction that was twice that of the siblings, and is three times theirs, has grown by a half."""
     rows = []
     for number in range(8):
-        for epoch in range(2):
-            path = arms.folder / f"own-{number}-{epoch}.json"
-            factor = (2.0, 3.0)[epoch] if number == 5 else 1.0
-            arms.information(number, "joint2", factor, epoch).save(path)
-            rows.append(f"R{number},{DATES[epoch]},{path.name}")
+        before, now = (2.0, 3.0) if number == 5 else (1.0, 1.0)
+        rows += entries(arms, number, ("joint2", before), ("joint2", now))
     fleet = identify_fleet(arms.manifest(rows))
     found = {(row["kind"], row["robot"]): row for row in reversed(fleet.finding_rows())}
     assert set(found) == {("siblings", "R5"), ("drift", "R5")}
@@ -163,13 +167,10 @@ def test_a_robot_that_was_unusual_is_held_against_what_it_was_itself(arms: Arms)
 @pytest.mark.slow
 def test_a_torque_of_another_gain_is_named_in_words(arms: Arms) -> None:
     """One arm has always read 8 % too little at its first joint; of another the second joint reads 10 % less since."""
+    sound, low, lower = ("", 1.0), ("gain1", 0.92), ("gain2", 0.9)
     rows = []
     for number in range(12):
-        for epoch in range(2):
-            path = arms.folder / f"gain-{number}-{epoch}.json"
-            fault = {(5, 0): ("gain1", 0.92), (5, 1): ("gain1", 0.92), (8, 1): ("gain2", 0.9)}
-            arms.information(number, *fault.get((number, epoch), ("", 1.0)), epoch=epoch).save(path)
-            rows.append(f"R{number},{DATES[epoch]},{path.name}")
+        rows += entries(arms, number, *{5: (low, low), 8: (sound, lower)}.get(number, (sound, sound)))
     fleet = identify_fleet(arms.manifest(rows))
     found = {(row["kind"], row["robot"]): row for row in reversed(fleet.finding_rows())}
     assert set(found) == {("siblings", "R5"), ("siblings", "R8"), ("drift", "R8")}
@@ -188,11 +189,8 @@ def test_a_torque_that_reads_half_of_what_it_did_has_halved(arms: Arms) -> None:
     """One arm has read 1.4 times too much and now reads half of that; of another the torque reads half since."""
     rows = []
     for number in range(10):
-        for epoch in range(3):
-            path = arms.folder / f"half-{number}-{epoch}.json"
-            factors = {3: (1.4, 0.7, 0.7), 6: (1.0, 0.75, 0.5)}.get(number, (1.0, 1.0, 1.0))
-            arms.information(number, "gain2", factors[epoch], epoch).save(path)
-            rows.append(f"R{number},{DATES[epoch]},{path.name}")
+        factors = {3: (1.4, 0.7, 0.7), 6: (1.0, 0.75, 0.5)}.get(number, (1.0, 1.0, 1.0))
+        rows += entries(arms, number, *(("gain2", factor) for factor in factors))
     found = {(one.kind, one.robot): one for one in reversed(identify_fleet(arms.manifest(rows)).findings)}
     assert set(found) == {(kind, robot) for kind in ("siblings", "drift") for robot in ("R3", "R6")}
     for (kind, robot), one in found.items():
