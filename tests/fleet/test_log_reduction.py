@@ -53,32 +53,6 @@ def test_groups_and_checkpoints_change_no_byte(place: Path, monkeypatch: pytest.
         assert len(kept.names) == 1
 
 
-class Elsewhere:
-    """An executor of its own, of which the hashes come late or first."""
-
-    def __init__(self, late: bool) -> None:
-        self.late, self.ran = late, []
-
-    def run(self, leaf: Any, combine: Any, common: Any, groups: Any) -> Any:
-        for number in sorted(range(len(groups)), reverse=self.late):
-            self.ran += [type(task).__name__ for task in groups[number]]
-            yield number, combine(common, [leaf(common, task) for task in groups[number]])
-
-
-@pytest.mark.parametrize("late", [False, True])
-def test_what_is_done_before_its_log_is_hashed_is_kept_when_it_is(place: Path, late: bool) -> None:
-    plain = reduced(place, one_by_one)
-    with sy.fleet.Checkpoints(place / "result") as kept:
-        first, second = Elsewhere(late), Elsewhere(late)
-        assert same(reduced(place, sy.fleet.LogReduction(first, kept)), plain)
-        assert len(kept.names) == 5
-        assert sorted(first.ran) == ["HashTask"] * 5 + ["LogTask"] * 5
-        assert same(reduced(place, sy.fleet.LogReduction(second, kept)), plain)
-        assert "LogTask" not in second.ran
-        assert same(reduced(place, sy.fleet.LogReduction(checkpoints=kept)), plain)  # the same keys in this process
-        assert len(kept.names) == 5
-
-
 @pytest.mark.slow
 def test_a_log_that_changed_is_read_again(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     read: list[str] = []

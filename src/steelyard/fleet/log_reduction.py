@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,7 +15,7 @@ from steelyard.identification.log_reader import (
     LogTask,
     Progress,
     ReducedGroup,
-    ReducedLog,
+    ReducedSection,
     SectionedLog,
 )
 from steelyard.recording import chunks
@@ -41,7 +41,6 @@ SHARED_PART = 0.25
 """The share of the bytes of all logs that a log must have to be opened here. Opening a text takes a fifth of what
 reading and reducing it takes, and is done by this process alone: of four equal logs it takes as long as one worker
 needs for one of them, and of more the other workers wait longer for it than for the last log."""
-UNKNOWN = ""  # the key of a result whose log is still being hashed
 HEAD = 1 << 16  # bytes by which the rows of a text are guessed
 
 
@@ -82,25 +81,17 @@ class SectionTask(NamedTuple):
     section: int
 
 
-class HashTask(NamedTuple):
-    """A log whose files are to be hashed."""
-
-    log: str
-
-
-def reduced_log(common: _Common, task: LogTask | SectionTask | HashTask) -> bytes:
-    """Reduce a log, or a section of one, see `LogReader`; or hash its files."""
-    if isinstance(task, HashTask):
-        return hashed(common, task.log)
+def reduced_log(common: _Common, task: LogTask | SectionTask) -> bytes:
+    """Reduce a log, or a section of one; see `LogReader`."""
     if isinstance(task, SectionTask):
         return packed(common.reader().reduced_section(task.log, task.section, common.models[1]))
     return packed(common.reader().reduced(task, common.models[1]))
 
 
 def grouped(common: Any, results: Sequence[bytes]) -> bytes:
-    """Join reduced logs, in order, to a group; add their batch means. A section stands alone, and so do hashes."""
+    """Join reduced logs, in order, to a group; add their batch means. A section stands alone."""
     found = [unpacked(one) for one in results]
-    if not isinstance(found[0], ReducedLog):
+    if isinstance(found[0], ReducedSection):
         return results[0]
     group = ReducedGroup.of(found)
     return packed((list(group.logs), group.batch_means))
@@ -172,31 +163,11 @@ class LogReduction:
                 groups += [[SectionTask(log, section)] for section in range(log.sections)]
         # What is in memory here is reduced here.
         local = [not all(_is_path(_log_task(task).log) for task in group) for group in groups]
-        keys: list[str | None] = [None] * len(groups)
-        ahead: list[str] = []  # logs whose hashes the same workers compute, beside the first reductions
-        if self.checkpoints is not None:
-            apart = [group for group, here in zip(groups, local, strict=True) if not here]
-            names = list(dict.fromkeys(str(_log_task(task).log) for group in apart for task in group))
-            say(f"hashing {len(names)} log{'s' * (len(names) > 1)}")
-            if self.checkpoints.names or isinstance(self.executor, (Here, Workers)):
-                # What an earlier run has done is known by its hashes. Processes of this machine would take longer to
-                # start than files to be hashed.
-                where = Here() if isinstance(self.executor, Workers) else self.executor
-                hashes = run_in_order(hashed, first_of, None, [[name] for name in names], where)
-                keys = _keys(common, groups, local, dict(zip(names, map(unpacked, hashes), strict=True)))
-            else:
-                ahead, keys = names, [None if here else UNKNOWN for here in local]
+        keys = self._keys(common, groups, local, say)
         say(f"reading {len(tasks)} log{'s' * (len(tasks) > 1)}")
         done, joined = 0, None
-        every: list[Sequence[LogTask | SectionTask | HashTask]] = [[HashTask(name)] for name in ahead]
-        every += groups
-        keys[:0] = [None] * len(ahead)
-        places = [False] * len(ahead) + local
-        running = run_in_order(reduced_log, grouped, common, every, self.executor, keys, self.checkpoints, places)
-        if ahead:
-            told = {name: unpacked(next(running)) for name in ahead}
-            keys[len(ahead) :] = _keys(common, groups, local, told)
-        for (first, *_), content in zip(groups, running, strict=True):
+        contents = run_in_order(reduced_log, grouped, common, groups, self.executor, keys, self.checkpoints, local)
+        for (first, *_), content in zip(groups, contents, strict=True):
             if isinstance(first, SectionTask):
                 joined = JoinedSections(first.log, model) if first.section == 0 or joined is None else joined
                 joined.add(unpacked(content).for_model(model))
@@ -223,25 +194,34 @@ class LogReduction:
         log = reader.opened(task, model)
         return log if log is not None and log.opened.can_move else None
 
+    def _keys(
+        self,
+        common: _Common,
+        groups: Sequence[Sequence[LogTask | SectionTask]],
+        local: Sequence[bool],
+        say: Progress,
+    ) -> list[str | None]:
+        """Name what each group of logs comes to; None of those that are in memory."""
+        if self.checkpoints is None:
+            return [None] * len(groups)
+        apart = [group for group, here in zip(groups, local, strict=True) if not here]
+        names = list(dict.fromkeys(str(_log_task(task).log) for group in apart for task in group))
+        say(f"hashing {len(names)} log{'s' * (len(names) > 1)}")
+        # Processes of this machine would take longer to start than files to be hashed.
+        where = Here() if isinstance(self.executor, Workers) else self.executor
+        hashes = run_in_order(hashed, first_of, None, [[name] for name in names], where)
+        contents = {name: unpacked(one) for name, one in zip(names, hashes, strict=True)}
+        shared = common.key()
 
-def _keys(
-    common: _Common,
-    groups: Sequence[Sequence[LogTask | SectionTask]],
-    local: Sequence[bool],
-    contents: Mapping[str, Any],
-) -> list[str | None]:
-    """Name what each group of logs comes to, by the hashes of their files; None of those that are in memory."""
-    shared = common.key()
+        def told(given: LogTask | SectionTask) -> list[Any]:
+            task = _log_task(given)
+            what = [str(task.log), contents[str(task.log)], task.points, task.rows, task.logs, task.fitted]
+            return [*what, given.section, given.log.sections] if isinstance(given, SectionTask) else what
 
-    def told(given: LogTask | SectionTask) -> list[Any]:
-        task = _log_task(given)
-        what = [str(task.log), contents[str(task.log)], task.points, task.rows, task.logs, task.fitted]
-        return [*what, given.section, given.log.sections] if isinstance(given, SectionTask) else what
-
-    return [
-        None if here else checkpoint_key(shared, [told(task) for task in group])
-        for group, here in zip(groups, local, strict=True)
-    ]
+        return [
+            None if here else checkpoint_key(shared, [told(task) for task in group])
+            for group, here in zip(groups, local, strict=True)
+        ]
 
 
 def _log_task(task: LogTask | SectionTask) -> LogTask:
@@ -304,8 +284,7 @@ def run_in_order(
         As in `Executor.run`.
     executor : Executor
     keys : sequence of str or None, optional
-        Under which the results are kept; None for those that are not. A key that is `UNKNOWN` must be there in the same
-        list before its result is asked for, and may follow from results before it.
+        Under which the results are kept; None for those that are not.
     checkpoints : Checkpoints, optional
     local : sequence of bool, optional
         Which groups are to run in this process.
@@ -315,10 +294,9 @@ def run_in_order(
     if keys is None or checkpoints is None:
         keys = [None] * len(groups)
     local = [False] * len(groups) if local is None else local
-    done = {n for n, key in enumerate(keys) if key and is_whole(_kept(checkpoints, key))}
+    done = {n for n, key in enumerate(keys) if key is not None and is_whole(_kept(checkpoints, key))}
     elsewhere = [n for n in range(len(groups)) if n not in done and not local[n]]
     held: dict[int, bytes] = {}
-    early: set[int] = set()  # what was done before its key was known
     with closing(executor.run(leaf, combine, common, [groups[n] for n in elsewhere])) as running:
         for number, group in enumerate(groups):
             if local[number]:
@@ -329,16 +307,13 @@ def run_in_order(
                 found = elsewhere[place]
                 done.add(found)
                 key = keys[found]
-                if key and checkpoints is not None and keep(content):
-                    checkpoints.put(key, content)
-                    if found != number:
-                        continue  # it is read again when its turn comes: memory stays bounded
-                elif key == UNKNOWN:
-                    early.add(found)
-                held[found] = content
+                if key is None or checkpoints is None or not keep(content):
+                    held[found] = content
+                    continue
+                checkpoints.put(key, content)
+                if found == number:
+                    held[found] = content  # others are read again when their turn comes: memory stays bounded
             key = keys[number]
-            if number in early and key and checkpoints is not None and keep(held[number]):
-                checkpoints.put(key, held[number])
             yield held.pop(number) if number in held or key is None else _kept(checkpoints, key)
 
 
