@@ -55,6 +55,17 @@ def test_a_fault_is_a_sentence_with_a_trace(run, place, monkeypatch, tmp_path, e
     assert "'inspect'" in text
 
 
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="limits of addresses, as Linux keeps them")
+@pytest.mark.parametrize("allowed", [400_000, 700_000])  # a damaged file, it seemed; and a run without end
+def test_a_limit_that_libraries_do_not_survive_is_told_first(place, allowed):
+    command = f"ulimit -v {allowed}; exec {shlex.quote(sys.executable)} -m steelyard inspect robot.toml"
+    ran = subprocess.run(["sh", "-c", command], cwd=place, capture_output=True, text=True, timeout=60)
+    assert ran.returncode == 2
+    assert ran.stderr.count("\n") == 1
+    assert f"allows a process {allowed // 1024} MiB of addresses" in ran.stderr
+    assert "ulimit -v 2097152" in ran.stderr
+
+
 def test_a_fault_without_a_place_for_its_trace(run, place, monkeypatch):
     monkeypatch.setattr(sy.robot.RobotFile, "load", raising(TypeError("odd")))
     monkeypatch.setattr("tempfile.mkstemp", raising(OSError("full")))

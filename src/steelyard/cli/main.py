@@ -159,6 +159,7 @@ def main() -> None:
     """
     with guarded():
         try:
+            _require_addresses()
             try:
                 app()
             finally:  # a short answer may not have been written yet; a reader may go away before the end
@@ -178,6 +179,25 @@ def main() -> None:
             _end(2, sentence(f"{error.filename or 'the system'}: {error.strerror or error}."))
         except BaseException as error:  # a panic of Polars is no Exception
             _end(70, sentence(_told(error)))
+
+
+LEAST_ADDRESSES = 2 << 30
+"""Bytes of addresses, as ``ulimit -v`` counts them, that libraries take before the first row is read. With less their
+threads end the process without a word, wait for ever, or raise what sounds like a damaged file (seen on two cores from
+0.4 to 1.9 GB)."""
+
+
+def _require_addresses() -> None:
+    """Refuse to begin where a limit of the shell leaves libraries too little."""
+    with suppress(ImportError):
+        import resource  # of POSIX
+
+        allowed = resource.getrlimit(resource.RLIMIT_AS)[0]
+        if allowed != resource.RLIM_INFINITY and allowed < LEAST_ADDRESSES:
+            raise InputError(
+                f"This shell allows a process {allowed >> 20} MiB of addresses, and the libraries need "
+                f"{LEAST_ADDRESSES >> 20} MiB; raise the limit by `ulimit -v {LEAST_ADDRESSES >> 10}` or more."
+            )
 
 
 _INTERRUPTED = 130  # by Ctrl-C, as shells say it
