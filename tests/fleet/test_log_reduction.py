@@ -15,7 +15,7 @@ import pytest
 from dask_cluster import dask_workers, disturbed
 
 import steelyard as sy
-from steelyard.fleet import log_reduction
+from steelyard.fleet import Here, log_reduction
 from steelyard.fleet.packed import packed, unpacked
 from steelyard.identification.log_reader import LogReader, LogTask, one_by_one
 from steelyard.regression.batch_means import BatchMeansTree
@@ -57,7 +57,9 @@ def test_groups_and_checkpoints_change_no_byte(place: Path, monkeypatch: pytest.
 def test_a_log_that_changed_is_read_again(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     read: list[str] = []
     leaf = log_reduction.reduced_log
-    monkeypatch.setattr(log_reduction, "reduced_log", lambda common, task: read.append(task.log) or leaf(common, task))
+    monkeypatch.setattr(
+        log_reduction, "reduced_log", lambda common, task: read.append(task.given.log) or leaf(common, task.given)
+    )
     with sy.fleet.Checkpoints(place / "result") as kept:
         reduction = sy.fleet.LogReduction(checkpoints=kept)
         reduced(place, reduction)
@@ -72,6 +74,24 @@ def test_a_log_that_changed_is_read_again(place: Path, monkeypatch: pytest.Monke
         *(f"run{n}.csv" for n in range(1, 6)),
     ]
     assert [log.information.count for log in logs] == [1192, 1192, 1092, 1192, 1192]
+
+
+def test_what_is_kept_of_a_log_is_of_the_content_by_which_it_is_known(place: Path) -> None:
+    """A log that is another one when it is read, and afterwards what it was when it was hashed."""
+    path = place / "logs" / "run3.csv"
+    own, expected = path.read_bytes(), reduced(place, one_by_one)
+
+    class Meanwhile(Here):
+        def run(self, leaf: Any, combine: Any, common: Any, groups: Any) -> Any:
+            if leaf is log_reduction.reduced_log:
+                path.write_bytes((place / "logs" / "run4.csv").read_bytes())
+            return super().run(leaf, combine, common, groups)
+
+    with sy.fleet.Checkpoints(place / "result") as kept:
+        with pytest.raises(sy.InputError, match=r"run3\.csv was written while it was read"):
+            reduced(place, sy.fleet.LogReduction(Meanwhile(), kept))
+        path.write_bytes(own)
+        assert same(reduced(place, sy.fleet.LogReduction(checkpoints=kept)), expected)
 
 
 def test_what_is_in_memory_is_reduced_here() -> None:
