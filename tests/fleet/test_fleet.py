@@ -567,7 +567,7 @@ def test_what_was_kept_of_a_robot_is_of_the_log_by_which_it_is_known(tmp_path: P
     with Checkpoints(tmp_path / "result") as kept:
         other = Meanwhile(lambda: path.write_bytes((tmp_path / "run2.csv").read_bytes()))
         found = identify_fleet(manifest, executor=other, checkpoints=kept)
-        assert ["was written while it was read" in row.reason for row in found.rows] == [False, True, False]
+        assert ["is not what it was when the run began" in row.reason for row in found.rows] == [False, True, False]
         path.write_bytes(own)
         found = identify_fleet(manifest, checkpoints=kept)
     assert [row.values["base"].tolist() for row in found.rows] == expected

@@ -3,6 +3,7 @@
 import os
 import random
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -88,7 +89,7 @@ def test_what_is_kept_of_a_log_is_of_the_content_by_which_it_is_known(place: Pat
             return super().run(leaf, combine, common, groups)
 
     with sy.fleet.Checkpoints(place / "result") as kept:
-        with pytest.raises(sy.InputError, match=r"run3\.csv was written while it was read"):
+        with pytest.raises(sy.InputError, match=r"run3\.csv is not what it was when the run began"):
             reduced(place, sy.fleet.LogReduction(Meanwhile(), kept))
         path.write_bytes(own)
         assert same(reduced(place, sy.fleet.LogReduction(checkpoints=kept)), expected)
@@ -137,6 +138,54 @@ def test_a_cluster_that_is_not_there_is_named() -> None:
     secure = sy.fleet.Cluster("tls://127.0.0.1:1", {"cert": "absent.pem"})
     with pytest.raises(sy.InputError, match="does not exist"):
         next(secure.run(log_reduction.hashed, log_reduction.first_of, None, [["x"]]))
+
+
+@pytest.mark.slow
+def test_what_answers_and_is_no_scheduler_is_told(tmp_path: Path) -> None:
+    """Dask's client waits for ever for a server that is silent, and leaves a traceback where a worker answers."""
+    pytest.importorskip("distributed")
+    with socket.create_server(("127.0.0.1", 0)) as silent, dask_workers(tmp_path, 1) as (address, _):
+        import distributed
+
+        with distributed.Client(address, set_as_default=False) as client:
+            [worker] = client.scheduler_info()["workers"]
+        for there, told in ((f"tcp://127.0.0.1:{silent.getsockname()[1]}", "no answer"), (worker, "a worker of Dask")):
+            cluster = sy.fleet.Cluster(there)
+            cluster.TIMEOUT = 3.0
+            begin = time.monotonic()
+            with pytest.raises(sy.InputError, match=rf"No scheduler of Dask answers at {there} \({told}"):
+                next(cluster.run(log_reduction.hashed, log_reduction.first_of, None, [["x"]]))
+            assert time.monotonic() - begin < 10.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("lost", ["worker", "scheduler"])
+def test_a_cluster_that_is_lost_on_the_way_is_told(tmp_path: Path, lost: str) -> None:
+    """Dask waits for workers for ever."""
+    distributed = pytest.importorskip("distributed")
+    with dask_workers(tmp_path, 1) as (address, workers):
+        with distributed.Client(address, set_as_default=False) as client:
+            process = workers[0].pid if lost == "worker" else client.run_on_scheduler(os.getpid)
+        cluster = sy.fleet.Cluster(address)
+        cluster.TIMEOUT = 6.0
+        told = "lost its last worker" if lost == "worker" else "went away"
+        begin = time.monotonic()
+        with pytest.raises(sy.InputError, match=f"The cluster at {address} {told}"):
+            next(cluster.run(os.kill, log_reduction.first_of, process, [[signal.SIGKILL]]))  # type: ignore[arg-type]
+        assert time.monotonic() - begin < 40.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("module", ["steelyard", "clarabel"])
+def test_workers_without_the_package_are_told(tmp_path: Path, module: str) -> None:
+    pytest.importorskip("distributed")
+    (tmp_path / "steelyard").mkdir()
+    fault = f"raise ModuleNotFoundError(\"No module named '{module}'\", name='{module}')"
+    (tmp_path / "steelyard" / "__init__.py").write_text(fault)
+    with dask_workers(tmp_path, 1, PYTHONPATH=str(tmp_path)) as (address, _):
+        told = "have no Steelyard" if module == "steelyard" else "cannot load Steelyard .*clarabel"
+        with pytest.raises(sy.InputError, match=told):
+            next(sy.fleet.Cluster(address).run(log_reduction.hashed, log_reduction.first_of, None, [["x"]]))
 
 
 @pytest.mark.parametrize("count", [0, True, 1.5, 5000])

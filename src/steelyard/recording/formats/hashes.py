@@ -105,9 +105,14 @@ def unchanged(contents: Iterable[LogContent]) -> Iterator[None]:
     """
     before = []
     for one in contents:
-        before.append((one.log, _state(one.log)))
-        if before[-1][1] != one.state and tuple(map(content_hash, hashed_log(one.log))) != one.hashes:
-            raise written_meanwhile(one.log)
+        state = _state(one.log)
+        before.append((one.log, state))
+        # Where there is none now, its reader says so.
+        if state and state != one.state and tuple(map(content_hash, hashed_log(one.log))) != one.hashes:
+            raise InputError(
+                f"{one.log} is not what it was when the run began: it was written meanwhile, or workers have other "
+                "files of this name; wait until it is complete, give each the same files, and run again."
+            )
     yield
     for log, state in before:
         if _state(log) not in (state, ""):
