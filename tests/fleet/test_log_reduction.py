@@ -95,6 +95,18 @@ def test_what_is_kept_of_a_log_is_of_the_content_by_which_it_is_known(place: Pat
         assert same(reduced(place, sy.fleet.LogReduction(checkpoints=kept)), expected)
 
 
+def test_what_is_kept_of_one_log_is_not_that_of_another(place: Path) -> None:
+    """Copying programs, and people, rename files; whole ones as well."""
+    expected = reduced(place, one_by_one)
+    with sy.fleet.Checkpoints(place / "result") as kept:
+        reduction = sy.fleet.LogReduction(checkpoints=kept)
+        reduced(place, reduction)
+        first, *others = (place / "result" / name for name in kept.names)
+        for other in others:
+            other.write_bytes(first.read_bytes())
+        assert same(reduced(place, reduction), expected)
+
+
 def test_what_is_in_memory_is_reduced_here() -> None:
     robot = sy.Robot.from_dh([(0, 0.3, 0, "q")], gravity=(0, -9.81, 0), name="pendulum")
     t = np.arange(400) / 100.0
