@@ -28,6 +28,7 @@ import steelyard as sy
 from fleet import SimulatedFleet, judged, part_of
 from steelyard.fleet import compare_siblings, gains_in_own_motion, possible_causes, variations
 from steelyard.fleet.packed import packed, unpacked
+from steelyard.identification.wam import wam_model
 from steelyard.regression import ParameterCovariance, torque_gains
 
 SITE, MOVED, DAYS = 1000, 24, 2
@@ -99,6 +100,17 @@ def site(number, seed):
     return spent, size, told, len(false), memory, found.mean, found.mean_covariance
 
 
+def of_the_wam():
+    """Return the bytes of an Information of the WAM, seven joints with drives, with batch means and without.
+
+    They depend on neither the motion nor the length of a log, beyond the rows that the longest batches need.
+    """
+    model = wam_model()
+    q, dq, ddq, torque = np.random.default_rng(1).normal(size=(4, 20_000, model.robot.dof))
+    one = sy.Information.from_samples(model, sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque))
+    return len(packed(one)), len(packed(replace(one, batch_means=())))
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--robots", type=int, default=100_000)
@@ -125,6 +137,9 @@ def main():
     print("\n| what is kept | bytes a robot |\n| --- | --- |")
     for what, octets in size.items():
         print(f"| {what} | {octets / robots:.0f} |")
+    both, alone = of_the_wam()
+    print(f"| an Information of the WAM, with drives, with batch means | {both} |")
+    print(f"| an Information of the WAM, with drives, without | {alone} |")
     print(f"\nmost memory of a process: {memory / 2**20:.0f} MiB")
     for kind in ("gearbox", "link"):
         print(f"{kind}: {told[kind, 'found']} of {told[kind, 'planted']} found, {told[kind, 'named']} named")

@@ -47,8 +47,9 @@ def test_a_robot_whose_description_changed_is_estimated_again(tmp_path: Path) ->
     keys = []
     for length in ("0.3", "0.3", "0.7"):
         (tmp_path / "arm.urdf").write_text(SHAPED.format(length=length))
-        robot_estimate._file_and_models.cache_clear()
-        inputs = robot_estimate.inputs_of(robot_estimate.task_of(entry, "base"))
+        description = robot_estimate.description_of(str(entry.robot))
+        task = robot_estimate.with_contents(robot_estimate.task_of(entry, description, "base"))
+        inputs = robot_estimate.inputs_of(task)
         keys.append(sy.fleet.checkpoint_key(*inputs))
     assert keys[0] == keys[1]
     assert keys[1] != keys[2]

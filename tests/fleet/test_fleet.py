@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import polars as pl
@@ -20,8 +21,9 @@ from dask_cluster import dask_workers, disturbed
 
 import steelyard as sy
 from steelyard.cli import main
-from steelyard.fleet import Checkpoints, FleetManifest, identify_fleet, robot_estimate
+from steelyard.fleet import Checkpoints, FleetEntry, FleetManifest, identify_fleet, robot_estimate
 from steelyard.fleet.checkpoints import checkpoint_key
+from steelyard.fleet.executors import Here
 from steelyard.report import fleet_html, save_fleet
 
 from .sibling_arms import Arms
@@ -491,10 +493,9 @@ def test_what_was_kept_is_not_that_of_other_meshes(tmp_path: Path, element: str)
             for k in range(4)
         )
         (tmp_path / "link.stl").write_text(f"solid link\n{faces}endsolid link\n")
-        for cached in (robot_estimate._known_by_files, robot_estimate._file_and_models):
-            cached.cache_clear()  # as in the next run
-        task = {"label": "A", "intervals": "base", "robot": str(tmp_path / "robot.toml"), "logs": []}
-        return checkpoint_key(*robot_estimate.inputs_of({**task, "informations": [], "validate": []}))
+        description = robot_estimate.description_of(str(tmp_path / "robot.toml"))
+        entry = FleetEntry("A", "", "", tmp_path / "robot.toml")
+        return checkpoint_key(*robot_estimate.inputs_of(robot_estimate.task_of(entry, description, "base")))
 
     shape = f'<{element}><geometry><mesh filename="link.stl"/></geometry></{element}>'
     (tmp_path / "arm.urdf").write_text(
@@ -507,3 +508,66 @@ def test_what_was_kept_is_not_that_of_other_meshes(tmp_path: Path, element: str)
         f'[description]\nurdf = "arm.urdf"\n{hull if element == "constraint" else ""}', encoding="utf-8"
     )
     assert key(0.1) == key(0.1) != key(0.2)
+
+
+def pendulums(folder: Path) -> Path:
+    """Write logs of three rods of 2 kg and 0.5 m, which move otherwise, and return the path of their manifest."""
+    t = np.arange(1000) / 100.0
+    lines = ['robot = "robot.toml"']
+    for number in range(3):
+        rate = 2.0 + 0.3 * number
+        q, dq, ddq = np.sin(rate * t), rate * np.cos(rate * t), -(rate**2) * np.sin(rate * t)
+        torque = 0.5 * ddq + 9.81 * np.cos(q) + 0.4 * dq + np.random.default_rng(number).normal(0.0, 0.02, t.shape)
+        table = np.column_stack([t, q, torque])
+        np.savetxt(folder / f"run{number}.csv", table, delimiter=",", header="t,q1,tau1", comments="")
+        lines += ["[[robots]]", f'id = "R{number}"', f'logs = ["run{number}.csv"]']
+    (folder / "fleet.toml").write_text("\n".join(lines))
+    described(folder, "viscous")
+    return folder / "fleet.toml"
+
+
+def described(folder: Path, *terms: str) -> None:
+    text = "[description]\nrows = [[0.0, 0.5, 0.0, 'q']]\ngravity = [0, -9.81, 0]\n"
+    (folder / "robot.toml").write_text(text + "".join(f'[[terms]]\nkind = "{kind}"\n' for kind in terms))
+
+
+def test_the_next_fleet_reads_the_description_anew(tmp_path: Path) -> None:
+    """A notebook, and each process of a cluster, estimates many fleets, and remembers descriptions."""
+    manifest = pendulums(tmp_path)
+    assert [len(row.values["base"]) for row in identify_fleet(manifest).rows] == [4] * 3  # inertia, two of gravity, one
+    described(tmp_path, "viscous", "coulomb")
+    with Checkpoints(tmp_path / "result") as kept:
+        assert [len(row.values["base"]) for row in identify_fleet(manifest, checkpoints=kept).rows] == [5] * 3
+
+
+class Meanwhile:
+    """An executor of this process, before which somebody writes a file."""
+
+    def __init__(self, write: Callable[[], object]) -> None:
+        self.write = write
+
+    def run(self, leaf: Any, combine: Any, common: Any, groups: Any) -> Any:
+        self.write()
+        return Here().run(leaf, combine, common, groups)
+
+
+def test_a_description_that_is_edited_meanwhile_is_told(tmp_path: Path) -> None:
+    manifest = pendulums(tmp_path)
+    found = identify_fleet(manifest, executor=Meanwhile(lambda: described(tmp_path, "viscous", "coulomb")))
+    assert [row.reason for row in found.rows] == [found.rows[0].reason] * 3
+    assert "was changed after the run began" in found.rows[0].reason
+
+
+def test_what_was_kept_of_a_robot_is_of_the_log_by_which_it_is_known(tmp_path: Path) -> None:
+    """Rows of a log that was another one for a while, when it was read, are not taken for its own afterwards."""
+    manifest = pendulums(tmp_path)
+    expected = [row.values["base"].tolist() for row in identify_fleet(manifest).rows]
+    path = tmp_path / "run1.csv"
+    own = path.read_bytes()
+    with Checkpoints(tmp_path / "result") as kept:
+        other = Meanwhile(lambda: path.write_bytes((tmp_path / "run2.csv").read_bytes()))
+        found = identify_fleet(manifest, executor=other, checkpoints=kept)
+        assert ["is not what it was when the run began" in row.reason for row in found.rows] == [False, True, False]
+        path.write_bytes(own)
+        found = identify_fleet(manifest, checkpoints=kept)
+    assert [row.values["base"].tolist() for row in found.rows] == expected

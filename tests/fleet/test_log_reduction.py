@@ -3,6 +3,7 @@
 import os
 import random
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -15,7 +16,7 @@ import pytest
 from dask_cluster import dask_workers, disturbed
 
 import steelyard as sy
-from steelyard.fleet import log_reduction
+from steelyard.fleet import Here, log_reduction
 from steelyard.fleet.packed import packed, unpacked
 from steelyard.identification.log_reader import LogReader, LogTask, one_by_one
 from steelyard.regression.batch_means import BatchMeansTree
@@ -57,7 +58,9 @@ def test_groups_and_checkpoints_change_no_byte(place: Path, monkeypatch: pytest.
 def test_a_log_that_changed_is_read_again(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     read: list[str] = []
     leaf = log_reduction.reduced_log
-    monkeypatch.setattr(log_reduction, "reduced_log", lambda common, task: read.append(task.log) or leaf(common, task))
+    monkeypatch.setattr(
+        log_reduction, "reduced_log", lambda common, task: read.append(task.given.log) or leaf(common, task.given)
+    )
     with sy.fleet.Checkpoints(place / "result") as kept:
         reduction = sy.fleet.LogReduction(checkpoints=kept)
         reduced(place, reduction)
@@ -72,6 +75,36 @@ def test_a_log_that_changed_is_read_again(place: Path, monkeypatch: pytest.Monke
         *(f"run{n}.csv" for n in range(1, 6)),
     ]
     assert [log.information.count for log in logs] == [1192, 1192, 1092, 1192, 1192]
+
+
+def test_what_is_kept_of_a_log_is_of_the_content_by_which_it_is_known(place: Path) -> None:
+    """A log that is another one when it is read, and afterwards what it was when it was hashed."""
+    path = place / "logs" / "run3.csv"
+    own, expected = path.read_bytes(), reduced(place, one_by_one)
+
+    class Meanwhile(Here):
+        def run(self, leaf: Any, combine: Any, common: Any, groups: Any) -> Any:
+            if leaf is log_reduction.reduced_log:
+                path.write_bytes((place / "logs" / "run4.csv").read_bytes())
+            return super().run(leaf, combine, common, groups)
+
+    with sy.fleet.Checkpoints(place / "result") as kept:
+        with pytest.raises(sy.InputError, match=r"run3\.csv is not what it was when the run began"):
+            reduced(place, sy.fleet.LogReduction(Meanwhile(), kept))
+        path.write_bytes(own)
+        assert same(reduced(place, sy.fleet.LogReduction(checkpoints=kept)), expected)
+
+
+def test_what_is_kept_of_one_log_is_not_that_of_another(place: Path) -> None:
+    """Copying programs, and people, rename files; whole ones as well."""
+    expected = reduced(place, one_by_one)
+    with sy.fleet.Checkpoints(place / "result") as kept:
+        reduction = sy.fleet.LogReduction(checkpoints=kept)
+        reduced(place, reduction)
+        first, *others = (place / "result" / name for name in kept.names)
+        for other in others:
+            other.write_bytes(first.read_bytes())
+        assert same(reduced(place, reduction), expected)
 
 
 def test_what_is_in_memory_is_reduced_here() -> None:
@@ -117,6 +150,54 @@ def test_a_cluster_that_is_not_there_is_named() -> None:
     secure = sy.fleet.Cluster("tls://127.0.0.1:1", {"cert": "absent.pem"})
     with pytest.raises(sy.InputError, match="does not exist"):
         next(secure.run(log_reduction.hashed, log_reduction.first_of, None, [["x"]]))
+
+
+@pytest.mark.slow
+def test_what_answers_and_is_no_scheduler_is_told(tmp_path: Path) -> None:
+    """Dask's client waits for ever for a server that is silent, and leaves a traceback where a worker answers."""
+    pytest.importorskip("distributed")
+    with socket.create_server(("127.0.0.1", 0)) as silent, dask_workers(tmp_path, 1) as (address, _):
+        import distributed
+
+        with distributed.Client(address, set_as_default=False) as client:
+            [worker] = client.scheduler_info()["workers"]
+        for there, told in ((f"tcp://127.0.0.1:{silent.getsockname()[1]}", "no answer"), (worker, "a worker of Dask")):
+            cluster = sy.fleet.Cluster(there)
+            cluster.TIMEOUT = 3.0
+            begin = time.monotonic()
+            with pytest.raises(sy.InputError, match=rf"No scheduler of Dask answers at {there} \({told}"):
+                next(cluster.run(log_reduction.hashed, log_reduction.first_of, None, [["x"]]))
+            assert time.monotonic() - begin < 10.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("lost", ["worker", "scheduler"])
+def test_a_cluster_that_is_lost_on_the_way_is_told(tmp_path: Path, lost: str) -> None:
+    """Dask waits for workers for ever."""
+    distributed = pytest.importorskip("distributed")
+    with dask_workers(tmp_path, 1) as (address, workers):
+        with distributed.Client(address, set_as_default=False) as client:
+            process = workers[0].pid if lost == "worker" else client.run_on_scheduler(os.getpid)
+        cluster = sy.fleet.Cluster(address)
+        cluster.TIMEOUT = 6.0
+        told = "lost its last worker" if lost == "worker" else "went away"
+        begin = time.monotonic()
+        with pytest.raises(sy.InputError, match=f"The cluster at {address} {told}"):
+            next(cluster.run(os.kill, log_reduction.first_of, process, [[signal.SIGKILL]]))  # type: ignore[arg-type]
+        assert time.monotonic() - begin < 40.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("module", ["steelyard", "clarabel"])
+def test_workers_without_the_package_are_told(tmp_path: Path, module: str) -> None:
+    pytest.importorskip("distributed")
+    (tmp_path / "steelyard").mkdir()
+    fault = f"raise ModuleNotFoundError(\"No module named '{module}'\", name='{module}')"
+    (tmp_path / "steelyard" / "__init__.py").write_text(fault)
+    with dask_workers(tmp_path, 1, PYTHONPATH=str(tmp_path)) as (address, _):
+        told = "have no Steelyard" if module == "steelyard" else "cannot load Steelyard .*clarabel"
+        with pytest.raises(sy.InputError, match=told):
+            next(sy.fleet.Cluster(address).run(log_reduction.hashed, log_reduction.first_of, None, [["x"]]))
 
 
 @pytest.mark.parametrize("count", [0, True, 1.5, 5000])

@@ -46,6 +46,13 @@ def test_what_does_not_fit_is_refused(tmp_path: Path, text: str, told: str) -> N
     assert str(tmp_path) in str(error.value)
 
 
+def test_a_log_that_is_named_again_counts_once(tmp_path: Path) -> None:
+    """Also so that a short manifest cannot ask for one log to be read a hundred thousand times."""
+    text = ENTRY.replace('["a.csv"]', '["a.csv", "b.csv", "./a.csv", "x/../b.csv"]')
+    [entry] = FleetManifest.load(written(tmp_path, f'robot = "x"\n{text}')).entries
+    assert entry.logs == (str(tmp_path / "a.csv"), str(tmp_path / "b.csv"))
+
+
 @pytest.mark.parametrize("kind", ["csv", "parquet"])
 def test_tables_say_the_same_as_toml(tmp_path: Path, kind: str) -> None:
     path = written(

@@ -82,6 +82,15 @@ def test_a_bag_is_one_log_and_a_name_like_a_pattern_too(tmp_path: Path) -> None:
     assert logs_in(str(tmp_path)) == [str(tmp_path / "bag"), str(tmp_path / "run[1].csv")]
 
 
+@pytest.mark.parametrize("pattern", ["*.csv", "**/*.csv", "run?.csv", "run[12].csv"])
+def test_a_folder_with_a_name_like_a_pattern_can_be_searched(tmp_path: Path, pattern: str) -> None:
+    for name in ("day [3]/run1.csv", "day [3]/run2.csv", "day 3/run1.csv"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(LOG)
+    assert logs_in(str(tmp_path / "day [3]" / pattern)) == [str(tmp_path / "day [3]" / f"run{n}.csv") for n in (1, 2)]
+    assert logs_in(str(tmp_path / "day [23]" / pattern)) == [str(tmp_path / "day 3" / "run1.csv")]
+
+
 def test_a_log_that_a_set_finds_again_counts_once(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(folder)
     first = "robot=2/day=1/part-0.csv"

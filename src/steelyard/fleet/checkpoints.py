@@ -56,6 +56,11 @@ def robot_content(robot: Robot) -> dict[str, Any]:
     return {**plain(robot), "source": None, "remarks": None}
 
 
+def _heading(key: str) -> bytes:
+    """What a file begins with, so that what came of one log is not taken for what came of another."""
+    return f"{key}\n".encode()
+
+
 class Checkpoints:
     """The finished parts of a run in a folder, which no other run uses at the same time.
 
@@ -115,15 +120,17 @@ class Checkpoints:
                 self.folder.rmdir()  # which fails where anything is in it
 
     def get(self, key: str) -> bytes | None:
-        """Return what was kept under a key; None where nothing was."""
+        """Return what was kept under a key; None where nothing was, or where a file was renamed or cut short."""
         try:
-            return self._path(key).read_bytes()
+            found = self._path(key).read_bytes()
         except OSError:
             return None
+        own = _heading(key)
+        return found[len(own) :] if found.startswith(own) else None
 
     def put(self, key: str, content: bytes) -> None:
         """Keep bytes under a key; the file is there whole or not at all."""
-        write_bytes(content, self._path(key), swept=True)
+        write_bytes(_heading(key) + content, self._path(key), swept=True)
 
     @property
     def names(self) -> tuple[str, ...]:

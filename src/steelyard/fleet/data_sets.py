@@ -12,7 +12,8 @@ from steelyard.files import plain
 from steelyard.identification.given import GivenLog, given_logs, given_robot, given_settings, wider_model
 from steelyard.identification.log_reader import LogReader, LogTask, ReducedLog, one_by_one
 from steelyard.identification.validation import DRAWN_ROWS
-from steelyard.recording.formats import content_hash, hashed_log, require_unwritten, written_states
+from steelyard.recording.formats import contents_of, require_unwritten, unchanged, written_states
+from steelyard.recording.formats.hashes import LogContent
 from steelyard.regression import Information
 from steelyard.regression.batch_means import BatchMeansTree
 from steelyard.regression.reduction import empty_factors
@@ -82,6 +83,7 @@ class _Task:
     file: RobotFile
     logs: tuple[GivenLog, ...]
     rotors: bool
+    contents: tuple[LogContent, ...] = ()
 
     def model(self) -> Model:
         model = Model.from_file(self.file)
@@ -115,12 +117,13 @@ def reduced_logs(
 
 
 def _reduced(common: Any, task: _Task) -> bytes:
-    found = reduced_logs(task.file, task.model(), task.logs)
+    with unchanged(task.contents):
+        found = reduced_logs(task.file, task.model(), task.logs)
     return packed([getattr(found, one.name) for one in fields(found)])
 
 
 def _hashed(common: Any, task: _Task) -> bytes:
-    return packed([[str(log), *map(content_hash, hashed_log(str(log)))] for log in task.logs])
+    return packed(list(map(tuple, contents_of(map(str, task.logs)))))
 
 
 def reduce_data_sets(
@@ -164,14 +167,17 @@ def reduce_data_sets(
         tasks.append(_Task(file, given_logs(list(one.logs), None)[0], one.rotors))
     groups, keys = [[task] for task in tasks], None
     if checkpoints is not None:
-        contents = run_in_order(_hashed, first_of, None, groups, executor)
-        keys = [_key(task, unpacked(content)) for task, content in zip(tasks, contents, strict=True)]
+        hashes = run_in_order(_hashed, first_of, None, groups, executor)
+        contents = [tuple(LogContent(*one) for one in unpacked(content)) for content in hashes]
+        groups = [[replace(task, contents=told)] for task, told in zip(tasks, contents, strict=True)]
+        keys = [_key(task) for (task,) in groups]
     for content in run_in_order(_reduced, first_of, None, groups, executor, keys, checkpoints):
         yield ReducedDataSet(*unpacked(content))
 
 
-def _key(task: _Task, contents: Any) -> str:
+def _key(task: _Task) -> str:
     file = task.file
+    contents = [[log, *hashes] for log, hashes, _ in task.contents]
     sections = [file.section("log"), file.section("processing")]
     robot = robot_content(file.robot)
     return checkpoint_key("data set", robot, file.terms, sections, file.terms_are_default, task.rotors, contents)

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import asyncio
 import contextlib
+import logging
 import multiprocessing
 import os
 import signal
 import threading
+import time
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from itertools import islice
 from multiprocessing.connection import wait as wait_for
@@ -216,7 +219,9 @@ class Cluster:
     """
 
     TIMEOUT = 20.0
-    """s until a scheduler must have answered, and until it must have a worker."""
+    """s until a scheduler must have answered, and until it must have a worker, also where it had some before."""
+    PAUSE = 2.0
+    """s after which it is asked again, where nothing is finished, whether it has any worker."""
 
     def __init__(self, address: str, tls: Mapping[str, str | os.PathLike[str]] | None = None) -> None:
         if not isinstance(address, str) or not address.strip():
@@ -233,6 +238,9 @@ class Cluster:
             return
         distributed = require_package("distributed", "A cluster needs", "cluster")
         client = self._client(distributed)
+        told = logging.getLogger("distributed.client")
+        level = told.level
+        told.setLevel(logging.CRITICAL)  # what ends a run is said once, in a sentence of ours
         try:
             workers = self._workers(client)
             # Not scattered: what a scheduler does not know how to make is lost with the worker that holds it.
@@ -252,13 +260,18 @@ class Cluster:
 
             for number in islice(following, _IN_FLIGHT * workers):
                 submit(number)
-            for node in gathered:
+            for node, result in self._results(client, gathered):
                 number = running.pop(node)
                 try:
-                    result = node.result()
+                    if isinstance(result, BaseException):
+                        raise result
+                except InputError as error:  # such as that of a worker which has no such file
+                    raise InputError(f"On a worker of the cluster at {self.address}: {error}") from None
                 except SteelyardError:
                     raise
                 except CancelledError as error:  # lost with its worker in a way that Dask does not mend by itself
+                    if client.status != "running" and client.status != "connecting":
+                        raise self._gone("no scheduler answers any more") from None
                     attempts[number] += 1
                     if attempts[number] == _ATTEMPTS:
                         raise InputError(
@@ -278,9 +291,56 @@ class Cluster:
                 for further in islice(following, 1):
                     submit(further)
         except (OSError, distributed.comm.CommClosedError) as error:
-            raise InputError(f"The cluster at {self.address} went away ({error}); start it, and run again.") from None
+            raise self._gone(str(error)) from None
         finally:
             client.close(timeout=self.TIMEOUT)
+            told.setLevel(level)
+
+    def _results(self, client: Any, gathered: Any) -> Iterator[tuple[Any, bytes | BaseException]]:
+        """Yield what is finished with its result, or with what went wrong.
+
+        Dask waits for workers for ever, also for a result that was finished and was lost with its worker. Here a run
+        ends where none has been there for some time.
+        """
+        asked = seen = time.monotonic()
+
+        def watch() -> None:
+            nonlocal asked, seen
+            now = time.monotonic()
+            if now - asked < self.PAUSE:
+                return
+            asked = now
+            if client.status != "running":  # Dask connects again, or cancels what was asked for
+                seen = now
+                return
+            with contextlib.suppress(OSError):  # likewise
+                if client.nthreads():
+                    seen = now
+            if now - seen > self.TIMEOUT:
+                raise InputError(
+                    f"The cluster at {self.address} lost its last worker {now - seen:.0f} s ago; start some with "
+                    f"`dask worker {self.address}`, and run again."
+                )
+
+        while not gathered.is_empty():
+            while not gathered.has_ready():
+                with gathered.thread_condition:
+                    gathered.thread_condition.wait(0.1)
+                watch()
+            node = next(gathered)
+            found: bytes | BaseException | None = None
+            while found is None:
+                try:
+                    found = node.result(timeout=self.PAUSE)
+                except (Exception, CancelledError) as error:
+                    if isinstance(error, TimeoutError) and node.status != "error":
+                        watch()
+                    else:
+                        found = error
+            yield node, found
+
+    def _gone(self, reason: str) -> InputError:
+        return InputError(f"The cluster at {self.address} went away ({reason}); start it, and run again.")
 
     def _client(self, distributed: Any) -> Any:
         options: dict[str, Any] = {}
@@ -302,6 +362,7 @@ class Cluster:
             # A client that was given an address of no scheduler would wait for it when it goes.
             distributed.comm.registry.get_backend(distributed.comm.parse_address(self.address)[0])
             distributed.comm.get_address_host_port(self.address, strict=True)
+            self._require_scheduler(distributed, options.get("security"))
             return distributed.Client(self.address, timeout=self.TIMEOUT, set_as_default=False, **options)
         except (OSError, ValueError, TypeError) as error:
             reason = " ".join(str(error).split())[:200] or type(error).__name__
@@ -309,6 +370,25 @@ class Cluster:
                 f"No scheduler of Dask answers at {self.address} ({reason}); start one with `dask scheduler`, and "
                 "workers with `dask worker`."
             ) from None
+
+    def _require_scheduler(self, distributed: Any, security: Any) -> None:
+        """Ask who is there, since Dask's client waits for ever for an answer that is none of Dask's."""
+
+        async def asked() -> str:
+            options = {} if security is None else {"connection_args": security.get_connection_args("client")}
+            async with distributed.core.rpc(self.address, **options) as there:
+                return str((await there.identity())["type"])
+
+        def answer() -> str:
+            return asyncio.run(asyncio.wait_for(asked(), self.TIMEOUT))
+
+        with ThreadPoolExecutor(1) as apart:  # notebooks have a loop of their own in this thread
+            try:
+                kind = apart.submit(answer).result()
+            except TimeoutError as error:
+                raise OSError(str(error) or f"no answer of Dask within {self.TIMEOUT:g} s") from None
+        if kind != "Scheduler":
+            raise OSError(f"a {kind.lower()} of Dask is there")
 
     def _workers(self, client: Any) -> int:
         try:
@@ -319,9 +399,17 @@ class Cluster:
             ) from None
         try:
             versions = client.run(_version)
-        except ModuleNotFoundError:
+        except OSError:
+            raise
+        except Exception as error:  # whatever went wrong as it was imported, which Dask wraps or not
+            if "No module named 'steelyard'" in str(error):
+                raise InputError(
+                    f"Workers of the cluster at {self.address} have no Steelyard; install {__version__} there."
+                ) from None
+            reason = " ".join(str(error).split())[:200] or type(error).__name__
             raise InputError(
-                f"Workers of the cluster at {self.address} have no Steelyard; install {__version__} there."
+                f"Workers of the cluster at {self.address} cannot load Steelyard ({reason}); install {__version__} "
+                "there, with what it needs."
             ) from None
         others = sorted(set(versions.values()) - {__version__})
         if others:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -26,7 +27,7 @@ from .executors import Executor, Here
 from .log_reduction import first_of, run_in_order
 from .manifest import FleetEntry, FleetManifest
 from .packed import unpacked
-from .robot_estimate import inputs_of, model_of, robot_estimate, something_came, task_of
+from .robot_estimate import description_of, inputs_of, model_of, robot_estimate, something_came, task_of, with_contents
 from .siblings import (
     FEWEST,
     Deviation,
@@ -325,7 +326,7 @@ def _number(value: Any) -> float:
 
 
 def _model_of(row: RobotRow) -> Model | None:
-    return None if row.reason else model_of(str(row.entry.robot), bool(row.values["with_rotors"]))
+    return None if row.reason else model_of(row.values["description"], bool(row.values["with_rotors"]))
 
 
 def _finding_row(one: Finding) -> dict[str, Any]:
@@ -473,9 +474,12 @@ def _estimated(
     """Estimate each robot; what was finished before is taken from the checkpoints."""
     found: list[dict[str, Any]] = [{} for _ in manifest.entries]
     numbers, tasks, keys = [], [], []
+    described = cache(description_of)  # of this run: the next one may find another description at the same path
     for number, entry in enumerate(manifest.entries):
         try:
-            task = task_of(entry, manifest.intervals)
+            task = task_of(entry, described(str(entry.robot)), manifest.intervals)
+            if checkpoints is not None:
+                task = with_contents(task)
             keys.append(None if checkpoints is None else checkpoint_key("robot", *inputs_of(task)))
         except SteelyardError as error:
             found[number] = {"reason": str(error)}
@@ -485,7 +489,7 @@ def _estimated(
     every = max(len(tasks) // LINES, 1)
     contents = run_in_order(robot_estimate, first_of, None, tasks, executor, keys, checkpoints, keep=something_came)
     for done, (number, content) in enumerate(zip(numbers, contents, strict=True), start=1):
-        found[number] = unpacked(content)
+        found[number] = {**unpacked(content), "description": tasks[done - 1][0]["robot"]}
         if done % every == 0 or done == len(tasks):
             say(f"estimated {done} of {len(tasks)} ({manifest.entries[number].label})")
     return [

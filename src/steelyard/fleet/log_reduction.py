@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,8 +19,9 @@ from steelyard.identification.log_reader import (
     SectionedLog,
 )
 from steelyard.recording import chunks
-from steelyard.recording.formats import content_hash, hashed_log
+from steelyard.recording.formats import contents_of, unchanged
 from steelyard.recording.formats.csv_file import CsvFile
+from steelyard.recording.formats.hashes import LogContent
 from steelyard.recording.formats.registry import log_format, split_source
 
 from .checkpoints import Checkpoints, checkpoint_key, robot_content
@@ -81,8 +82,18 @@ class SectionTask(NamedTuple):
     section: int
 
 
-def reduced_log(common: _Common, task: LogTask | SectionTask) -> bytes:
+class HashedTask(NamedTuple):
+    """A task, and the content of its log, as which alone it is read."""
+
+    given: LogTask | SectionTask
+    content: LogContent
+
+
+def reduced_log(common: _Common, task: LogTask | SectionTask | HashedTask) -> bytes:
     """Reduce a log, or a section of one; see `LogReader`."""
+    if isinstance(task, HashedTask):
+        with unchanged([task.content]):
+            return reduced_log(common, task.given)
     if isinstance(task, SectionTask):
         return packed(common.reader().reduced_section(task.log, task.section, common.models[1]))
     return packed(common.reader().reduced(task, common.models[1]))
@@ -99,7 +110,7 @@ def grouped(common: Any, results: Sequence[bytes]) -> bytes:
 
 def hashed(common: Any, task: str) -> bytes:
     """Hash the files of a log."""
-    return packed([content_hash(entry) for entry in hashed_log(task)])
+    return packed([tuple(one) for one in contents_of([task])])
 
 
 def first_of(common: Any, results: Sequence[bytes]) -> bytes:
@@ -163,11 +174,15 @@ class LogReduction:
                 groups += [[SectionTask(log, section)] for section in range(log.sections)]
         # What is in memory here is reduced here.
         local = [not all(_is_path(_log_task(task).log) for task in group) for group in groups]
-        keys = self._keys(common, groups, local, say)
+        contents = self._contents(groups, local, say)
+        keys = self._keys(common, groups, local, contents)
+        hashed_groups = [[_with_content(task, contents) for task in group] for group in groups]
         say(f"reading {len(tasks)} log{'s' * (len(tasks) > 1)}")
         done, joined = 0, None
-        contents = run_in_order(reduced_log, grouped, common, groups, self.executor, keys, self.checkpoints, local)
-        for (first, *_), content in zip(groups, contents, strict=True):
+        found_groups = run_in_order(
+            reduced_log, grouped, common, hashed_groups, self.executor, keys, self.checkpoints, local
+        )
+        for (first, *_), content in zip(groups, found_groups, strict=True):
             if isinstance(first, SectionTask):
                 joined = JoinedSections(first.log, model) if first.section == 0 or joined is None else joined
                 joined.add(unpacked(content).for_model(model))
@@ -194,34 +209,48 @@ class LogReduction:
         log = reader.opened(task, model)
         return log if log is not None and log.opened.can_move else None
 
-    def _keys(
-        self,
-        common: _Common,
-        groups: Sequence[Sequence[LogTask | SectionTask]],
-        local: Sequence[bool],
-        say: Progress,
-    ) -> list[str | None]:
-        """Name what each group of logs comes to; None of those that are in memory."""
+    def _contents(
+        self, groups: Sequence[Sequence[LogTask | SectionTask]], local: Sequence[bool], say: Progress
+    ) -> dict[str, LogContent]:
+        """Hash the logs that are not in memory, where there are checkpoints."""
         if self.checkpoints is None:
-            return [None] * len(groups)
+            return {}
         apart = [group for group, here in zip(groups, local, strict=True) if not here]
         names = list(dict.fromkeys(str(_log_task(task).log) for group in apart for task in group))
         say(f"hashing {len(names)} log{'s' * (len(names) > 1)}")
         # Processes of this machine would take longer to start than files to be hashed.
         where = Here() if isinstance(self.executor, Workers) else self.executor
         hashes = run_in_order(hashed, first_of, None, [[name] for name in names], where)
-        contents = {name: unpacked(one) for name, one in zip(names, hashes, strict=True)}
+        return {name: LogContent(*unpacked(one)[0]) for name, one in zip(names, hashes, strict=True)}
+
+    def _keys(
+        self,
+        common: _Common,
+        groups: Sequence[Sequence[LogTask | SectionTask]],
+        local: Sequence[bool],
+        contents: Mapping[str, LogContent],
+    ) -> list[str | None]:
+        """Name what each group of logs comes to; None of those that are in memory."""
+        if self.checkpoints is None:
+            return [None] * len(groups)
         shared = common.key()
 
         def told(given: LogTask | SectionTask) -> list[Any]:
             task = _log_task(given)
-            what = [str(task.log), contents[str(task.log)], task.points, task.rows, task.logs, task.fitted]
+            what = [str(task.log), contents[str(task.log)].hashes, task.points, task.rows, task.logs, task.fitted]
             return [*what, given.section, given.log.sections] if isinstance(given, SectionTask) else what
 
         return [
             None if here else checkpoint_key(shared, [told(task) for task in group])
             for group, here in zip(groups, local, strict=True)
         ]
+
+
+def _with_content(
+    task: LogTask | SectionTask, contents: Mapping[str, LogContent]
+) -> LogTask | SectionTask | HashedTask:
+    content = contents.get(str(_log_task(task).log))
+    return task if content is None else HashedTask(task, content)
 
 
 def _log_task(task: LogTask | SectionTask) -> LogTask:

@@ -247,7 +247,8 @@ def _entry(table: TomlTable, file: Path, shared: str | None) -> FleetEntry:
     robot = table.text("robot", "the path of a robot")
     if robot is None and shared is None:
         raise InputError(f"{table.where} lacks 'robot', and the manifest names none for all; give the path of one.")
-    lists = {key: tuple(_beside(file, one, pattern=True) for one in table.texts(key)) for key in LISTS}
+    # A path that is there again is the same data: no log counts twice.
+    lists = {key: tuple(dict.fromkeys(_beside(file, one, pattern=True) for one in table.texts(key))) for key in LISTS}
     if not lists["logs"] and not lists["informations"]:
         raise InputError(f"{table.where} has neither logs nor informations; give the paths of some.")
     if lists["logs"] and lists["informations"]:

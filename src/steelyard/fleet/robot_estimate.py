@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -28,16 +28,27 @@ from steelyard.identification.parameter_table import parameter_table
 from steelyard.identification.prediction_verdict import prediction_verdict, said_of
 from steelyard.identification.reduced_logs import copies_among
 from steelyard.identification.validation import few_rows_of
-from steelyard.recording.formats import content_hash, hashed_log
+from steelyard.recording.formats import content_hash, contents_of, hashed_log, unchanged
 from steelyard.regression import Information, ParameterCovariance, least_squares, torque_gains
 from steelyard.robot import RobotFile
 
-from .checkpoints import robot_content
+from .checkpoints import checkpoint_key, robot_content
 from .data_sets import reduced_logs
 from .manifest import FleetEntry, is_information
 from .packed import packed, unpacked
 
-__all__ = ["Known", "inputs_of", "known_of", "model_of", "robot_estimate", "something_came", "task_of"]
+__all__ = [
+    "Description",
+    "Known",
+    "description_of",
+    "inputs_of",
+    "known_of",
+    "model_of",
+    "robot_estimate",
+    "something_came",
+    "task_of",
+    "with_contents",
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,21 +73,60 @@ class Known:
     prior: PhysicalPrior
 
 
+class Description(NamedTuple):
+    """The description of robots as it was when a run began, by which each process knows whether it has the same.
+
+    Attributes
+    ----------
+    path : str
+    content : str
+        Follows from all that was read of it, also from files that it includes.
+    files : tuple of str
+        The hashes of the robot file, of the description that it names and of the meshes, which are the same on each
+        machine.
+    """
+
+    path: str
+    content: str
+    files: tuple[str, ...]
+
+
+def description_of(robot: str) -> Description:
+    """Read a description, to tell what it is now."""
+    return _told(robot, RobotFile.load(robot))
+
+
+def _told(robot: str, file: RobotFile) -> Description:
+    source = file.robot.source
+    # The shapes of links, which decide what is known of them, stand in the description and in meshes alone.
+    meshes = [] if source is None or not source.is_file() else files_of_meshes(file.robot, source)
+    files = tuple(file_hash(path) for path in (file.path, source, *meshes) if path is not None and path.is_file())
+    sections = [file.section(name) for name in ("log", "processing", "constraints")]
+    content = checkpoint_key(sections, files, plain(given_constraints(file)), robot_content(file.robot))
+    return Description(robot, content, files)
+
+
+# Known by its content, too: processes of a cluster, and notebooks, outlive what was read from a path.
 @lru_cache(maxsize=64)  # asked for row by row, of which neighbours may be of other descriptions
-def _file_and_models(robot: str) -> tuple[RobotFile, tuple[Model, ...]]:
-    file = RobotFile.load(robot)
+def _file_and_models(robot: Description) -> tuple[RobotFile, tuple[Model, ...]]:
+    file = RobotFile.load(robot.path)
+    if _told(robot.path, file).files != robot.files:
+        raise InputError(
+            f"{robot.path}, or a file that it names, was changed after the run began, or is another one where this "
+            "robot was estimated; keep the same files everywhere, and run again."
+        )
     model = Model.from_file(file)
     wider = wider_model(file, model)
     return file, (model,) if wider is None else (model, wider)
 
 
-def model_of(robot: str, with_rotors: bool) -> Model:
+def model_of(robot: Description, with_rotors: bool) -> Model:
     """Return the model of a description, with rotor inertia at every joint or as it states."""
     return _file_and_models(robot)[1][-1 if with_rotors else 0]
 
 
 @lru_cache(maxsize=4)
-def known_of(robot: str, with_rotors: bool) -> Known:
+def known_of(robot: Description, with_rotors: bool) -> Known:
     """Return what is known of the robots of a description, with rotor inertia at every joint or as it states."""
     file, models = _file_and_models(robot)
     model = model_of(robot, with_rotors)
@@ -85,15 +135,16 @@ def known_of(robot: str, with_rotors: bool) -> Known:
     return Known(file, models[0], model, feasible_set, physical_prior(model, constraints))
 
 
-def task_of(entry: FleetEntry, intervals: str) -> dict[str, Any]:
+def task_of(entry: FleetEntry, robot: Description, intervals: str) -> dict[str, Any]:
     """Return what `robot_estimate` needs of a robot, as plain data."""
     return {
         "label": entry.label,
-        "robot": str(entry.robot),
+        "robot": robot,
         "logs": list(entry.logs),
         "informations": list(entry.files("informations")),
         "validate": list(entry.files("validate")),
         "intervals": intervals,
+        "contents": [],
     }
 
 
@@ -104,7 +155,7 @@ def robot_estimate(common: Any, task: dict[str, Any]) -> bytes:
     ----------
     common : None
     task : dict
-        What `task_of` returned.
+        What `task_of` returned, also `with_contents`.
 
     Returns
     -------
@@ -112,7 +163,8 @@ def robot_estimate(common: Any, task: dict[str, Any]) -> bytes:
         Packed: ``"reason"`` alone where nothing came of it.
     """
     try:
-        return packed(_estimate(task))
+        with unchanged(task["contents"]):
+            return packed(_estimate(task))
     except SteelyardError as error:
         return packed({"reason": str(error)})
     except (ArithmeticError, LookupError, OSError, TypeError, ValueError, np.linalg.LinAlgError, MemoryError) as error:
@@ -214,7 +266,7 @@ def _estimate(task: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _known_for(robot: str, information: Information, path: str) -> Known:
+def _known_for(robot: Description, information: Information, path: str) -> Known:
     """What is known of the model of which an Information is; with rotors where it has them and nothing states terms."""
     _, models = _file_and_models(robot)
     for index, model in enumerate(models):
@@ -239,7 +291,7 @@ def _other_model(path: str, model: Model, information: Information) -> InputErro
 
 
 def _reduced(
-    robot: str, logs: Sequence[str]
+    robot: Description, logs: Sequence[str]
 ) -> tuple[Known, Information, tuple[Information, ...], list[str], list[ReducedLog]]:
     """Reduce logs; the rotors of robots whose terms nobody states belong to the model, as siblings have the same."""
     known = known_of(robot, True)
@@ -262,27 +314,17 @@ def _validation(known: Known, paths: Sequence[str]) -> tuple[list[Information], 
     return found, each
 
 
-def inputs_of(task: dict[str, Any]) -> list[Any]:
-    """Return what the result of a task follows from, as plain data: hashes of files, and the robot."""
-    file, _ = _file_and_models(task["robot"])
-    sections = [file.section(name) for name in ("log", "processing", "constraints")]
-    # The shapes of links, which decide what is known of them, stand in the description and in meshes alone.
-    described = [file_hash(path) for path in (file.path, file.robot.source) if path is not None and path.is_file()]
-    known = _known_by_files(task["robot"], *described)
+def with_contents(task: dict[str, Any]) -> dict[str, Any]:
+    """Return a task with the contents of its files, as which alone they are read."""
     logs = [str(log) for log in given_logs(task["logs"], None)[0]] if task["logs"] else []
-    files = [*logs, *task["informations"], *task["validate"]]
+    return {**task, "contents": contents_of([*logs, *task["informations"], *task["validate"]])}
+
+
+def inputs_of(task: dict[str, Any]) -> list[Any]:
+    """Return what the result of a task with contents follows from, as plain data: hashes of files, and the robot."""
     # Remarks name the files, and a log is read by its suffix: one with the same content is another one.
-    contents = [[path, *_content(path)] for path in files]
-    return [task["label"], task["intervals"], sections, described, known, robot_content(file.robot), contents]
-
-
-@lru_cache(maxsize=64)  # as `_file_and_models`
-def _known_by_files(robot: str, *described: str) -> tuple[Any, ...]:
-    """What is known of the robots of a description with these hashes by meshes and constraints, as plain data."""
-    file, _ = _file_and_models(robot)
-    source = file.robot.source
-    meshes = [] if source is None or not source.is_file() else files_of_meshes(file.robot, source)
-    return [file_hash(path) for path in meshes], plain(given_constraints(file))
+    contents = [[log, *hashes] for log, hashes, _ in task["contents"]]
+    return [task["label"], task["intervals"], task["robot"].content, contents]
 
 
 def _content(log: str) -> tuple[str, ...]:

@@ -6,7 +6,9 @@ from steelyard.first_use import import_at_first_use
 
 if TYPE_CHECKING:
     from .hashes import content_hash as content_hash
+    from .hashes import contents_of as contents_of
     from .hashes import hashed_log as hashed_log
+    from .hashes import unchanged as unchanged
     from .log_file import BLOCK_ROWS as BLOCK_ROWS
     from .log_file import Columns as Columns
     from .log_file import LogFile as LogFile

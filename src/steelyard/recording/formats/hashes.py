@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from functools import lru_cache
 from pathlib import Path
+from typing import NamedTuple
 
+from steelyard.errors import InputError
 from steelyard.files import file_hash
 
-from .registry import REMEDY, STANDARD_INPUT, split_source
+from .registry import REMEDY, STANDARD_INPUT, split_source, written_meanwhile, written_states
 from .standard_input import standard_input
 
-__all__ = ["content_hash", "hashed_log"]
+__all__ = ["LogContent", "content_hash", "contents_of", "hashed_log", "unchanged"]
 
 LARGE = 50_000_000
 """Bytes of a file that is read for its hash once in a process, as long as its size and its time stay the same."""
@@ -50,6 +53,80 @@ def content_hash(entry: Mapping[str, str]) -> str:
     '9b2c'
     """
     return entry["sha256"] if "sha256" in entry else entry["etag"]
+
+
+class LogContent(NamedTuple):
+    """What a log holds, and what tells without reading it that it still does.
+
+    Attributes
+    ----------
+    log : str
+    hashes : tuple of str
+        What `content_hash` tells of each of its files.
+    state : str
+        Changes when one of its files is written; of an object in an object store, when its content is another.
+    """
+
+    log: str
+    hashes: tuple[str, ...]
+    state: str
+
+
+def contents_of(logs: Iterable[str]) -> list[LogContent]:
+    """Return what logs hold now."""
+    found = []
+    for log in logs:
+        state = _state(log)  # first: what is written while it is hashed has another state afterwards
+        found.append(LogContent(log, tuple(map(content_hash, hashed_log(log))), state))
+    return found
+
+
+@contextmanager
+def unchanged(contents: Iterable[LogContent]) -> Iterator[None]:
+    """Make sure that logs which are read in a ``with`` block hold what they did when they were hashed.
+
+    What is made of a log is kept under its hash: rows of another content would be taken for its own by all later runs.
+    A log is hashed again only where its state is another one, as that of a copy on another machine is.
+
+    Raises
+    ------
+    InputError
+        If one does not; on leaving, if one was written meanwhile. What was removed meanwhile, was read.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp()) / "log.csv"
+    >>> _ = path.write_text("t,q1,tau1")
+    >>> with unchanged(contents_of([str(path)])):
+    ...     _ = path.write_text("t,q1,tau1,tau2")
+    Traceback (most recent call last):
+    steelyard.errors.InputError: ...log.csv was written while it was read, as are logs of a robot that still moves; ...
+    """
+    before = []
+    for one in contents:
+        state = _state(one.log)
+        before.append((one.log, state))
+        # Where there is none now, its reader says so.
+        if state and state != one.state and tuple(map(content_hash, hashed_log(one.log))) != one.hashes:
+            raise InputError(
+                f"{one.log} is not what it was when the run began: it was written meanwhile, or workers have other "
+                "files of this name; wait until it is complete, give each the same files, and run again."
+            )
+    yield
+    for log, state in before:
+        if _state(log) not in (state, ""):
+            raise written_meanwhile(log)
+
+
+def _state(log: str) -> str:
+    if "://" not in log:
+        state = written_states([log])[log]
+        return "" if state is None else repr(state)
+    try:
+        return repr([sorted(entry.items()) for entry in hashed_log(log)])
+    except InputError:
+        return ""
 
 
 def _hash(path: Path) -> str:

@@ -79,8 +79,10 @@ def _files_in(text: str) -> list[str]:
     if os.path.isdir(text):
         return [name for place, names in _folders(text) for name in _logs_at(place, names)]
     found: list[str] = []
-    below = os.path.dirname(_fixed(text))
-    for name in dict.fromkeys(_matching(text)):
+    own = _named_like_a_pattern(text)
+    rest = text[len(own) :]
+    below = os.path.dirname(own + _fixed(rest))
+    for name in dict.fromkeys(_matching(glob.escape(own) + rest)):
         if os.path.isdir(name) and not _is_bag(name):
             # `logs/*` means what is in a folder; `logs/**` finds each folder, and the files in it, by itself.
             continue
@@ -88,6 +90,16 @@ def _files_in(text: str) -> list[str]:
             found.append(name)
     bags = {name for name in found if os.path.isdir(name)}
     return [name for name in found if os.path.dirname(name) not in bags]
+
+
+def _named_like_a_pattern(text: str) -> str:
+    """Return the longest folder at the beginning of a pattern that is there by that very name, such as ``run[1]``."""
+    folder = os.path.dirname(text)
+    while _MAGIC.search(folder):
+        if os.path.isdir(folder):
+            return folder
+        folder = os.path.dirname(folder)
+    return ""
 
 
 def _matching(pattern: str) -> Iterator[str]:

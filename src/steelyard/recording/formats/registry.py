@@ -30,6 +30,7 @@ __all__ = [
     "open_log",
     "require_unwritten",
     "write_log",
+    "written_meanwhile",
     "written_states",
 ]
 
@@ -323,10 +324,15 @@ def require_unwritten(before: Mapping[str, Hashable]) -> None:
     """
     for log, state in before.items():
         if _written(log) not in (state, None):
-            raise InputError(
-                f"{log} was written while it was read, as are logs of a robot that still moves; wait until it is "
-                "complete, or copy it, and run again."
-            )
+            raise written_meanwhile(log)
+
+
+def written_meanwhile(log: str) -> InputError:
+    """Return what is said of a log that was not the same from the first time it was read to the last."""
+    return InputError(
+        f"{log} was written while it was read, as are logs of a robot that still moves; wait until it is "
+        "complete, or copy it, and run again."
+    )
 
 
 def _written(log: str) -> Hashable:
