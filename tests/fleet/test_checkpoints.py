@@ -170,3 +170,17 @@ def test_packed_bytes_hold_results_and_nothing_else() -> None:
             unpacked(damaged)
     with pytest.raises(TypeError, match="cannot be packed"):
         packed(model)
+
+
+def test_zeros_below_a_diagonal_are_not_packed() -> None:
+    random = np.random.default_rng(4)
+    square = random.normal(size=(3, 40, 40))
+    upper, negative = np.triu(square), np.triu(square)
+    negative[2, 7, 3] = -0.0
+    for array, numbers in ((upper, 3 * 820), (negative, 4800), (square, 4800), (np.triu(square).astype("<f4"), 1230)):
+        whole = packed(array)
+        assert abs(len(whole) - 8 * numbers) < 200
+        again = unpacked(whole)
+        assert again.dtype == array.dtype
+        assert again.tobytes() == array.tobytes()
+        assert not again.flags.writeable

@@ -88,14 +88,19 @@ def unpacked(data: bytes) -> Any:
     size = int.from_bytes(content[:8], "little")
     place = 8 + size
 
-    def taken(kind: str, shape: list[int]) -> np.ndarray[Any, Any]:
+    def taken(kind: str, shape: list[int], order: int | None = None) -> np.ndarray[Any, Any]:
         nonlocal place
         dtype = _ARRAYS[kind]
-        count = int(np.prod(shape, dtype=np.int64))
-        # A copy: a view would hold the bytes of all arrays for as long as one of them is kept.
-        array = np.frombuffer(content, dtype, count, place).reshape(shape).copy()
+        if order is not None:
+            above = taken(kind, [*shape, order * (order + 1) // 2])
+            array = np.zeros((*shape, order, order), dtype)
+            array[..., *np.triu_indices(order)] = above
+        else:
+            count = int(np.prod(shape, dtype=np.int64))
+            # A copy: a view would hold the bytes of all arrays for as long as one of them is kept.
+            array = np.frombuffer(content, dtype, count, place).reshape(shape).copy()
+            place += array.nbytes
         array.flags.writeable = False
-        place += array.nbytes
         return array
 
     try:
@@ -121,6 +126,10 @@ def _plain(value: Any, arrays: list[bytes]) -> Any:
         return {"m": [[key, _plain(item, arrays)] for key, item in value.items()]}
     if isinstance(value, np.ndarray) and value.dtype.str in _ARRAYS:
         array = np.ascontiguousarray(value)
+        if _is_upper_triangular(array):
+            order = array.shape[-1]
+            arrays.append(array[..., *np.triu_indices(order)].tobytes())
+            return {"a": [array.dtype.str, list(array.shape[:-2]), order]}
         arrays.append(array.tobytes())
         return {"a": [array.dtype.str, list(value.shape)]}
     kind = type(value).__name__
@@ -128,6 +137,17 @@ def _plain(value: Any, arrays: list[bytes]) -> Any:
         named = [(one.name, getattr(value, one.name)) for one in fields(value) if one.name not in _PASSED_OVER]
         return {"k": [kind, {name: _plain(item, arrays) for name, item in named}]}
     raise TypeError(f"{kind} cannot be packed")
+
+
+def _is_upper_triangular(array: np.ndarray[Any, Any]) -> bool:
+    """Return whether zeros below the diagonal, no negative one among them, need not be packed.
+
+    Triangular factors are nearly all of an Information.
+    """
+    if array.ndim < 2 or array.shape[-1] != array.shape[-2] or array.shape[-1] < 4:
+        return False
+    below = array[..., *np.tril_indices(array.shape[-1], -1)]
+    return not (below.any() or (below.dtype.kind == "f" and np.signbit(below).any()))
 
 
 def _value(plain: Any, taken: Callable[[str, list[int]], np.ndarray[Any, Any]]) -> Any:
