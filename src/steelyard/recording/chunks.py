@@ -99,7 +99,9 @@ class LogStream:
         self.joint_names = names_of(joints)
         self.count = self.files.count()
         if self.count < 3:
-            raise InputError(f"{self.files.name} has {self.count} rows; derivatives need three at least.")
+            raise InputError(
+                f"{self.files.name} has {self.count} row{'s' * (self.count != 1)}; derivatives need three at least."
+            )
         self.origin: float | None = None
         self.stated: ClockStatistics | None = None
         rate = self.columns.rate

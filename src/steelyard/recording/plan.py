@@ -281,7 +281,9 @@ class Plan:
         """
         processing, rate, source = self.processing, recording.rate, recording.source
         if recording.count < 3:
-            raise InputError(f"{source} has {recording.count} rows; derivatives need three at least.")
+            raise InputError(
+                f"{source} has {recording.count} row{'s' * (recording.count != 1)}; derivatives need three at least."
+            )
         flags = self.flags(recording)
         q, dq, ddq = self.held.without_motion(*self._motion(recording, flags))
         # A regressor that goes through the same filter takes nothing from rows where the motion is spoiled.

@@ -246,12 +246,12 @@ def _reading(path: Path) -> Iterator[None]:
         raise
     except OSError as error:
         raise InputError(f"{path} cannot be read ({error.strerror or error}); {REMEDY}.") from None
-    except MemoryError:
-        raise InputError(
-            f"{path} cannot be read: there is not enough memory for what it says it holds; save it again, or allow the "
-            "process more."
-        ) from None
     except Exception as error:
+        if isinstance(error, MemoryError) or "can't start new thread" in str(error):
+            raise InputError(
+                f"{path} cannot be read: there is not enough memory for what it says it holds; save it again, or allow "
+                "the process more."
+            ) from None
         reason = " ".join(str(error).split())[:200]
         raise InputError(f"{path} cannot be read ({type(error).__name__}: {reason}); mend the file.") from error
 
