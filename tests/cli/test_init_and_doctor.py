@@ -89,6 +89,12 @@ def test_init_in_another_folder_finds_the_description(place, run):
     assert sy.Model.load(place / "deep" / "er" / "robot.toml").dof == 2
 
 
+def test_init_refuses_a_folder_that_cannot_be_before_it_reads_anything(place, run):
+    (place / "taken").write_text("a file")
+    code, _, err = run("init", place / "nowhere.urdf", "-o", place / "taken" / "robot.toml")
+    assert (code, "is a file, but the results need a folder" in err, "nowhere.urdf" in err) == (2, True, False)
+
+
 def test_init_writes_nothing_for_a_log_that_cannot_be_used(place, run):
     (place / "bad.csv").write_text("a,b\n1,2\n3,4\n")
     code, _, err = run("init", place / "pair.urdf", place / "bad.csv", "-o", place / "new.toml")

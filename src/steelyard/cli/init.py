@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from .choices import Quiet, Topic
+from .results_folder import require_results_folder
 from .robot_argument import SetLines, given_sections
 from .terminal import echo, progress
 
@@ -15,6 +16,7 @@ __all__ = ["init"]
 
 
 def init(
+    context: typer.Context,
     robot: Annotated[Path, typer.Argument(help="Description: a URDF, an SDF and so on.")],
     log: Annotated[
         str | None, typer.Argument(help="A log of it, by which columns, terms and filter are chosen; a.csv+b.csv.")
@@ -38,13 +40,14 @@ def init(
     from steelyard.files import write_text
     from steelyard.identification import first_robot_file
 
-    if os.path.lexists(output) and not force:
+    if not os.path.lexists(output):
+        require_results_folder(context, output.parent)
+    elif not force:
         raise InputError(f"{output} exists and is not overwritten; give another place with --output, or --force.")
     with progress(quiet=quiet) as say:
         made = first_robot_file(
             robot, log, folder=output.parent, topic=topic, settings=given_sections(lines or ()), progress=say
         )
-    output.parent.mkdir(parents=True, exist_ok=True)
     write_text(made.text, output)
     incomplete = f" {made.to_complete}" if made.to_complete else ""
     if quiet:

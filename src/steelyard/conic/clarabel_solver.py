@@ -254,14 +254,16 @@ def _falls_apart(problem: ConicProblem) -> bool:
 
     Clarabel then takes many small cones in its place (chordal decomposition).
     """
+    if not any(cone.kind == "semidefinite" and cone.size >= _LARGE_CONE for cone in problem.cones):
+        return False
+    filled = (np.diff(sparse.csr_matrix(problem.A).indptr) > 0) | (problem.b != 0.0)
     begin = 0
     for cone in problem.cones:
         rows = slice(begin, begin + cone.rows)
         begin = rows.stop
-        if cone.kind == "semidefinite" and cone.size >= _LARGE_CONE:
-            filled = (np.diff(sparse.csr_matrix(problem.A)[rows].indptr) > 0) | (problem.b[rows] != 0.0)
-            if np.count_nonzero(filled) <= _FEW_ELEMENTS * cone.rows:
-                return True
+        large = cone.kind == "semidefinite" and cone.size >= _LARGE_CONE
+        if large and np.count_nonzero(filled[rows]) <= _FEW_ELEMENTS * cone.rows:
+            return True
     return False
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from pathlib import Path
 from time import perf_counter
 from typing import Literal
@@ -31,7 +31,7 @@ from steelyard.recording.even import PERIODS_FILLED, TIME_FILLED
 from steelyard.regression import Estimate, Factor, Information, ParameterCovariance
 from steelyard.regression.factor import Reduced, column_lengths, is_well_conditioned, solve
 from steelyard.regression.information import inverse_deviations
-from steelyard.regression.parameter_covariance import NORMAL, inverse_root_of
+from steelyard.regression.parameter_covariance import NORMAL
 from steelyard.regression.reduction import residuals_of_rows, rows_of_entries
 
 from .causal_filter import CausalMotionFilter
@@ -725,7 +725,7 @@ class OnlineEstimator:
             center = solve(info.reduced(answer.weights))
             found = ParameterCovariance.of(info, center, answer.weights)
             if self._counted.keep < 1.0:
-                found = _of_forgotten(found, info, self._counted.squared(), answer.weights)
+                found = found.with_forgotten(info, self._counted.squared(), answer.weights)
             return center, found
 
     def generate(self, language: str, directory: str | Path) -> tuple[Path, ...]:
@@ -777,27 +777,6 @@ class OnlineEstimator:
                 weights=answer.weights,
                 remarks=remarks,
             )
-
-
-def _of_forgotten(
-    plain: ParameterCovariance, info: Information, squared: Sequence[Array], weights: Array
-) -> ParameterCovariance:
-    """The covariance where rows count by what is left of them, V: ``A⁻¹ (sum_k u_k w_k⁴ W_k'V² W_k) A⁻¹``.
-
-    ``A = sum_k w_k² W_k'V W_k`` and long-run variances u_k. With V in place of its square, which is right where nothing
-    is forgotten, intervals are wider by the root of two where the motion goes on alike, and by more where older rows
-    showed other parameters.
-    """
-    correlation = plain.correlation
-    assert correlation is not None
-    inverse, _, _ = inverse_root_of(info, weights)
-    sizes = np.sqrt(correlation.widening * correlation.long_run_variance) * weights**2
-    rows = [
-        size * triangle[:, :-1] @ inverse[factor.columns]
-        for size, triangle, factor in zip(sizes, squared, info.factors, strict=True)
-    ]
-    upper = np.asarray(np.linalg.qr(np.vstack(rows), mode="r"))
-    return replace(plain, root=inverse @ upper.T)
 
 
 def _jumping_rows(model: Model) -> NDArray[np.bool_]:

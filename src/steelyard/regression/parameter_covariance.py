@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -221,6 +221,32 @@ class ParameterCovariance:
             return self
         values, vectors = eigenvectors(np.eye(len(parts)) + parts @ parts.T)
         return replace(self, root=self.root @ (vectors * np.sqrt(values)) @ vectors.T)
+
+    def with_forgotten(self, info: Information, squared: Sequence[Array], weights: Array) -> ParameterCovariance:
+        """Return the covariance where rows count by what is left of them, V: ``A⁻¹ (sum_k u_k w_k⁴ W_k'V² W_k) A⁻¹``.
+
+        ``A = sum_k w_k² W_k'V W_k`` and long-run variances u_k. With V in place of its square, which is right where
+        nothing is forgotten, intervals are wider by the root of two where the motion goes on alike, and by more where
+        older rows showed other parameters.
+
+        Parameters
+        ----------
+        info : Information
+            Of the rows as they count, from which this covariance was made.
+        squared : sequence of ndarray
+            Triangles of the rows as they count by V², one for each factor of `info`.
+        weights : ndarray
+            (N,), the w_k.
+        """
+        assert self.correlation is not None
+        inverse, _, _ = inverse_root_of(info, weights)
+        sizes = np.sqrt(self.correlation.widening * self.correlation.long_run_variance) * weights**2
+        rows = [
+            size * triangle[:, :-1] @ inverse[factor.columns]
+            for size, triangle, factor in zip(sizes, squared, info.factors, strict=True)
+        ]
+        upper = np.asarray(np.linalg.qr(np.vstack(rows), mode="r"))
+        return replace(self, root=inverse @ upper.T)
 
     @classmethod
     def of(
