@@ -13,18 +13,18 @@ import steelyard as sy
 from steelyard.estimators import EntropicPrior
 from steelyard.estimators.cross_validation import cross_validation, term_deviations
 from steelyard.identification.identify import _held_out
+from steelyard.identification.log_reader import DrawnLog
 from steelyard.identification.mistakes import Hypothesis, find_mistakes
 from steelyard.identification.next_steps import _events
 from steelyard.identification.prediction_verdict import (
     FewRows,
-    few_rows,
+    few_rows_of,
     prediction_verdict,
     white_noise,
-    without_turns,
 )
 from steelyard.recording import Samples
 from steelyard.regression import Information
-from steelyard.regression.reduction import empty_factors, residuals
+from steelyard.regression.reduction import empty_factors
 from steelyard.regression.time_blocks import TimeBlocks
 
 
@@ -223,13 +223,11 @@ def test_noise_is_that_of_the_log_that_is_predicted(own: float, other: float) ->
 
 
 def events_of(arm: SimulatedArm, log, estimate):
-    left = np.vstack([part for _, part in residuals(arm.model, log.samples, estimate.base)])
-    left = without_turns(arm.model, log.samples, estimate.base, left)
-    own = (np.arange(len(left)) * 0.01, left, (), len(left))
-    return few_rows("log.csv", "validation", ("a", "b", "c"), log.information, estimate.base, *own)
+    drawn = DrawnLog(replace(log.samples, t=np.arange(log.samples.count) * 0.01), (), log.samples.count, 1)
+    return few_rows_of("log.csv", "validation", log.information, arm.model, estimate.base, drawn)
 
 
-def test_friction_that_jumps_a_row_after_the_turn_is_no_event() -> None:
+def test_friction_that_jumps_a_row_after_the_turn_is_no_event(monkeypatch: pytest.MonkeyPatch) -> None:
     """Filtered positions turn a little before or after the joint, so that the Coulomb friction has the wrong sign."""
     arm, other = simulated_arm(13, seconds=20.0), simulated_arm(14)
     estimate = sy.fit(arm.information, arm.feasible_set)
@@ -240,10 +238,9 @@ def test_friction_that_jumps_a_row_after_the_turn_is_no_event() -> None:
     torque = arm.model.inverse_dynamics(q, dq, ddq, arm.truth) + late
     torque += 0.02 * np.random.default_rng(4).normal(size=torque.shape)
     log = with_torque(replace(other, model=arm.model), torque)
-    errors = np.vstack([part for _, part in residuals(arm.model, log.samples, estimate.base)])
-    times = np.arange(len(errors)) * 0.01
-    joints = ("a", "b", "c")
-    taken = few_rows("log.csv", "validation", joints, log.information, estimate.base, times, errors, (), len(errors))
+    with monkeypatch.context() as patch:
+        patch.setattr("steelyard.identification.prediction_verdict.NEAR_TURN", -1.0)  # where no row is near a turn
+        taken = events_of(arm, log, estimate)
     assert {one.count for one in taken} <= set(np.count_nonzero(late, axis=0))  # these rows and no others stand out
     assert taken
     assert events_of(arm, log, estimate) == ()
@@ -252,8 +249,8 @@ def test_friction_that_jumps_a_row_after_the_turn_is_no_event() -> None:
     hit = torque.copy()
     hit[turn : turn + 6, 1] += 10.0 * np.abs(friction[1])
     found = events_of(arm, with_torque(log, hit), estimate)
-    assert [one.joint for one in found] == ["b"]
-    assert found[0].times[0] == pytest.approx((times[turn], times[turn + 5]), abs=1e-9)
+    assert [one.joint for one in found] == ["joint2"]
+    assert found[0].times[0] == pytest.approx((0.01 * turn, 0.01 * (turn + 5)), abs=1e-9)
 
 
 def test_events_in_many_logs_are_told_in_a_few_lines() -> None:
@@ -280,7 +277,7 @@ def test_what_few_rows_hold_is_no_white_noise() -> None:
     spikes[200:203, 1], spikes[700:703, 1] = 3.0 * size[1], -3.0 * size[1]  # two impacts, each of three rows
     spoiled = with_torque(replace(other, model=arm.model), torque + noise + spikes)
     found = events_of(arm, spoiled, estimate)
-    assert [(one.joint, one.count) for one in found] == [("b", 6)]
+    assert [(one.joint, one.count) for one in found] == [("joint2", 6)]
     assert found[0].square == pytest.approx(np.sum(spikes**2), rel=0.1)
     np.testing.assert_allclose(found[0].times, [(2.0, 2.02), (7.0, 7.02)], atol=1e-9)
     before = prediction_verdict(arm.information, estimate.base, validation=[spoiled.information])
@@ -290,4 +287,4 @@ def test_what_few_rows_hold_is_no_white_noise() -> None:
     expected = np.sqrt(np.sum(spikes**2) / np.sum((torque + noise + spikes) ** 2))
     assert after.model_error == pytest.approx(expected, rel=0.1)
     assert "6 of" in after.sentences[-1]
-    assert "joint b" in after.sentences[-1]
+    assert "joint joint2" in after.sentences[-1]

@@ -25,9 +25,8 @@ from steelyard.files import file_hash, plain
 from steelyard.identification.given import given_constraints, given_logs, wider_model
 from steelyard.identification.log_reader import ReducedLog
 from steelyard.identification.parameter_table import parameter_table
-from steelyard.identification.prediction_verdict import prediction_verdict, said_of
+from steelyard.identification.prediction_verdict import few_rows_of, prediction_verdict, said_of
 from steelyard.identification.reduced_logs import copies_among
-from steelyard.identification.validation import few_rows_of
 from steelyard.recording.formats import content_hash, contents_of, hashed_log, unchanged
 from steelyard.regression import Information, ParameterCovariance, least_squares, torque_gains
 from steelyard.robot import RobotFile

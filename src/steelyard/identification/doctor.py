@@ -41,7 +41,7 @@ from steelyard.regression import Estimate, Information, least_squares
 from steelyard.regression.batch_means import BatchSums
 from steelyard.regression.body_change import BodyChange
 from steelyard.regression.drift import FrictionDrift, drift_sentence, friction_drifts
-from steelyard.regression.reduction import empty_factors
+from steelyard.regression.reduction import empty_factors, errors_of
 from steelyard.regression.time_blocks import TimeBlocks
 from steelyard.robot import RobotFile
 from steelyard.robot.description import read_description
@@ -49,12 +49,12 @@ from steelyard.robot.description import read_description
 from .doubts import mistakes_in_logs
 from .examination import HARMS, Examination, Finding, Harm, merged, stated_remedy
 from .given import GivenLog, GivenRobot, GivenSamples, One, given_constraints, given_logs, given_robot
-from .late_logs import LateLog, errors_of, late_hypotheses, late_logs
+from .late_logs import LateLog, late_hypotheses, late_logs
 from .log_reader import DrawnRows, LogReader, against_limits
-from .prediction_verdict import said_of
+from .prediction_verdict import few_rows_of, said_of
 from .reduced_logs import SHORTEST_DRIFT, change_in_log
 from .unlogged_torques import told_by_unlogged_torques
-from .validation import DRAWN_ROWS, few_rows_of
+from .validation import DRAWN_ROWS
 from .wrong_scale import scale_by_description
 
 __all__ = ["examine"]

@@ -20,10 +20,10 @@ from steelyard.estimators.plausible_fit import PlausibleFit, plausible_fit, trie
 from steelyard.feasibility import FeasibleSet, check
 from steelyard.feasibility.constraints import Constraint
 from steelyard.files import shown
-from steelyard.recording import LogColumns, Processing, Samples
+from steelyard.recording import LogColumns, Processing
 from steelyard.recording.formats import require_unwritten, written_states
 from steelyard.regression import Estimate, Information, least_squares
-from steelyard.regression.reduction import residuals
+from steelyard.regression.reduction import errors_of, residuals
 from steelyard.regression.time_blocks import FOLDS
 
 from .default_terms import RotorDecision, decide_rotors
@@ -42,7 +42,7 @@ from .late_logs import LateLog, late_hypotheses, late_logs
 from .log_reader import LogReader, LogReduction, Progress, ReducedLog
 from .near_standstill import standstill_errors
 from .parameter_table import parameter_table
-from .prediction_verdict import FewRows, few_rows, prediction_verdict, without_turns
+from .prediction_verdict import few_rows_of, prediction_verdict
 from .reduced_logs import reduced_logs
 from .result import Identification, Prediction, Trace
 
@@ -297,8 +297,8 @@ def identify(
         units=model.robot.torque_units,
         few_rows=[
             few
-            for one, log in zip(predictions, read.logs, strict=True)
-            for few in _few_rows(one, log.information, model, estimate)
+            for log in read.logs
+            for few in few_rows_of(log.name, log.role, log.information, model, estimate.base, log.drawn)
         ],
     )
     late: list[LateLog] = []
@@ -462,17 +462,11 @@ def _dear(unconstrained: Estimate, estimate: Estimate) -> tuple[str, ...]:
 
 
 def _predict(model: Model, unconstrained: Estimate, estimate: Estimate, log: ReducedLog) -> Prediction:
-    # By the rows of the regression: where torques are filtered, what is predicted is, too.
-    def left(samples: Samples, base: Array) -> Array:
-        return np.concatenate([errors for _, errors in residuals(model, samples, base)])
-
-    def used(samples: Samples) -> Array:
-        errors = left(samples, estimate.base)
-        return errors if samples.mask is None else np.where(samples.mask, errors, np.nan)
-
     drawn, information, samples = log.drawn, log.information, log.drawn.samples
     assert samples.t is not None
-    of_both = left(samples, np.column_stack([unconstrained.base, estimate.base]))
+    # By the rows of the regression: where torques are filtered, what is predicted is, too.
+    both = np.column_stack([unconstrained.base, estimate.base])
+    of_both = np.concatenate([errors for _, errors in residuals(model, samples, both)])
     gaps = [np.diff(window.t) for window in drawn.windows if window.t is not None]
     trace = Trace(
         samples.t,
@@ -482,7 +476,7 @@ def _predict(model: Model, unconstrained: Estimate, estimate: Estimate, log: Red
         samples=samples,
         log_rows=drawn.seen,
         piece_rows=drawn.piece,
-        residuals=tuple(used(window) for window in drawn.windows),
+        residuals=tuple(errors_of(model, window, estimate.base) for window in drawn.windows),
         interval=float(np.median(np.concatenate(gaps))) if gaps else float("nan"),
     )
     return Prediction(
@@ -496,17 +490,6 @@ def _predict(model: Model, unconstrained: Estimate, estimate: Estimate, log: Red
         trace=trace,
         samples=log.samples,
     )
-
-
-def _few_rows(
-    prediction: Prediction, information: Information, model: Model, estimate: Estimate
-) -> tuple[FewRows, ...]:
-    trace = prediction.trace
-    errors = trace.measured - trace.feasible
-    if trace.samples is not None:
-        errors = without_turns(model, trace.samples, estimate.base, errors)
-    own = (trace.t, errors, trace.residuals, trace.log_rows)
-    return few_rows(prediction.name, prediction.role, model.robot.joint_names, information, estimate.base, *own)
 
 
 def _description(read: Mapping[str, Any], model: Model, estimate: Estimate) -> dict[str, Any]:

@@ -17,13 +17,13 @@ from steelyard.recording.diagnosis.late_torques import SURE, LateTorques, is_cer
 from steelyard.recording.filters.zero_phase import low_pass
 from steelyard.regression import Estimate, Information
 from steelyard.regression.parameter_covariance import NORMAL, inverse_root_of
-from steelyard.regression.reduction import residuals
+from steelyard.regression.reduction import errors_of
 
 from .given import GivenLog, GivenSamples
 from .log_reader import DrawnLog, LogReader
 from .mistakes import Hypothesis
 
-__all__ = ["LateLog", "errors_of", "late_hypotheses", "late_log", "late_logs"]
+__all__ = ["LateLog", "late_hypotheses", "late_log", "late_logs"]
 
 Array = NDArray[np.float64]
 MATTERS = 0.5
@@ -164,12 +164,6 @@ def late_log(
     fallen = float(counts @ (delays**2 * found.unexplained) / max(powers.sum(), 1e-300))
     errors = before, float(np.sqrt(max(before**2 - fallen, 0.0)))
     return LateLog(name, delays, deviations, change, largest, errors)
-
-
-def errors_of(model: Model, samples: Samples, base: Array) -> Array:
-    """Return what base parameters leave of the torques of samples, (S, N); NaN where a row is not used."""
-    errors = np.concatenate([part for _, part in residuals(model, samples, base)])
-    return errors if samples.mask is None else np.where(samples.mask, errors, np.nan)
 
 
 def _change(

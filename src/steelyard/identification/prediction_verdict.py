@@ -14,18 +14,19 @@ from steelyard.files import listed, plain
 from steelyard.recording import Samples
 from steelyard.regression import Information
 from steelyard.regression.batch_means import BATCH_LENGTHS, LONG
-from steelyard.regression.reduction import residuals
+from steelyard.regression.reduction import errors_of
 
 if TYPE_CHECKING:
     from steelyard.dynamics import Model
 
+    from .log_reader import DrawnLog
     from .mistakes import Hypothesis
 
 __all__ = [
     "FewRows",
     "PredictionVerdict",
     "Word",
-    "few_rows",
+    "few_rows_of",
     "prediction_verdict",
     "said_of",
     "white_noise",
@@ -346,20 +347,12 @@ def said_of(few: Sequence[FewRows]) -> str:
 
 
 def beyond_noise(errors: Array) -> float:
-    """Return the size of an error, of some errors (S,) that are finite, from which it is no noise; see `few_rows`."""
+    """Return the size of an error, of some errors (S,) that are finite, from which it is no noise."""
     return BEYOND * NORMAL_DEVIATION * float(np.median(np.abs(errors)))
 
 
-def few_rows(
-    log: str,
-    role: str,
-    joint_names: Sequence[str],
-    information: Information,
-    base: ArrayLike,
-    t: Array,
-    errors: Array,
-    stretches: Sequence[Array],
-    row_count: int,
+def few_rows_of(
+    log: str, role: str, information: Information, model: Model, base: Array, drawn: DrawnLog
 ) -> tuple[FewRows, ...]:
     """Find where few rows of a log hold most of the squared error of a joint.
 
@@ -369,19 +362,14 @@ def few_rows(
     Parameters
     ----------
     log, role : str
-    joint_names : sequence of str
     information : Information
         Of all rows of the log.
+    model : Model
     base : (n_b,)
         At which the errors are taken.
-    t : (S,)
-        s, of the rows that are drawn.
-    errors : (S, N)
-        Of these, N·m or N; NaN where a row was not used.
-    stretches : sequence of (L, N)
-        Errors in stretches of neighbouring rows, likewise.
-    row_count : int
-        Of the log.
+    drawn : DrawnLog
+        Rows of the log that are drawn, in which turns are no events. Where these are not all of its rows, stretches of
+        neighbouring ones tell how large errors usually are.
 
     Returns
     -------
@@ -389,16 +377,19 @@ def few_rows(
         The largest share first.
     """
     factors = information.measured
+    joint_names, samples = model.robot.joint_names, drawn.samples
     if len(factors) != len(joint_names) or not information.has_joint_errors:
         return ()
-    neighbours = np.vstack(stretches) if stretches else errors
-    whole = errors if len(errors) >= row_count else neighbours
-    partial = len(whole) < row_count
+    assert samples.t is not None
+    errors = without_turns(model, samples, base)
+    some = len(errors) < drawn.seen and drawn.windows
+    whole = np.vstack([errors_of(model, window, base) for window in drawn.windows]) if some else errors
+    partial = len(whole) < drawn.seen
     least = NEGLIGIBLE**2 * max((factor.norm2 / max(factor.count, 1) for factor in factors), default=0.0)
     found = []
     for joint, factor in enumerate(factors):
         sizes = np.abs(whole[:, joint][np.isfinite(whole[:, joint])])
-        total = factor.residual2(np.asarray(base, dtype=float))
+        total = factor.residual2(base)
         if not len(sizes) or not total > 0.0 or not factor.norm2 > least * factor.count:
             continue
         limit = beyond_noise(sizes)
@@ -410,7 +401,7 @@ def few_rows(
         square = min(float(np.sum(held**2)), total)
         if square < (MUCH if partial else MOST_OF_ERROR) * total or square < LARGE_EVENT**2 * factor.norm2:
             continue
-        times = t[apart]
+        times = samples.t[apart]
         events = np.split(times, np.flatnonzero(np.diff(times) > PAUSE) + 1) if len(times) else []
         found.append(
             FewRows(
@@ -431,14 +422,14 @@ def few_rows(
     return tuple(sorted(found, key=lambda one: -one.share))
 
 
-def without_turns(model: Model, samples: Samples, base: Array, errors: Array) -> Array:
-    """Return errors (S, N) with NaN where a row was not used, or where a joint turns and friction is taken as if it
-    moved the other way: these are errors of the model that return with every turn, and no events.
+def without_turns(model: Model, samples: Samples, base: Array) -> Array:
+    """Return `errors_of` samples with NaN also where a joint turns and friction is taken as if it moved the other way:
+    these are errors of the model that return with every turn, and no events.
 
     Friction jumps where the motion turns, by twice the Coulomb friction. A row whose error is noise with the velocity
     of its joint reversed belongs to the other side of the turn.
     """
-    left = errors.copy() if samples.mask is None else np.where(samples.mask, errors, np.nan)
+    left = errors_of(model, samples, base)
     if samples.regressor is not None:  # which went through the filters of the torques, as their jumps did
         return left
     turning = np.abs(samples.dq) <= NEAR_TURN * np.abs(samples.ddq)
@@ -455,7 +446,7 @@ def without_turns(model: Model, samples: Samples, base: Array, errors: Array) ->
         dq[:, joint] *= -1.0
         channels = None if samples.channels is None else {name: one[rows] for name, one in samples.channels.items()}
         other = Samples(samples.q[rows], dq, samples.ddq[rows], samples.torque[rows], channels=channels)
-        opposite = np.vstack([part for _, part in residuals(model, other, base)])[:, joint]
+        opposite = errors_of(model, other, base)[:, joint]
         own[rows[np.abs(opposite) <= limit]] = np.nan
     return left
 

@@ -18,7 +18,7 @@ from steelyard.files import listed, write_json
 from steelyard.recording import Samples
 from steelyard.regression import Information
 from steelyard.regression.batch_means import BATCH_LENGTHS, BatchSums
-from steelyard.regression.reduction import empty_factors, residuals
+from steelyard.regression.reduction import empty_factors
 from steelyard.robot import RobotFile
 
 from .default_terms import model_of_estimate
@@ -28,11 +28,9 @@ from .log_reader import DrawnLog, DrawnRows, LogReader, Progress
 from .mistakes import sentence
 from .prediction_verdict import (
     FEWEST_BATCHES,
-    FewRows,
     PredictionVerdict,
-    few_rows,
+    few_rows_of,
     prediction_verdict,
-    without_turns,
 )
 from .saved import matching_estimate
 from .saved_result import RECORD, SavedResult
@@ -273,21 +271,6 @@ def validate_estimate(
 def total(parts: Sequence[Information]) -> Information:
     """All of them together, with the batch means that the last of them holds for all."""
     return replace(Information.total(parts), batch_means=parts[-1].batch_means)
-
-
-def few_rows_of(
-    log: str, role: str, information: Information, model: Model, base: Array, drawn: DrawnLog
-) -> tuple[FewRows, ...]:
-    """Return what `few_rows` finds in a log, by the rows of it that are drawn."""
-
-    def errors(samples: Samples) -> Array:
-        left = np.vstack([part for _, part in residuals(model, samples, base)])
-        return without_turns(model, samples, base, left)
-
-    assert drawn.samples.t is not None
-    stretches = [errors(window) for window in drawn.windows]
-    own = (drawn.samples.t, errors(drawn.samples), stretches, drawn.seen)
-    return few_rows(log, role, model.robot.joint_names, information, base, *own)
 
 
 @dataclass(frozen=True, eq=False)

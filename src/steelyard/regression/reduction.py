@@ -32,6 +32,7 @@ __all__ = [
     "as_covariance",
     "empty_factors",
     "empty_whole",
+    "errors_of",
     "joint_rows",
     "narrowed",
     "narrowing",
@@ -346,3 +347,9 @@ def residuals(model: Model, samples: Samples, base: Array) -> Iterator[tuple[sli
             predicted = [w @ base[c] for w, c in zip(columns.by_joint(entries), columns.joints, strict=True)]
             torque = samples.torque[part]
             yield part, (torque if base.ndim == 1 else torque[..., None]) - np.stack(predicted, axis=1)
+
+
+def errors_of(model: Model, samples: Samples, base: Array) -> Array:
+    """Return what base parameters leave of the torques of samples, (S, N); NaN where a row is not used."""
+    errors = np.concatenate([part for _, part in residuals(model, samples, base)])
+    return errors if samples.mask is None else np.where(samples.mask, errors, np.nan)
