@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from steelyard.errors import InputError
 from steelyard.regression.factor import eigenvectors
 
-from .causes import Cause
+from .causes import IMPOSSIBLE, Cause
 
 __all__ = [
     "Deviation",
@@ -63,16 +63,22 @@ ROUNDS = 3
 MOST_CAUSES = 4
 """The most causes of one robot; what differs in more parts is another robot."""
 
+MOST_VARIED = 20.0
+"""The largest multiple by which a robot is taken to vary by more than its siblings."""
+
 HIDDEN = 0.02
 """Part of what a cause shows beside those that are found already, below which it cannot be told from them."""
 
-LIKELY = 7.6
-"""By how much another cause may explain less than the best, in squared standard deviations, to be told beside it: the
-square of the 0.995 quantile of Student's distribution for `NOISE_FREEDOM`. Beyond that, the best is needed, too."""
+LIKELY = 3.8
+"""By how much the logarithm of the likelihood of another cause may be below that of the best, to be told beside it:
+half the square of the 0.995 quantile of Student's distribution for `NOISE_FREEDOM`. Beyond that, the best is needed."""
 
 LEAST = 1e-3
 """Standard deviation that every base parameter has at least, in the same units: exact data, as of a simulation without
 noise, would leave matrices that cannot be inverted."""
+
+TRACE = 1e-6
+"""Part of what a robot tells of the mean that is left along what was taken from it."""
 
 UNKNOWN = 1e4
 """Standard deviations, in units of what is usual, of parameters that a robot's data does not show."""
@@ -302,11 +308,14 @@ def compare_siblings(
     each = {k: np.asarray(one, dtype=float) / scale for k, one in (own or {}).items()}
     of_robot = {k: np.asarray(np.isfinite(one).all(axis=1)) for k, one in each.items()}
     each = {k: np.where(of_robot[k][:, None], one, scaled[k][:, 0]) for k, one in each.items()}
-    tests = _Tests(problem, scaled, each, scale, rate, np.array([cause.credible for cause in causes]))
+    tests = _Tests(problem, causes, scaled, each, of_robot, scale, rate)
     moved = problem.bases
     found: list[_Found] = []
     for _ in range(ROUNDS):
-        problem.settle(moved)
+        own_parts: dict[int, list[Array]] = {}
+        for one in found:
+            own_parts.setdefault(one.robot, []).append(tests.direction(one.robot, one.cause))
+        problem.settle(moved, {robot: np.column_stack(parts) for robot, parts in own_parts.items()})
         again = tests.run()
         same = [(one.robot, one.cause) for one in again] == [(one.robot, one.cause) for one in found]
         found = again
@@ -396,10 +405,15 @@ class _Problem:
         self.mean = median_of_shown(bases, shown)
         self.mean_covariance = np.eye(self.width)
         self.precision = np.eye(self.width)
+        self.taken: dict[int, Array] = {}
 
-    def settle(self, moved: Array) -> None:
-        """Find the variances, the mean and the weights from bases from which unusual parts were taken away."""
-        self.moved = moved
+    def settle(self, moved: Array, taken: dict[int, Array]) -> None:
+        """Find the variances, the mean and the weights from bases from which unusual parts were taken away.
+
+        Along what was taken from a robot it tells nothing of its siblings. Counted as one of them all the same, which
+        are then alike there, it made four robots vary by a third less, and two beside a third by half.
+        """
+        self.moved, self.taken = moved, taken
         if self.count > 2 * SUBSET:
             self._iterate(np.linspace(0, self.count - 1, SUBSET).round().astype(int))
         self._iterate(np.arange(self.count))
@@ -411,6 +425,10 @@ class _Problem:
 
         inverses = np.linalg.inv(self.errors[chosen] + self.spread_matrix)
         inverses = 0.5 * (inverses + inverses.transpose(0, 2, 1))
+        for place in np.nonzero(np.isin(chosen, list(self.taken)))[0]:
+            without = unexplained(inverses[place], self.taken[int(chosen[place])])
+            # A trace is left, so that there is a mean where something was taken from each robot.
+            inverses[place] = (1.0 - TRACE) * 0.5 * (without + without.T) + TRACE * inverses[place]
         bases = self.moved[chosen]
         for _ in range(2):  # the first mean is the median, so that no robot draws it before its weight is known
             away = bases - self.mean
@@ -463,6 +481,7 @@ class _Found:
     others: tuple[int, ...]  # that explain it about as well
     beside: tuple[int, ...]  # that were found in this robot before
     change: Array = field(repr=False)  # of base parameters
+    inverse: Array = field(repr=False)  # of the covariance of a robot that has these parts
 
 
 class _Tests:
@@ -471,14 +490,15 @@ class _Tests:
     def __init__(
         self,
         problem: _Problem,
+        causes: Sequence[Cause],
         directions: Sequence[Array],
         own: Mapping[int, Array],
+        of_robot: Mapping[int, NDArray[np.bool_]],
         scale: Array,
         rate: float,
-        credible: Array,
     ) -> None:
         self.problem, self.directions, self.own, self.scale, self.rate = problem, directions, own, scale, rate
-        self.credible = credible
+        self.causes, self.of_robot = causes, of_robot
         self.single = [k for k, one in enumerate(directions) if one.shape[1] == 1]
         self.several = [k for k, one in enumerate(directions) if one.shape[1] > 1]
         self.columns = (
@@ -505,7 +525,7 @@ class _Tests:
         for robot in range(count):
             inverse, away = self.against_others(robot)
             tested = self.tested(robot, inverse, away, inverse)
-            self.amplitude[robot], self.error[robot], self.among[robot], self.probability[robot] = tested
+            self.amplitude[robot], self.error[robot], self.among[robot], self.probability[robot] = tested[:4]
         best = self.probability.min(axis=1, initial=1.0)
         self.robot_probability = np.minimum(best * causes, 1.0)
         named = false_discoveries(self.robot_probability, self.rate)
@@ -525,8 +545,10 @@ class _Tests:
         inverse = np.linalg.inv(covariance)
         return 0.5 * (inverse + inverse.T), problem.bases[robot] - mean
 
-    def tested(self, robot: int, inverse: Array, away: Array, whole: Array) -> tuple[Array, Array, Array, Array]:
+    def tested(self, robot: int, inverse: Array, away: Array, whole: Array) -> tuple[Array, ...]:
         """Amplitudes, their standard deviations, the part that siblings vary by, and probabilities of all causes.
+
+        Then what each explains, in squared standard deviations, and with how many amplitudes.
 
         `inverse` is that of the covariance, without what causes that were found already explain; `whole` with it.
         """
@@ -550,6 +572,8 @@ class _Tests:
         error[self.single] = np.where(seen, 1.0 / np.sqrt(safe), np.nan)
         chance = np.minimum(2.0 * stdtr(freedom, -np.abs(score) / np.sqrt(safe)), 1.0)
         probability[self.single] = np.where(seen, chance, 1.0)
+        explained, sizes = np.zeros(causes), np.ones(causes)
+        explained[self.single] = np.where(seen, score**2 / safe, 0.0)
         for k in self.several:
             own = self.directions[k]
             weighed = inverse @ own
@@ -560,14 +584,72 @@ class _Tests:
                 continue
             along = (vectors[:, shown].T @ score) / np.sqrt(values[shown])
             degrees = self.freedom(robot, (weighed @ vectors[:, shown]) / values[shown])
-            size = int(shown.sum())
-            probability[k] = float(fdtrc(size, float(np.min(degrees)), float(along @ along) / size))
-        return amplitude, error, among, probability
+            sizes[k], explained[k] = shown.sum(), along @ along
+            probability[k] = float(fdtrc(sizes[k], float(np.min(degrees)), explained[k] / sizes[k]))
+        return amplitude, error, among, probability, explained, sizes
 
-    @staticmethod
-    def squares(amplitude: Array, error: Array) -> Array:
-        """What each cause explains, in squared standard deviations; nothing of links as a whole, which explain more."""
-        return np.nan_to_num((amplitude / error) ** 2, nan=-1.0)
+    def likelihood(
+        self, robot: int, inverse: Array, away: Array, free: int, tested: tuple[Array, ...]
+    ) -> tuple[Array, Array]:
+        """Logarithms of how likely each cause makes what a robot shows, and of how likely it is itself.
+
+        Both up to a constant, (len(causes),); only of those that are beyond chance. What a cause leaves unexplained
+        has a multivariate Student's distribution, as the size of the covariance is itself estimated: where each cause
+        leaves much, because the changes are too large for the directions to be exact, their ratio counts. Amplitudes
+        are taken to be about as large as they were found (the marginal likelihood of a g-prior with local empirical
+        Bayes: F. Liang et al., Mixtures of g priors for Bayesian variable selection, 2008), which counts their number
+        against causes that have several.
+
+        Probabilities of chance do not order causes: each has its own degrees of freedom, by which those of two that
+        are equally far out differ by many powers of ten.
+        """
+        amplitude, error, _, probability, explained, sizes = tested
+        siblings = max(float(self.problem.weights.sum()) - 1.0, 1.0)
+        degrees = min(float(self.problem.freedoms[robot]), siblings)
+        likely, before = np.full((2, len(self.causes)), -np.inf)
+        total = float(away @ inverse @ away)
+        for k in map(int, np.nonzero(probability <= self.threshold)[0]):
+            left, tells, size, volume = total - explained[k], explained[k], sizes[k], 0.0
+            if np.isfinite(amplitude[k]):
+                ratio = self.ratio(robot, k, float(amplitude[k]))
+                before[k] = self.causes[k].log_prior(ratio, ratio + 2.0 * float(error[k]))
+                roots = self.varied(robot, k, ratio)
+                if roots is not None:  # the inverse and the determinant of a covariance that is larger by them
+                    inside = np.eye(roots[0].shape[1]) + roots[1][:, None] * (roots[0].T @ inverse @ roots[0])
+                    seen = inverse @ roots[0]
+                    wider = inverse - seen @ np.linalg.solve(inside, roots[1][:, None] * seen.T)
+                    own = self.direction(robot, k)[:, 0]
+                    weighed = wider @ own
+                    tells = float(weighed @ away) ** 2 / max(float(weighed @ own), 1e-300)
+                    left = float(away @ wider @ away) - tells
+                    volume = float(np.linalg.slogdet(inside)[1])
+            else:
+                before[k] = self.causes[k].log_prior(np.nan, np.nan)
+            unexplained_part = np.log1p(max(left, 0.0) / degrees)
+            likely[k] = -0.5 * ((degrees + free) * unexplained_part + size * np.log1p(tells / size) + volume)
+        return likely, before
+
+    def ratio(self, robot: int, cause: int, amplitude: float) -> float:
+        """What a robot has of a cause, as a multiple of what its siblings have."""
+        return 1.0 + (_beside(amplitude) if self.is_own(robot, cause) else amplitude)
+
+    def varied(self, robot: int, cause: int, ratio: float) -> tuple[Array, Array] | None:
+        """How much more than siblings a robot varies in what is this many times theirs: directions, and variances.
+
+        Siblings vary by factors. A gearbox with four times the friction, whose Coulomb friction was 4 % above that of
+        its siblings, has it 16 % of theirs above the other three; without that, it was told as a gain of the torque,
+        or its viscous friction was told apart. None where that does not change how much it varies.
+        """
+        if self.causes[cause].kind not in ("friction", "term") or not self.causes[cause].has_ratio:
+            return None
+        nothing = self.direction(robot, cause)[:, 0] == 0.0
+        within = ~np.any(self.problem.directions[nothing], axis=0)
+        more = np.clip(ratio, 0.0, MOST_VARIED) ** 2 - 1.0
+        return (self.problem.directions[:, within], more * self.problem.variances[within]) if within.any() else None
+
+    def is_own(self, robot: int, cause: int) -> bool:
+        """Whether the amplitude of a cause is a part of what the robot itself has."""
+        return cause in self.of_robot and bool(self.of_robot[cause][robot])
 
     def freedom(self, robot: int, weights: Array) -> Array:
         """Degrees of freedom of the variances of combinations of base parameters, (k,), by Satterthwaite's rule."""
@@ -576,50 +658,61 @@ class _Tests:
         among = np.maximum(np.einsum("ik,ik->k", weights, problem.spread_matrix @ weights), 0.0)
         # A sibling whose data does not show the combination tells nothing of how much siblings vary in it.
         unseen = UNKNOWN**2 * (weights.T**2 @ ~problem.shown.T)
-        siblings = np.maximum((unseen <= (noise + among)[:, None]) @ problem.weights - 1.0, 1.0)
+        tells = np.where(unseen <= (noise + among)[:, None], problem.weights, 0.0)
+        for other, taken in problem.taken.items():
+            # Neither does one from which that was taken.
+            inverse = np.linalg.inv(problem.errors[other] + problem.spread_matrix)
+            along = problem.spread_matrix @ weights
+            all_told = np.einsum("ik,ik->k", along, inverse @ along)
+            told = np.einsum("ik,ik->k", along, unexplained(inverse, taken) @ along)
+            tells[:, other] *= np.clip(told / np.maximum(all_told, 1e-300), 0.0, 1.0)
+        siblings = np.maximum(tells.sum(axis=1) - 1.0, 1.0)
         spread = noise**2 / problem.freedoms[robot] + among**2 / siblings
         return np.asarray((noise + among) ** 2 / np.maximum(spread, 1e-300))
 
     def parts_of(self, robot: int) -> list[_Found]:
         """The causes that differ in one robot: the likeliest, then what is left beside it, and so on."""
         whole, away = self.against_others(robot)
-        inverse, probability, amplitude = whole, self.probability[robot], self.amplitude[robot]
-        squares = self.squares(amplitude, self.error[robot])
+        inverse = whole
         parts: list[tuple[int, float, tuple[int, ...]]] = []
         while len(parts) < MOST_CAUSES:
-            # Where several are so far out that their probabilities are zero, the farthest is the likeliest.
-            best = int(np.lexsort((-squares, probability))[0])
-            if probability[best] > self.threshold and parts:
+            tested = self.tested(robot, inverse, away, whole)
+            taken_already = [k for k, _, _ in parts]
+            tested[3][taken_already] = 1.0
+            free = self.problem.width - sum(self.directions[k].shape[1] for k in taken_already)
+            likely, before = self.likelihood(robot, inverse, away, free, tested)
+            order = np.argsort(-(likely + before), kind="stable")
+            best = int(order[0])
+            # What no body and no drive can be is no further part.
+            if not np.isfinite(likely[best]) or (parts and before[best] <= IMPOSSIBLE):
                 break
-            told = squares
-            if best in self.several:  # a link explains more by having more amplitudes: what counts is how unlikely
-                told = np.array([deviations_of(float(one)) for one in probability]) ** 2
-            as_well = (told[best] - told <= LIKELY) & (probability <= self.threshold)
-            near = tuple(int(k) for k in np.argsort(-told, kind="stable") if as_well[k] and k != best)
-            if abs(amplitude[best]) > self.credible[best]:
-                likelier = [k for k in near if not abs(amplitude[k]) > self.credible[k]]
-                if likelier:
-                    near = (best, *(k for k in near if k != likelier[0]))
-                    best = likelier[0]
-            parts.append((best, float(probability[best]), near))
+            as_well = (likely[best] - likely <= LIKELY) & (before > IMPOSSIBLE)
+            near = tuple(int(k) for k in order if as_well[k] and k != best)
+            parts.append((best, float(tested[3][best]), near))
+            whole = self.wider(robot, whole, best, float(tested[0][best]))
             inverse = unexplained(whole, np.column_stack([self.direction(robot, k) for k, _, _ in parts]))
             inverse = 0.5 * (inverse + inverse.T)
-            amplitude, error, _, probability = self.tested(robot, inverse, away, whole)
-            squares = self.squares(amplitude, error)
-            probability[[k for k, _, _ in parts]] = 1.0
         parts = self.needed(robot, whole, away, parts)
         taken = np.column_stack([self.direction(robot, k) for k, _, _ in parts])
         seen = whole @ taken
         amplitudes = _inverse(taken.T @ seen) @ (seen.T @ away)
         found, column = [], 0
-        for index, (k, chance, likely) in enumerate(parts):
+        for index, (k, chance, likely_too) in enumerate(parts):
             direction = self.direction(robot, k)
             width = direction.shape[1]
             change = direction @ amplitudes[column : column + width]
             column += width
             beside = tuple(other for other, _, _ in parts if other != k)
-            found.append(_Found(robot, k, chance, likely if index == 0 else (), beside, change))
+            found.append(_Found(robot, k, chance, likely_too if index == 0 else (), beside, change, whole))
         return found
+
+    def wider(self, robot: int, whole: Array, cause: int, amplitude: float) -> Array:
+        """The inverse covariance of a robot that has more of a cause, and varies by more in it."""
+        more = self.varied(robot, cause, self.ratio(robot, cause, amplitude)) if np.isfinite(amplitude) else None
+        if more is None:
+            return whole
+        found = np.linalg.inv(np.linalg.inv(whole) + (more[0] * more[1]) @ more[0].T)
+        return np.asarray(0.5 * (found + found.T))
 
     def needed(
         self, robot: int, whole: Array, away: Array, parts: list[tuple[int, float, tuple[int, ...]]]
@@ -653,16 +746,19 @@ def _of_siblings(one: Deviation, of_robot: NDArray[np.bool_] | None) -> Deviatio
     """
     if of_robot is None or not of_robot[one.robot]:
         return one
-    weights, amplitude, lower, upper = one.weights, *(_beside(a) for a in (one.amplitude, one.lower, one.upper))
+    weights, amplitude = one.weights, _beside(one.amplitude)
+    lower, upper = _beside(one.lower), _beside(one.upper)
+    if one.lower < 1.0 <= one.upper:  # no factor is too large, of the sign that is the likelier
+        lower, upper = (lower, np.inf) if one.amplitude < 1.0 else (-np.inf, upper)
     if weights is not None and np.isfinite(amplitude) and one.amplitude != 0.0:
         weights = weights * (amplitude / one.amplitude)
-    error = one.standard_error / max(1.0 - one.amplitude, LEAST) ** 2
+    error = one.standard_error / max(abs(1.0 - one.amplitude), LEAST) ** 2
     return replace(one, amplitude=amplitude, standard_error=error, lower=lower, upper=upper, weights=weights)
 
 
 def _beside(part: float) -> float:
-    """A part of what is there as a part of what would be there without it; infinite where no factor is too large."""
-    return part / (1.0 - part) if part < 1.0 else np.inf
+    """A part of what is there as a part of what would be there without it; beyond one, what is there has turned."""
+    return part / (1.0 - part) if part != 1.0 else np.inf
 
 
 def _deviation(
@@ -680,7 +776,7 @@ def _deviation(
     if own.shape[1] > 1:
         unknown = float("nan")
         return Deviation(one.robot, cause, unknown, unknown, unknown, unknown, out, one.probability, alternatives)
-    whole, away = tests.against_others(one.robot)
+    whole, away = one.inverse, tests.against_others(one.robot)[1]
     beside = [tests.direction(one.robot, k) for k in one.beside]
     inverse = unexplained(whole, np.column_stack(beside)) if beside else whole
     weighed = inverse @ own[:, 0]
@@ -688,6 +784,10 @@ def _deviation(
     weights = weighed / told
     amplitude = float(weights @ away)
     error = float(1.0 / np.sqrt(told))
+    if cause.kind == "mass":
+        # Siblings vary by factors: what a fault made three times as much was by as much more or less before.
+        among = float(weights @ tests.problem.spread_matrix @ weights)
+        error = float(np.sqrt(max(error**2 - among, 0.0) + among * (1.0 + amplitude) ** 2))
     freedom = float(tests.freedom(one.robot, weights[:, None])[0])
     reach = float(stdtrit(freedom, 0.5 + 0.5 * confidence)) * error
     return Deviation(
