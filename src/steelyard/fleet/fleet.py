@@ -437,7 +437,7 @@ def identify_fleet(
         remarks.append(
             f"No parameters explain the data of {listed(errors)}: so much of the torques is left by least squares, "
             "while the data of most siblings is explained. So these are not compared with siblings: see whether their "
-            "logs are of these robots, in the units and with the joints in the order that are stated."
+            "logs are of these robots, in the units, with the signs and with the joints in the order that are stated."
         )
     filtered = sum(bool(row.values.get("filtered")) for row in rows)
     if filtered:
@@ -737,6 +737,12 @@ def _amount(cause: Cause, value: float) -> str:
     return f"{value * cause.nominal:+.2g} {cause.unit}".rstrip()
 
 
+def _factors(low: float, high: float) -> str:
+    if np.isfinite(low) and np.isfinite(high):
+        return f"{low:.3g} to {high:.3g}"
+    return f"{low:.3g} or more" if np.isfinite(low) else f"{high:.3g} or less"
+
+
 def sentence(one: Deviation, kind: Literal["siblings", "drift"], *, when: str = "", since: str = "") -> str:
     """Say in words in what a robot differs from its siblings, or from what it was.
 
@@ -749,6 +755,9 @@ def sentence(one: Deviation, kind: Literal["siblings", "drift"], *, when: str = 
     >>> mass = Cause("mass of forearm", "mass", "forearm", "mass", "kg", 6.0, np.ones((1, 1)))
     >>> sentence(Deviation(0, mass, 0.1, 0.01, 0.08, 0.12, 10.0, 1e-18), "siblings")
     'The link forearm is 0.6 kg heavier than that of its siblings (0.48 to 0.72 kg), 10 %, if it is made like theirs.'
+    >>> gain = Cause("torque gain of elbow", "gain", "elbow", "torque gain", "", 1.0, np.ones((1, 1)))
+    >>> print(sentence(Deviation(0, gain, -2.0, 0.1, -2.2, -1.8, 20.0, 1e-80), "siblings"))  # doctest: +ELLIPSIS
+    The torque measured at elbow for the same motion is -1 times that of its siblings (-1.2 to -0.8), as where the ...
     """
     cause, low, high = one.cause, one.lower, one.upper
     size, sign = abs(cause.nominal * one.amplitude), 1.0 if one.amplitude >= 0.0 else -1.0
@@ -769,7 +778,7 @@ def sentence(one: Deviation, kind: Literal["siblings", "drift"], *, when: str = 
         measured = cause.what.removesuffix(" gain")
         text = (
             f"The {measured} measured at {cause.part} for the same motion is {1.0 + one.amplitude:.3g} times {others} "
-            f"({1.0 + low:.3g} {f'to {1.0 + high:.3g}' if np.isfinite(high) else 'or more'})"
+            f"({_factors(1.0 + low, 1.0 + high)})"
         )
     elif cause.has_ratio:
         text = f"{_what(cause)} is {1.0 + one.amplitude:.3g} times {others} ({1.0 + low:.3g} to {1.0 + high:.3g})"
@@ -784,8 +793,15 @@ def sentence(one: Deviation, kind: Literal["siblings", "drift"], *, when: str = 
         )
     if kind == "drift":
         text += f", since {since}" if since else ""
-    if cause.kind == "gain":
+    if cause.kind == "gain" and 1.0 + one.amplitude < 0.0:
+        text += ", as where the sign of the torque or of the position is turned; see how this joint is wired and logged"
+    elif cause.kind == "gain":
         text += ", as with a sensor of another scale or another motor constant"
+    elif not cause.can_be(1.0 + high):
+        text += (
+            f", which no {'link' if cause.kind == 'mass' else 'drive'} has: what differs is something else, such as "
+            "the zero of an encoder or how the log was made"
+        )
     if one.alternatives:
         named = [_what(other) if other.kind != "link" else f"the link {other.part}" for other in one.alternatives[:3]]
         text += f"; {' or '.join(named)} would explain it about as well"

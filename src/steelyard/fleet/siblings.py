@@ -462,7 +462,6 @@ class _Problem:
             if np.max(np.abs(after - before) / np.maximum(before, 0.02)) < SETTLED:
                 break
 
-
     def freedom_of_interval(self, robot: int, weights: Array, error: float) -> float:
         """Degrees of freedom of the variance of a combination of base parameters, of which an interval is told.
 
