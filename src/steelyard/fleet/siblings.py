@@ -643,12 +643,14 @@ class _Tests:
         likely, before = np.full((2, len(self.causes)), -np.inf)
         total = float(away @ inverse @ away)
         for k in map(int, np.nonzero(probability <= self.threshold)[0]):
-            left, tells, size, volume = total - explained[k], explained[k], sizes[k], 0.0
+            left, tells, size = total - explained[k], explained[k], sizes[k]
             if np.isfinite(amplitude[k]):
                 ratio = self.ratio(robot, k, float(amplitude[k]))
                 before[k] = self.causes[k].log_prior(ratio, ratio + 2.0 * float(error[k]))
                 roots = self.varied(robot, k, ratio)
-                if roots is not None:  # the inverse and the determinant of a covariance that is larger by them
+                # The inverse of a covariance that is larger by them. Its determinant is left out: it grows with a gain
+                # of that joint as well, in what the robot itself has, and would speak for whatever makes less.
+                if roots is not None:
                     inside = np.eye(roots[0].shape[1]) + roots[1][:, None] * (roots[0].T @ inverse @ roots[0])
                     seen = inverse @ roots[0]
                     wider = inverse - seen @ np.linalg.solve(inside, roots[1][:, None] * seen.T)
@@ -656,11 +658,10 @@ class _Tests:
                     weighed = wider @ own
                     tells = float(weighed @ away) ** 2 / max(float(weighed @ own), 1e-300)
                     left = float(away @ wider @ away) - tells
-                    volume = float(np.linalg.slogdet(inside)[1])
             else:
                 before[k] = self.causes[k].log_prior(np.nan, np.nan)
             unexplained_part = np.log1p(max(left, 0.0) / degrees)
-            likely[k] = -0.5 * ((degrees + free) * unexplained_part + size * np.log1p(tells / size) + volume)
+            likely[k] = -0.5 * ((degrees + free) * unexplained_part + size * np.log1p(tells / size))
         return likely, before
 
     def ratio(self, robot: int, cause: int, amplitude: float) -> float:
