@@ -272,7 +272,7 @@ def test_a_torque_of_half_or_twice_the_scale_is_told_as_such(factor: float, tmp_
     ("fault", "size", "name"),
     [
         ("gain1", 0.7, "torque gain of joint1"),
-        ("gain1", 1.07, "torque gain of joint1"),  # was a link that is heavier by a fifth
+        ("gain1", 1.1, "torque gain of joint1"),  # was a link that is heavier by 30 %
         ("joint1", 4.0, "friction of joint1"),  # was Coulomb friction, and viscous friction by itself
         ("joint3", 4.0, "friction of joint3"),
         ("payload", 3.0, "link3"),  # was three gains, and links that weigh less than nothing

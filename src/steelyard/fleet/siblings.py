@@ -468,8 +468,8 @@ class _Problem:
         By Satterthwaite's rule from how well the variances are known of which siblings vary, by their Fisher
         information (D. Giesbrecht and J. Burns, Two-stage analysis based on a mixed model, Biometrics 41, 1985). A
         variance for each parameter is known worse than the one of a single parameter would be: of twenty arms, that
-        of the mass of a link as by nine siblings. Tests of thousands of causes take the number of siblings
-        (`_Tests.freedom`), with which sound fleets have as few false alarms as is asked for.
+        of the mass of a link as by nine siblings. Tests, of which only the least probability counts, take the number of
+        siblings (`_Tests.freedom`), with which sound fleets have about as few false alarms as is asked for.
         """
         if self.information is None:
             chosen = np.unique(np.linspace(0, self.count - 1, min(self.count, SUBSET)).round().astype(int))
@@ -696,7 +696,9 @@ class _Tests:
         tells = np.where(unseen <= (noise + among)[:, None], problem.weights, 0.0)
         if robot in problem.taken:
             tells[:, robot] = 0.0
-        siblings = np.maximum(tells.sum(axis=1) - 1.0, 1.0)
+        # Bounded squares tell of a variance what fewer siblings would. Counted in full, of sound fleets of ten arms 9 %
+        # had a false alarm where 5 % are asked for.
+        siblings = np.maximum(EFFICIENCY * (tells.sum(axis=1) - 1.0), 1.0)
         spread = noise**2 / problem.freedoms[robot] + among**2 / siblings
         return np.asarray((noise + among) ** 2 / np.maximum(spread, 1e-300))
 
