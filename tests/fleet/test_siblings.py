@@ -10,7 +10,7 @@ from scipy.stats import false_discovery_control
 
 import steelyard as sy
 from steelyard.fleet import Cause, compare_siblings, gains_in_own_motion, possible_causes, variations
-from steelyard.fleet.fleet import sentence
+from steelyard.fleet.fleet import _beside_own, sentence
 from steelyard.fleet.siblings import SiblingComparison, false_discoveries
 from steelyard.regression import ParameterCovariance, torque_gains
 
@@ -309,6 +309,28 @@ def test_no_link_weighs_less_than_nothing() -> None:
     [one] = compare_siblings(bases, covariances, (mass, OTHER), np.eye(2)).deviations
     assert one.cause is mass
     assert "which no link has: what differs is something else" in sentence(one, "siblings")
+
+
+def test_a_link_may_lose_more_than_its_siblings_weigh() -> None:
+    """Of a link that was four times as heavy; as heavy as its siblings, it cannot, and another cause is told."""
+    mass = Cause("mass of link1", "mass", "link1", "mass", "kg", 6.0, np.eye(2)[:, :1])
+    offset = Cause("Foj1", "term", "joint1", "torque offset", "N·m", 1.0, np.array([[-1.0], [0.0]]))
+    random = np.random.default_rng(12)
+    before, changes = 1.0 + 0.01 * random.normal(size=(20, 2)), 0.01 * random.normal(size=(20, 2))
+    changes[4, 0] -= 3.0
+    covariances = np.broadcast_to(1e-4 * np.eye(2), (20, 2, 2))
+    [one] = compare_siblings(changes, covariances, (mass, offset), np.eye(2), before=before).deviations
+    assert (one.cause, one.alternatives) == (offset, ())
+    before[4, 0] += 3.0
+    [one] = compare_siblings(changes, covariances, (mass, offset), np.eye(2), before=before).deviations
+    assert mass in one.alternatives
+    [one] = compare_siblings(changes, covariances, (mass,), np.eye(2), before=before).deviations
+    told = sentence(
+        _beside_own(one, before[4], np.median(before, axis=0), np.median(changes, axis=0)), "drift", when="May"
+    )
+    assert "18 kg lighter than what it was on May" in told
+    assert " 75 %" in told
+    assert "no link has" not in told
 
 
 @pytest.mark.slow

@@ -29,9 +29,11 @@ from .packed import unpacked
 from .robot_estimate import inputs_of, model_of, robot_estimate, something_came, task_of
 from .siblings import (
     FEWEST,
+    LEAST_HELD,
     Deviation,
     SiblingComparison,
     compare_siblings,
+    held_before,
     median_of_shown,
     shown_parameters,
     unexplained,
@@ -608,6 +610,7 @@ def _compared(
             rate=rate,
             freedoms=np.minimum(before_freedoms, after_freedoms),
             own={k: own[[len(dates_of) > 1 for dates_of in dates]] for k, own in in_own_motion.items()},
+            before=before,
         )
         for one in drift.deviations:
             own = several[one.robot]
@@ -663,17 +666,21 @@ def _beside_own(one: Deviation, own: Array, siblings: Array, mean: Array) -> Dev
     """A drift whose amplitude is a part of what the robot itself was at the first date, beside the siblings' change.
 
     The amplitude that was found is a part of what siblings are at the latest date: friction that was 1.5 times theirs,
-    and doubles, grows by 1.5 of it.
+    and doubles, grows by 1.5 of it. So does the mass of a link, whose change in kilograms stays as it is.
     """
     # A gain is told as a part of the robot's own already.
-    if one.weights is None or one.cause.kind not in ("term", "friction") or not one.cause.has_ratio:
+    if one.weights is None or one.cause.kind == "gain" or not one.cause.has_ratio:
         return one
     common = float(one.weights @ mean)
-    first = 1.0 - common + float(one.weights @ (own - siblings))
-    if first <= 0.1:  # nearly nothing, of which no multiple is known
+    first = held_before(one.weights, own - siblings, mean)
+    if first <= LEAST_HELD:
         return one
-    ends = ((1.0 - common) * (1.0 + (value + common) / first) - 1.0 for value in (one.amplitude, one.lower, one.upper))
-    amplitude, lower, upper = ends
+    ends = np.array([one.amplitude, one.lower, one.upper])
+    if one.cause.kind == "mass":
+        amplitude, lower, upper = map(float, ends / first)
+        cause = replace(one.cause, nominal=first * one.cause.nominal)
+        return replace(one, cause=cause, amplitude=amplitude, lower=lower, upper=upper)
+    amplitude, lower, upper = map(float, (1.0 - common) * (1.0 + (ends + common) / first) - 1.0)
     return replace(one, amplitude=amplitude, lower=lower, upper=upper)
 
 
@@ -800,6 +807,8 @@ def sentence(one: Deviation, kind: Literal["siblings", "drift"], *, when: str = 
         text += ", as where the sign of the torque or of the position is turned; see how this joint is wired and logged"
     elif cause.kind == "gain":
         text += ", as with a sensor of another scale or another motor constant"
+    elif cause.kind == "link":
+        text += ", as with something attached to it; an encoder near it whose zero is off looks alike"
     elif not cause.can_be(1.0 + high):
         text += (
             f", which no {'link' if cause.kind == 'mass' else 'drive'} has: what differs is something else, such as "

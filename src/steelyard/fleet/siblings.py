@@ -66,6 +66,9 @@ MOST_CAUSES = 4
 MOST_VARIED = 20.0
 """The largest multiple by which a robot is taken to vary by more than its siblings."""
 
+LEAST_HELD = 0.1
+"""Part of what siblings have that a robot is taken to have had at least: of nearly nothing, no multiple is known."""
+
 HIDDEN = 0.02
 """Part of what a cause shows beside those that are found already, below which it cannot be told from them."""
 
@@ -238,6 +241,7 @@ def compare_siblings(
     confidence: float = 0.95,
     freedoms: ArrayLike | None = None,
     own: Mapping[int, ArrayLike] | None = None,
+    before: ArrayLike | None = None,
 ) -> SiblingComparison:
     """Tell which robots differ from their siblings, in which part, and by how much.
 
@@ -261,6 +265,8 @@ def compare_siblings(
         By the number of a cause with one amplitude, what takes the place of its `directions` in each robot, (R, n_b);
         see `gains_in_own_motion`. It is a part of what the robot itself has, so a change of it by a is one of
         a / (1 - a) of what siblings have, and told so. NaN where the `directions` of the cause hold.
+    before : (R, n_b), optional
+        What the base parameters were, where `bases` are changes of them.
 
     Returns
     -------
@@ -308,7 +314,11 @@ def compare_siblings(
     each = {k: np.asarray(one, dtype=float) / scale for k, one in (own or {}).items()}
     of_robot = {k: np.asarray(np.isfinite(one).all(axis=1)) for k, one in each.items()}
     each = {k: np.where(of_robot[k][:, None], one, scaled[k][:, 0]) for k, one in each.items()}
-    tests = _Tests(problem, causes, scaled, each, of_robot, scale, rate)
+    was = None
+    if before is not None:
+        earlier = np.asarray(before, dtype=float)
+        was = np.where(shown, earlier - median_of_shown(earlier, shown), 0.0) / scale
+    tests = _Tests(problem, causes, scaled, each, of_robot, scale, rate, was)
     moved = problem.bases
     found: list[_Found] = []
     for _ in range(ROUNDS):
@@ -340,6 +350,21 @@ def compare_siblings(
         tuple(deviations),
         tests.threshold,
     )
+
+
+def held_before(weights: Array, was: Array, mean: Array) -> float:
+    """Return how many times what siblings have now a robot had of a cause; a tenth where it had less.
+
+    Parameters
+    ----------
+    weights : (n_b,)
+        Of the amplitude of the cause.
+    was : (n_b,)
+        What the robot had more than its siblings.
+    mean : (n_b,)
+        What changed in the siblings.
+    """
+    return max(1.0 + float(weights @ (was - mean)), LEAST_HELD)
 
 
 def shown_parameters(bases: Array, errors: Array) -> NDArray[np.bool_]:
@@ -530,9 +555,10 @@ class _Tests:
         of_robot: Mapping[int, NDArray[np.bool_]],
         scale: Array,
         rate: float,
+        was: Array | None = None,
     ) -> None:
         self.problem, self.directions, self.own, self.scale, self.rate = problem, directions, own, scale, rate
-        self.causes, self.of_robot = causes, of_robot
+        self.causes, self.of_robot, self.was = causes, of_robot, was
         self.single = [k for k, one in enumerate(directions) if one.shape[1] == 1]
         self.several = [k for k, one in enumerate(directions) if one.shape[1] > 1]
         self.columns = (
@@ -645,9 +671,9 @@ class _Tests:
         for k in map(int, np.nonzero(probability <= self.threshold)[0]):
             left, tells, size = total - explained[k], explained[k], sizes[k]
             if np.isfinite(amplitude[k]):
-                ratio = self.ratio(robot, k, float(amplitude[k]))
-                before[k] = self.causes[k].log_prior(ratio, ratio + 2.0 * float(error[k]))
-                roots = self.varied(robot, k, ratio)
+                has, had = self.held(robot, k, float(amplitude[k]), inverse)
+                before[k] = self.causes[k].log_prior(has / had, (has + 2.0 * float(error[k])) / had)
+                roots = self.varied(robot, k, has, had)
                 # The inverse of a covariance that is larger by them. Its determinant is left out: it grows with a gain
                 # of that joint as well, in what the robot itself has, and would speak for whatever makes less.
                 if roots is not None:
@@ -664,12 +690,18 @@ class _Tests:
             likely[k] = -0.5 * ((degrees + free) * unexplained_part + size * np.log1p(tells / size))
         return likely, before
 
-    def ratio(self, robot: int, cause: int, amplitude: float) -> float:
-        """What a robot has of a cause, as a multiple of what its siblings have."""
-        return 1.0 + (_beside(amplitude) if self.is_own(robot, cause) else amplitude)
+    def held(self, robot: int, cause: int, amplitude: float, inverse: Array) -> tuple[float, float]:
+        """What a robot has of a cause, and what it had where changes are compared, as multiples of its siblings'."""
+        if self.was is None or self.is_own(robot, cause):
+            return 1.0 + (_beside(amplitude) if self.is_own(robot, cause) else amplitude), 1.0
+        own = self.direction(robot, cause)[:, 0]
+        weights = inverse @ own / max(float(own @ inverse @ own), 1e-300)
+        common = float(weights @ self.problem.mean)
+        had = held_before(weights, self.was[robot], self.problem.mean)
+        return had + common + amplitude, had
 
-    def varied(self, robot: int, cause: int, ratio: float) -> tuple[Array, Array] | None:
-        """How much more than siblings a robot varies in what is this many times theirs: directions, and variances.
+    def varied(self, robot: int, cause: int, has: float, had: float) -> tuple[Array, Array] | None:
+        """How much more than siblings a robot varies in what is so many times theirs: directions, and variances.
 
         Siblings vary by factors. A gearbox with four times the friction, whose Coulomb friction was 4 % above that of
         its siblings, has it 16 % of theirs above the other three; without that, it was told as a gain of the torque,
@@ -679,7 +711,8 @@ class _Tests:
             return None
         nothing = self.direction(robot, cause)[:, 0] == 0.0
         within = ~np.any(self.problem.directions[nothing], axis=0)
-        more = np.clip(ratio, 0.0, MOST_VARIED) ** 2 - 1.0
+        squares = np.clip([has] if self.was is None else [has, had], 0.0, MOST_VARIED) ** 2
+        more = float(squares.mean()) - 1.0  # a change varies with what there is after it, and with what was before
         return (self.problem.directions[:, within], more * self.problem.variances[within]) if within.any() else None
 
     def is_own(self, robot: int, cause: int) -> bool:
@@ -721,7 +754,7 @@ class _Tests:
             as_well = (likely[best] - likely <= LIKELY) & (before > IMPOSSIBLE)
             near = tuple(int(k) for k in order if as_well[k] and k != best)
             parts.append((best, float(tested[3][best]), near))
-            whole = self.wider(robot, whole, best, float(tested[0][best]))
+            whole = self.wider(robot, whole, inverse, best, float(tested[0][best]))
             inverse = unexplained(whole, np.column_stack([self.direction(robot, k) for k, _, _ in parts]))
             inverse = 0.5 * (inverse + inverse.T)
         parts = self.needed(robot, whole, away, parts)
@@ -738,9 +771,11 @@ class _Tests:
             found.append(_Found(robot, k, chance, likely_too if index == 0 else (), beside, change, whole))
         return found
 
-    def wider(self, robot: int, whole: Array, cause: int, amplitude: float) -> Array:
+    def wider(self, robot: int, whole: Array, inverse: Array, cause: int, amplitude: float) -> Array:
         """The inverse covariance of a robot that has more of a cause, and varies by more in it."""
-        more = self.varied(robot, cause, self.ratio(robot, cause, amplitude)) if np.isfinite(amplitude) else None
+        more = None
+        if np.isfinite(amplitude):
+            more = self.varied(robot, cause, *self.held(robot, cause, amplitude, inverse))
         if more is None:
             return whole
         found = np.linalg.inv(np.linalg.inv(whole) + (more[0] * more[1]) @ more[0].T)
