@@ -176,6 +176,18 @@ def test_a_gearbox_that_was_exchanged_has_less_friction(arms: Arms, fault: str, 
     assert one.ratio == pytest.approx(now / before, rel=0.05)
 
 
+@pytest.mark.parametrize(("joint", "factor"), [(1, 0.5), (1, 2.0), (2, 2.0), (3, 1.5)])
+def test_a_torque_that_reads_right_again_is_told_as_such(arms: Arms, joint: int, factor: float) -> None:
+    """One that read twice too much was told as another link, by how it would spread over the links now."""
+    rows = []
+    for number in range(10):
+        rows += entries(arms, number, (f"gain{joint}", factor if number == 5 else 1.0), ("", 1.0))
+    [one] = [one for one in identify_fleet(arms.manifest(rows)).findings if one.kind == "drift"]
+    assert (one.robot, one.deviation.cause.name) == ("R5", f"torque gain of joint{joint}")
+    assert 1.0 + one.deviation.lower < 1.0 / factor < 1.0 + one.deviation.upper
+    assert one.ratio == pytest.approx(1.0 / factor, rel=0.03)
+
+
 @pytest.mark.slow
 def test_a_torque_of_another_gain_is_named_in_words(arms: Arms) -> None:
     """One arm has always read 8 % too little at its first joint; of another the second joint reads 10 % less since."""

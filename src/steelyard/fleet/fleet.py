@@ -602,6 +602,15 @@ def _compared(
     if len(several) >= FEWEST:
         before, before_errors, before_freedoms = _arrays(rows, firsts)
         after, after_errors, after_freedoms = _arrays(rows, lasts)
+        again = [len(dates_of) > 1 for dates_of in dates]
+        gains_first = _gains(rows, firsts)
+        gains_before = {}
+        if siblings is not None and gains_first is not None:
+            # A torque that reads as that of siblings now has changed by a part of what it was. How it was spread over
+            # the links then is not how it would be now: told by that, one that read twice too much was a link.
+            for k, was in gains_in_own_motion(model, causes, gains_first).items():
+                now = siblings.probability[again, k] <= siblings.threshold
+                gains_before[k] = np.where(now[:, None], np.nan, was)
         drift = compare_siblings(
             after - before,
             after_errors + before_errors,
@@ -609,8 +618,9 @@ def _compared(
             directions,
             rate=rate,
             freedoms=np.minimum(before_freedoms, after_freedoms),
-            own={k: own[[len(dates_of) > 1 for dates_of in dates]] for k, own in in_own_motion.items()},
+            own={k: own[again] for k, own in in_own_motion.items()},
             before=before,
+            own_before=gains_before,
         )
         for one in drift.deviations:
             own = several[one.robot]

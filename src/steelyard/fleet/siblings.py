@@ -242,6 +242,7 @@ def compare_siblings(
     freedoms: ArrayLike | None = None,
     own: Mapping[int, ArrayLike] | None = None,
     before: ArrayLike | None = None,
+    own_before: Mapping[int, ArrayLike] | None = None,
 ) -> SiblingComparison:
     """Tell which robots differ from their siblings, in which part, and by how much.
 
@@ -267,6 +268,8 @@ def compare_siblings(
         a / (1 - a) of what siblings have, and told so. NaN where the `directions` of the cause hold.
     before : (R, n_b), optional
         What the base parameters were, where `bases` are changes of them.
+    own_before : mapping, optional
+        As `own`, of what the robot itself had before, of which a change by a is one of a. NaN where `own` holds.
 
     Returns
     -------
@@ -314,6 +317,10 @@ def compare_siblings(
     each = {k: np.asarray(one, dtype=float) / scale for k, one in (own or {}).items()}
     of_robot = {k: np.asarray(np.isfinite(one).all(axis=1)) for k, one in each.items()}
     each = {k: np.where(of_robot[k][:, None], one, scaled[k][:, 0]) for k, one in each.items()}
+    for k, given_before in (own_before or {}).items():
+        first = np.asarray(given_before, dtype=float) / scale
+        told = np.asarray(np.isfinite(first).all(axis=1))
+        each[k], of_robot[k] = np.where(told[:, None], first, each[k]), of_robot[k] & ~told
     was = None
     if before is not None:
         earlier = np.asarray(before, dtype=float)
@@ -692,7 +699,7 @@ class _Tests:
 
     def held(self, robot: int, cause: int, amplitude: float, inverse: Array) -> tuple[float, float]:
         """What a robot has of a cause, and what it had where changes are compared, as multiples of its siblings'."""
-        if self.was is None or self.is_own(robot, cause):
+        if self.was is None or self.causes[cause].kind == "gain":
             return 1.0 + (_beside(amplitude) if self.is_own(robot, cause) else amplitude), 1.0
         own = self.direction(robot, cause)[:, 0]
         weights = inverse @ own / max(float(own @ inverse @ own), 1e-300)
