@@ -336,7 +336,7 @@ def test_a_link_may_lose_more_than_its_siblings_weigh() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("count", [10, 20])
 def test_intervals_of_faults_hold_what_was_planted(count: int, tmp_path: Path) -> None:
-    """Of links, gearboxes and gains in 30 fleets each; before, 78 to 81 % of links and 56 to 64 % of gearboxes."""
+    """Of links and gearboxes in 30 fleets; before, 78 to 81 % of links and 56 to 64 % of gearboxes."""
     faults = [(kind, part, factor) for kind, factor in (("link", 1.4), ("joint", 2.0)) for part in (1, 2, 3)]
     held, named = [], 0
     for fleet in range(30):
