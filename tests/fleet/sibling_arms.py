@@ -25,7 +25,8 @@ FRICTION = ((1.0, 2.0), (0.8, 1.5), (0.5, 1.0))
 
 
 class Arms:
-    """Arms whose links vary by 1 %, friction by 5 %; a fault multiplies friction of a joint, all of a link or a torque.
+    """Arms whose links vary by 1 %, friction by 5 %; a fault multiplies friction of a joint, all of a link or a torque,
+    or is a payload.
 
     Those of another reach have a second link of another length.
     """
@@ -61,6 +62,9 @@ class Arms:
                 values[index] *= 1.0 + 0.05 * random.normal()
             if fault.startswith("joint") and name in (f"Fvj{fault[5:]}", f"Fcj{fault[5:]}"):
                 values[index] *= factor
+        if fault == "payload":  # a lump of so many kilograms on the flange
+            lump = sy.Inertia.from_com(factor, [0.0, 0.05, 0.1], 0.002 * factor * np.eye(3))
+            values[self.model.link_columns[-1]] += lump.parameters
         if fault.startswith("link"):
             values[self.model.link_columns[int(fault[4:]) - 1]] *= factor
         t = np.arange(0.0, duration, 0.01)[:, None]

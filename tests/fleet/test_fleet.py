@@ -166,6 +166,30 @@ def test_a_robot_that_was_unusual_is_held_against_what_it_was_itself(arms: Arms)
     assert " is 1.5" in found["drift", "R5"]["sentence"] or " is 1.4" in found["drift", "R5"]["sentence"]
 
 
+@pytest.mark.parametrize(("fault", "before", "now"), [("joint2", 4.0, 1.0), ("joint3", 4.0, 1.0), ("joint2", 1.0, 4.0)])
+def test_a_gearbox_that_was_exchanged_has_less_friction(arms: Arms, fault: str, before: float, now: float) -> None:
+    """Three times what siblings have is gone, which a gearbox that was as worn may lose, and no other."""
+    rows = []
+    for number in range(8):
+        factors = (before, now) if number == 5 else (1.0, 1.0)
+        rows += entries(arms, number, *((fault, factor) for factor in factors))
+    [one] = [one for one in identify_fleet(arms.manifest(rows)).findings if one.kind == "drift"]
+    assert (one.robot, one.deviation.cause.name) == ("R5", f"friction of joint{fault[5:]}")
+    assert one.ratio == pytest.approx(now / before, rel=0.05)
+
+
+@pytest.mark.parametrize(("joint", "factor"), [(1, 0.5), (1, 2.0), (2, 2.0), (3, 1.5)])
+def test_a_torque_that_reads_right_again_is_told_as_such(arms: Arms, joint: int, factor: float) -> None:
+    """One that read twice too much was told as another link, by how it would spread over the links now."""
+    rows = []
+    for number in range(10):
+        rows += entries(arms, number, (f"gain{joint}", factor if number == 5 else 1.0), ("", 1.0))
+    [one] = [one for one in identify_fleet(arms.manifest(rows)).findings if one.kind == "drift"]
+    assert (one.robot, one.deviation.cause.name) == ("R5", f"torque gain of joint{joint}")
+    assert 1.0 + one.deviation.lower < 1.0 / factor < 1.0 + one.deviation.upper
+    assert one.ratio == pytest.approx(1.0 / factor, rel=0.03)
+
+
 @pytest.mark.slow
 def test_a_torque_of_another_gain_is_named_in_words(arms: Arms) -> None:
     """One arm has always read 8 % too little at its first joint; of another the second joint reads 10 % less since."""

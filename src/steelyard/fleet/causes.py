@@ -21,9 +21,24 @@ FRICTION = ("damping", "friction")  # as a description calls viscous and Coulomb
 ALL_LINKS = 1e-6
 """Part of a column of base parameters that counts as one: what is less is rounding of their rules."""
 
-CREDIBLE_GAIN = 0.15
-"""Scales of sensors and constants of motors are off by a few percent, friction by half. At the last joint of an arm,
-whose torque is mostly friction, one looks like the other: a worn gearbox was told as a gain of 1.34."""
+USUAL_CHANGES = {"gain": 0.1, "mass": 0.2, "friction": 0.5, "term": 0.5}
+"""Half of all changes of a kind are taken to be within a factor of e to the power of this. Scales of sensors and
+constants of motors are off by a few percent, friction by half; the distribution of Cauchy has tails, so that none is
+excluded. At the last joint of an arm, whose torque is mostly friction, one looks like the other: a worn gearbox was
+told as a gain of 1.34."""
+
+LIGHTEST = 0.05
+"""Part of what siblings have below which no link weighs, and to which other ratios are bounded as a change."""
+
+IMPOSSIBLE = -1e6
+"""Logarithm of the likelihood of what cannot be: below all others, and in the same order among themselves."""
+
+ANY_LINK = -2.0
+"""Logarithm of how likely a link that is another one is, beside a part that has a number and explains as much: the
+inertia of the first link about a vertical axis cannot be told from that of its rotor."""
+
+TURNED = -3.0
+"""Logarithm of how likely a torque of the other sign is beside one of the same."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,10 +77,38 @@ class Cause:
         """Whether it is told as a multiple of what siblings have."""
         return self.kind in FACTORS or (self.nominal > 0.0 and self.what != "torque offset")
 
-    @property
-    def credible(self) -> float:
-        """The amplitude beyond which other causes that explain a difference about as well are likelier."""
-        return CREDIBLE_GAIN if self.kind == "gain" else np.inf
+    def can_be(self, ratio: float) -> bool:
+        """Whether a part may have this many times what siblings have: no friction and no mass is less than nothing.
+
+        Examples
+        --------
+        >>> mass = Cause("mass of forearm", "mass", "forearm", "mass", "kg", 6.0, np.ones((1, 1)))
+        >>> mass.can_be(0.5), mass.can_be(0.02), mass.can_be(-1.0)
+        (True, False, False)
+        """
+        if not self.has_ratio or self.kind == "gain":
+            return True
+        return ratio >= (LIGHTEST if self.kind == "mass" else 0.0)
+
+    def log_prior(self, ratio: float, highest: float) -> float:
+        """Logarithm of how likely a change is before any data is seen, up to a constant.
+
+        Parameters
+        ----------
+        ratio : float
+            To what siblings have.
+        highest : float
+            The end of its interval.
+        """
+        if self.kind == "link":
+            return ANY_LINK
+        if not self.has_ratio:
+            return 0.0
+        if not self.can_be(highest):
+            return IMPOSSIBLE
+        size = abs(ratio) if self.kind == "gain" else ratio
+        change = np.log(np.clip(size, LIGHTEST, 1.0 / LIGHTEST)) / USUAL_CHANGES[self.kind]
+        return float(-np.log1p(change**2)) + (TURNED if ratio < 0.0 and self.kind == "gain" else 0.0)
 
 
 def possible_causes(

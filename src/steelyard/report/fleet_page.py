@@ -317,9 +317,9 @@ def _how(fleet: Fleet) -> Markup:
         "the others, with the covariance of its own error and that by which siblings vary, which is estimated from all "
         "of them (restricted maximum likelihood, with the influence of unusual robots bounded). For each cause, such "
         "as more friction in one joint, a heavier link or a torque sensor of another scale, generalised least squares "
-        "tell the amplitude and its standard error. The largest is kept where it is beyond chance over all robots and "
-        f"causes (Benjamini and Hochberg, a rate of false discoveries of {100 * rate:g} %); what is left beside it "
-        "is tried in turn.</p>"
+        "tell the amplitude and its standard error. Of those that are beyond chance over all robots and causes "
+        f"(Benjamini and Hochberg, a rate of false discoveries of {100 * rate:g} %) the likeliest is kept; what is "
+        "left beside it is tried in turn.</p>"
         "<p>Robots that all differ in the same way differ from no sibling. A cause that is not in the list, such as "
         "an encoder whose zero is off, shows as one or several of the others.</p>"
     )
