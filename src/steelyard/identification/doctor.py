@@ -91,12 +91,9 @@ OVERFITTED = 1.75
 joints). Sound logs, simulated and real, have 1.01 to 1.46, runs of a few s that do not show an arm 2.07 to 3.75.
 Condition numbers tell less: a sound log of a light arm has 7650, and a KUKA KR300 that is shown poorly 5450."""
 MOSTLY_WEAK = 0.6
-"""Part of the base parameters that may be smaller than `WEAK` standard errors, which allow for errors that last. Logs
-of eleven simulated arms have 0.3 to 0.5, a UR10 0.55 and a TX40 0.58; short runs of a Gen3 and single motions of a
-KUKA KR300 0.69 to 0.74."""
-WEAK = 2.0
-"""Standard errors below which a number might as well be zero. Of numbers that are not determined at all one in twenty
-exceeds them, but one in three exceeds a single one, so that a robot of which nothing is seen would look half known."""
+"""Part of the base parameters that may be weak, by standard errors that allow for errors that last. Logs of eleven
+simulated arms have 0.3 to 0.5, a UR10 0.55 and a TX40 0.58; short runs of a Gen3 and single motions of a KUKA KR300
+0.69 to 0.74."""
 STRETCHES = 5
 CLIPPED = 0.01
 """Share of a joint's rows at a level of saturation from which the answer is wrong, and not only worse."""
@@ -675,7 +672,7 @@ class _Patient:
         information = fit.information
         unlogged = told_by_unlogged_torques(fit.reader.model, information)  # no motion shows these
         errors = dict(zip(fit.estimate.base_expressions, fit.estimate.relative_standard_error, strict=True))
-        weak = [name for name, error in errors.items() if not WEAK * error < 1.0 and name not in unlogged]
+        weak = [name for name in fit.estimate.weak if name not in unlogged]
         count, unseen = information.base_count, [name for name in information.unidentifiable if name not in unlogged]
         reasons = []
         if unseen:

@@ -371,15 +371,15 @@ def _weak(identification: Identification) -> Iterator[str]:
     if hidden:
         yield f"the logs do not show {len(hidden)} of {count} base parameters at all, {_named(hidden)}"
     if weak:
-        are = "are smaller than their standard errors" if len(weak) > 1 else "is smaller than its standard error"
-        yield f"{len(weak)} of {count} base parameters {are}, {_named(weak)}"
+        are, their = ("are", "their standard errors") if len(weak) > 1 else ("is", "its standard error")
+        yield f"{len(weak)} of {count} base parameters {are} smaller than twice {their}, {_named(weak)}"
 
 
 def _shown_to_be_small(identification: Identification) -> set[str]:
     """Return base parameters whose intervals are narrower than what links and joints of such sizes have.
 
-    An offset of zero, or a product of inertia of a symmetric link, is smaller than its standard error on every motion:
-    the log has shown that it is small, and a better one would show it again.
+    An offset of zero, or a product of inertia of a symmetric link, is smaller than twice its standard error on every
+    motion: the log has shown that it is small, and a better one would show it again.
     """
     estimate, told = identification.estimate, identification.unconstrained
     if estimate.parameters is None:
