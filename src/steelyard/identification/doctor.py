@@ -14,6 +14,7 @@ from steelyard.display import capital
 from steelyard.dynamics import Model
 from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError
+from steelyard.estimators.marginal_likelihood import body_priors
 from steelyard.files import listed
 from steelyard.recording import (
     DelayEstimate,
@@ -596,8 +597,8 @@ class _Patient:
         assert self.model is not None
         reader, information, estimate, file = fit.reader, fit.information, fit.estimate, self._file()
         worst = float(np.nanmax(information.joint_relative_error(estimate.base), initial=estimate.relative_error))
-        limits, samples = given_constraints(file), {name: fit.samples}
-        found = mistakes_in_logs(reader, file, limits, {name: self.log}, samples, {name: worst}, self.say).get(name, ())
+        priors, samples = body_priors(self.model, given_constraints(file)), {name: fit.samples}
+        found = mistakes_in_logs(reader, file, priors, {name: self.log}, samples, {name: worst}, self.say).get(name, ())
         layout = reader.layouts.get(name)
         scale = scale_by_description(self.model, [fit.samples], file, layout)
         if scale is not None and found and scale.outweighs(found[0]):

@@ -179,11 +179,6 @@ def _doctor_command(identification: Identification, logs: Iterable[str]) -> str:
     return f"steelyard doctor {log} {_robot(identification)}"
 
 
-def _carries(identification: Identification, log: str) -> bool:
-    """Tell whether a payload is among what may be wrong with a log."""
-    return any(one.kind == "payload" for one in identification.mistakes.get(log, ()))
-
-
 def _shares(identification: Identification, log: str, mistake: Hypothesis) -> bool:
     """Tell whether a log may have a mistake that was found in another one.
 
@@ -222,7 +217,10 @@ def _mistakes(identification: Identification) -> Iterator[NextStep]:
         reason = f"{first.statement}, in {log}: mended, {first.evidence}."
         if others:
             reason += f" The log cannot tell it from: {'; '.join(other.statement for other in others[:MOST_NAMED])}."
-        empty = [one for one in dict.fromkeys(everything) if not _carries(identification, one)]
+        carrying = {
+            log for log, found in identification.mistakes.items() if any(one.kind == "payload" for one in found)
+        }
+        empty = [one for one in dict.fromkeys(everything) if one not in carrying]
         if first.kind == "payload" and empty:
             # A line of robot.toml counts for every log: it would be false of those without the payload.
             words = ((empty[0], "UNLOADED"), (log, "LOADED"))
