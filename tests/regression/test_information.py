@@ -260,5 +260,6 @@ def test_weak_parameters_go_by_the_standard_error(arm):
     size = np.abs(estimate.base)
     wider = replace(estimate, standard_error=2.0 * size)
     assert wider.weak == wider.base_expressions
-    assert replace(wider, standard_error=0.1 * size).weak == ()
+    assert replace(wider, standard_error=0.6 * size).weak == wider.base_expressions
+    assert replace(wider, standard_error=0.4 * size).weak == ()
     assert "200 %" in wider._repr_html_()

@@ -137,11 +137,11 @@ def test_weak_parameters_are_counted_and_long_sums_not_written_out(identificatio
     hidden = replace(identification.unconstrained, standard_error=np.full(10, 100.0))
     steps = next_steps(replace(identification, weak=weak, unconstrained=hidden))
     (step,) = (step for step in steps if "excite" in step.code)
-    assert "2 of 10 base parameters are smaller than their standard errors, such as ly1." in step.reason
+    assert "2 of 10 base parameters are smaller than twice their standard errors, such as ly1." in step.reason
 
 
 def test_what_the_log_shows_to_be_zero_asks_for_no_other_motion(identification: Identification) -> None:
-    """A first moment of zero is smaller than its standard error, however well the motion shows it."""
+    """A first moment of zero is smaller than twice its standard error, however well the motion shows it."""
     told = identification.unconstrained
     name = "ly1"
     error = np.where(np.array(told.base_names) == name, 1e-3, told.standard_error)

@@ -16,8 +16,6 @@ from .text import Names, comment_lines, indices_from_one, marker, number, number
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from steelyard.graph import Output
-
     from .project import Project
 
 __all__ = ["write"]
@@ -106,7 +104,8 @@ class _Source(SourceWriter):
             if not output.shape:
                 lines.append(f"  {name} = {listed.elements[0]};")
                 continue
-            lines.append(f"  {name} = zeros({_shape(output)});")
+            shape = f"{output.shape[0]}, 1" if len(output.shape) == 1 else ", ".join(map(str, output.shape))
+            lines.append(f"  {name} = zeros({shape});")
             stored = zip(indices_from_one(output.shape), listed.elements, listed.zero, strict=True)
             lines += [f"  {name}({place}) = {text};" for place, text, zero in stored if not zero]
         return "\n".join([*lines, "end", ""])
@@ -173,7 +172,3 @@ def _literal(name: str, values: NDArray[np.float64]) -> list[str]:
         return [f"  {name} = zeros(0, 1);"]
     rows = [f"{line} ..." for line in number_lines(values, "    ")]
     return [f"  {name} = [ ...", *rows, "  ];"]
-
-
-def _shape(output: Output) -> str:
-    return f"{output.shape[0]}, 1" if len(output.shape) == 1 else ", ".join(map(str, output.shape))

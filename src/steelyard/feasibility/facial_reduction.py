@@ -260,7 +260,7 @@ def polished_pair(
     lengths = np.linalg.norm(columns, axis=0)
     left, singular, _ = np.linalg.svd(columns[:, lengths > 0] / lengths[lengths > 0], full_matrices=True)
     rank = int(np.sum(singular > 1e-10 * singular.max(initial=0.0)))
-    values = [np.concatenate([symmetric_to_vector(M) for M in _stacked(stack, m)]) for m in (recession, duals)]
+    values = [np.concatenate([symmetric_to_vector(m[index]) for index in stack.order]) for m in (recession, duals)]
     point = np.concatenate([left[:, :rank].T @ values[0], left[:, rank:].T @ values[1]])
     scale = float(np.linalg.norm(point))
     if scale == 0.0:
@@ -288,10 +288,6 @@ def polished_pair(
         # LAPACK's gelsd, the default, does not converge on some of these matrices.
         point = point - linalg.lstsq(jacobian, residual, cond=1e-9, lapack_driver="gelsy")[0]
     return duals, recession
-
-
-def _stacked(stack: AffineStack, matrices: tuple[Matrix, ...]) -> list[Matrix]:
-    return [matrices[index] for index in stack.order]
 
 
 ZERO = 1e-5

@@ -346,7 +346,8 @@ def compare_estimates(
                 matching_estimate(model, one.path)
         names, bases = [one.name for one in loaded], [one.estimate.base for one in loaded]
         if logs:
-            read = read_as_fitted(file, model, _first_estimate(loaded), logs, progress=progress)
+            first = next(one for one in loaded if not one.is_description)
+            read = read_as_fitted(file, model, first, logs, progress=progress)
             remarks += read.remarks
             source = str(logs[0]) if len(logs) == 1 else f"{len(logs)} logs"
             prediction = difference_on_logs(model, total(read.parts), names, bases, source)
@@ -369,10 +370,6 @@ def compare_estimates(
         tuple(loaded),
         model,
     )
-
-
-def _first_estimate(loaded: Sequence[SavedResult]) -> SavedResult:
-    return next(one for one in loaded if not one.is_description)
 
 
 def _loaded(

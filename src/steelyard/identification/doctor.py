@@ -14,6 +14,7 @@ from steelyard.display import capital
 from steelyard.dynamics import Model
 from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError
+from steelyard.estimators.marginal_likelihood import body_priors
 from steelyard.files import listed
 from steelyard.recording import (
     DelayEstimate,
@@ -91,12 +92,9 @@ OVERFITTED = 1.75
 joints). Sound logs, simulated and real, have 1.01 to 1.46, runs of a few s that do not show an arm 2.07 to 3.75.
 Condition numbers tell less: a sound log of a light arm has 7650, and a KUKA KR300 that is shown poorly 5450."""
 MOSTLY_WEAK = 0.6
-"""Part of the base parameters that may be smaller than `WEAK` standard errors, which allow for errors that last. Logs
-of eleven simulated arms have 0.3 to 0.5, a UR10 0.55 and a TX40 0.58; short runs of a Gen3 and single motions of a
-KUKA KR300 0.69 to 0.74."""
-WEAK = 2.0
-"""Standard errors below which a number might as well be zero. Of numbers that are not determined at all one in twenty
-exceeds them, but one in three exceeds a single one, so that a robot of which nothing is seen would look half known."""
+"""Part of the base parameters that may be weak, by standard errors that allow for errors that last. Logs of eleven
+simulated arms have 0.3 to 0.5, a UR10 0.55 and a TX40 0.58; short runs of a Gen3 and single motions of a KUKA KR300
+0.69 to 0.74."""
 STRETCHES = 5
 CLIPPED = 0.01
 """Share of a joint's rows at a level of saturation from which the answer is wrong, and not only worse."""
@@ -599,8 +597,8 @@ class _Patient:
         assert self.model is not None
         reader, information, estimate, file = fit.reader, fit.information, fit.estimate, self._file()
         worst = float(np.nanmax(information.joint_relative_error(estimate.base), initial=estimate.relative_error))
-        limits, samples = given_constraints(file), {name: fit.samples}
-        found = mistakes_in_logs(reader, file, limits, {name: self.log}, samples, {name: worst}, self.say).get(name, ())
+        priors, samples = body_priors(self.model, given_constraints(file)), {name: fit.samples}
+        found = mistakes_in_logs(reader, file, priors, {name: self.log}, samples, {name: worst}, self.say).get(name, ())
         layout = reader.layouts.get(name)
         scale = scale_by_description(self.model, [fit.samples], file, layout)
         if scale is not None and found and scale.outweighs(found[0]):
@@ -675,7 +673,7 @@ class _Patient:
         information = fit.information
         unlogged = told_by_unlogged_torques(fit.reader.model, information)  # no motion shows these
         errors = dict(zip(fit.estimate.base_expressions, fit.estimate.relative_standard_error, strict=True))
-        weak = [name for name, error in errors.items() if not WEAK * error < 1.0 and name not in unlogged]
+        weak = [name for name in fit.estimate.weak if name not in unlogged]
         count, unseen = information.base_count, [name for name in information.unidentifiable if name not in unlogged]
         reasons = []
         if unseen:

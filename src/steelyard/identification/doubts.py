@@ -10,9 +10,7 @@ import numpy as np
 
 from steelyard.display import few_digits
 from steelyard.dynamics import Model
-from steelyard.estimators.marginal_likelihood import body_priors
-from steelyard.estimators.physical_prior import PhysicalPrior
-from steelyard.feasibility.constraints import Constraint
+from steelyard.estimators.marginal_likelihood import BodyPrior
 from steelyard.recording import LogColumns, Samples
 from steelyard.recording.correction import correction_settings
 from steelyard.recording.formats import LogFiles
@@ -68,13 +66,11 @@ class Doubts:
 
 def doubts_of(
     reader: LogReader,
-    given: Mapping[str, GivenLog],
     read: ReducedLogs,
     predictions: Sequence[Prediction],
     prediction: PredictionVerdict,
     late: Mapping[str, tuple[Hypothesis, ...]],
-    constraints: Sequence[Constraint],
-    known: PhysicalPrior | None,
+    priors: tuple[BodyPrior, ...],
     free: Callable[[], Estimate],
     say: Progress,
 ) -> Doubts:
@@ -83,18 +79,14 @@ def doubts_of(
     Parameters
     ----------
     reader : LogReader
-    given : mapping from str to GivenLog
-        All logs by their names.
     read : ReducedLogs
     predictions : sequence of Prediction
         Of each log.
     prediction : PredictionVerdict
     late : mapping from str to tuple of Hypothesis
         Delays of the torques, see `late_hypotheses`.
-    constraints : sequence of Constraint
-        Those of the user.
-    known : PhysicalPrior, optional
-        What is known of the robot with these constraints.
+    priors : tuple of BodyPrior
+        See `body_priors`.
     free : callable
         Returns an estimate that no mass of the description holds.
     say : callable
@@ -104,7 +96,7 @@ def doubts_of(
     # Half of a log with a body looks like many a mistake.
     errors = {name: error for name, error in _worst_errors(predictions).items() if name not in read.changes}
     samples = {log.name: log.samples for log in read.logs}
-    mistakes = mistakes_in_logs(reader, reader.file, constraints, given, samples, errors, say, well, known)
+    mistakes = mistakes_in_logs(reader, reader.file, priors, read.given, samples, errors, say, well)
     scale: WrongScale | None = None
     if not read.changes and not reader.units_are_suspect:
         seen, layout = [log.samples for log in read.logs if log.fitted], reader.layouts.get(read.logs[0].name)
@@ -135,13 +127,12 @@ def _worst_errors(predictions: Sequence[Prediction]) -> dict[str, float]:
 def mistakes_in_logs(
     reader: LogReader,
     file: RobotFile,
-    constraints: Sequence[Constraint],
+    priors: tuple[BodyPrior, ...],
     logs: Mapping[str, GivenLog],
     samples: Mapping[str, Samples],
     errors: Mapping[str, float],
     say: Callable[[str], None],
     predicted_well: Collection[str] = (),
-    known: PhysicalPrior | None = None,
 ) -> dict[str, tuple[Hypothesis, ...]]:
     """Look for mistakes in logs, those that are predicted worst first.
 
@@ -150,8 +141,8 @@ def mistakes_in_logs(
     reader : LogReader
         That has read them.
     file : RobotFile
-    constraints : sequence of Constraint
-        Those of the user.
+    priors : tuple of BodyPrior
+        See `body_priors`.
     logs : mapping from str to GivenLog
         By their names.
     samples : mapping from str to Samples
@@ -162,8 +153,6 @@ def mistakes_in_logs(
         Told when a search begins.
     predicted_well : collection of str
         Logs on which only what costs little is tried.
-    known : PhysicalPrior, optional
-        What is known of the robot with these constraints; gathered by default.
 
     Returns
     -------
@@ -175,7 +164,7 @@ def mistakes_in_logs(
         return {}
     shared: list[Hypothesis] = []
     found: dict[str, tuple[Hypothesis, ...]] = {}
-    searches, priors = 0, body_priors(model, constraints, known)
+    searches = 0
     for log in sorted(errors, key=lambda name: -errors[name])[:_WORST]:
 
         def dense(log: str = log) -> Samples | None:

@@ -15,6 +15,7 @@ from steelyard.errors import InputError, SolverError
 from steelyard.estimators import fit
 from steelyard.estimators.cross_validation import FEWEST_FOLDS, MANY_PARAMETERS
 from steelyard.estimators.estimator import Estimator, estimate_with, find_estimator
+from steelyard.estimators.marginal_likelihood import body_priors
 from steelyard.estimators.physical_prior import PhysicalPrior
 from steelyard.estimators.plausible_fit import PlausibleFit, plausible_fit, tried_prior
 from steelyard.feasibility import FeasibleSet, check
@@ -335,10 +336,9 @@ def identify(
         wrong = plausible is not None and prediction.word == "wrong"
         return fit(information, feasible_set, weights=weights) if wrong else estimate
 
-    given = {str(log): log for log in (*validation, *logs)}
     remarks = dict.fromkeys(reader.remarks)
     delays = late_hypotheses(late, reader.processing.delay, model.robot.joint_names)
-    doubts = doubts_of(reader, given, read, predictions, prediction, delays, limits, known, free, say)
+    doubts = doubts_of(reader, read, predictions, prediction, delays, body_priors(model, limits, known), free, say)
     remarks.update(dict.fromkeys(doubts.remarks))
     if not doubts.of_log:
         remarks.update(dict.fromkeys(_dear(unconstrained, estimate)))

@@ -179,11 +179,6 @@ def _doctor_command(identification: Identification, logs: Iterable[str]) -> str:
     return f"steelyard doctor {log} {_robot(identification)}"
 
 
-def _carries(identification: Identification, log: str) -> bool:
-    """Tell whether a payload is among what may be wrong with a log."""
-    return any(one.kind == "payload" for one in identification.mistakes.get(log, ()))
-
-
 def _shares(identification: Identification, log: str, mistake: Hypothesis) -> bool:
     """Tell whether a log may have a mistake that was found in another one.
 
@@ -222,7 +217,10 @@ def _mistakes(identification: Identification) -> Iterator[NextStep]:
         reason = f"{first.statement}, in {log}: mended, {first.evidence}."
         if others:
             reason += f" The log cannot tell it from: {'; '.join(other.statement for other in others[:MOST_NAMED])}."
-        empty = [one for one in dict.fromkeys(everything) if not _carries(identification, one)]
+        carrying = {
+            log for log, found in identification.mistakes.items() if any(one.kind == "payload" for one in found)
+        }
+        empty = [one for one in dict.fromkeys(everything) if one not in carrying]
         if first.kind == "payload" and empty:
             # A line of robot.toml counts for every log: it would be false of those without the payload.
             words = ((empty[0], "UNLOADED"), (log, "LOADED"))
@@ -371,15 +369,15 @@ def _weak(identification: Identification) -> Iterator[str]:
     if hidden:
         yield f"the logs do not show {len(hidden)} of {count} base parameters at all, {_named(hidden)}"
     if weak:
-        are = "are smaller than their standard errors" if len(weak) > 1 else "is smaller than its standard error"
-        yield f"{len(weak)} of {count} base parameters {are}, {_named(weak)}"
+        are, their = ("are", "their standard errors") if len(weak) > 1 else ("is", "its standard error")
+        yield f"{len(weak)} of {count} base parameters {are} smaller than twice {their}, {_named(weak)}"
 
 
 def _shown_to_be_small(identification: Identification) -> set[str]:
     """Return base parameters whose intervals are narrower than what links and joints of such sizes have.
 
-    An offset of zero, or a product of inertia of a symmetric link, is smaller than its standard error on every motion:
-    the log has shown that it is small, and a better one would show it again.
+    An offset of zero, or a product of inertia of a symmetric link, is smaller than twice its standard error on every
+    motion: the log has shown that it is small, and a better one would show it again.
     """
     estimate, told = identification.estimate, identification.unconstrained
     if estimate.parameters is None:

@@ -42,6 +42,8 @@ class ReducedLogs:
 
     Attributes
     ----------
+    given : dict from str to GivenLog
+        All of them by their names.
     logs : tuple of ReducedLog
         Those of the fit first, then those of the validation.
     information : Information
@@ -58,6 +60,7 @@ class ReducedLogs:
         What that means, a sentence for each.
     """
 
+    given: dict[str, GivenLog]
     logs: tuple[ReducedLog, ...]
     information: Information
     blocks: TimeBlocks
@@ -125,7 +128,8 @@ def reduced_logs(
     reader.remarks.extend(copies.values())
     information = Information.total([log.information for log in kept if log.fitted])
     information = replace(information, batch_means=means.total())
-    return ReducedLogs(tuple(kept), information, blocks, copies, changes, drifts, tuple(sentences))
+    given = {str(log): log for log in (*validation, *logs)}
+    return ReducedLogs(given, tuple(kept), information, blocks, copies, changes, drifts, tuple(sentences))
 
 
 def _task(log: GivenLog, number: int, count: int, fitted: bool) -> LogTask:

@@ -131,7 +131,7 @@ class Identification:
     plausible : PlausibleFit or None
         The prior, its weight and its price; None where the answer has no prior.
     weak : tuple of str
-        Base parameters whose standard error exceeds their size.
+        Base parameters that are smaller than twice their standard error.
     remarks : tuple of str
         What the user should know about the data, a sentence each.
     robot_file : Path or None

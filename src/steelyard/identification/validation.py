@@ -14,6 +14,7 @@ from steelyard.display import html_table, text_table
 from steelyard.dynamics import Model
 from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError
+from steelyard.estimators.marginal_likelihood import body_priors
 from steelyard.files import listed, write_json
 from steelyard.recording import Samples
 from steelyard.regression import Information
@@ -250,11 +251,11 @@ def validate_estimate(
             )
         )
     if verdict.word in ("poor", "wrong"):
-        constraints = given_constraints(file)
+        priors = body_priors(model, given_constraints(file))
         errors = {log.name: float(np.max(log.joint_relative_error, initial=log.relative_error)) for log in each}
         say = progress or (lambda _: None)
         by_name = {str(log): log for log in given}
-        mistakes = mistakes_in_logs(read.reader, file, constraints, by_name, read.samples, errors, say)
+        mistakes = mistakes_in_logs(read.reader, file, priors, by_name, read.samples, errors, say)
         remarks.extend(f"{log}: {sentence(found)}" for log, found in mistakes.items())
     return Validation(
         model.robot.name,

@@ -24,6 +24,12 @@ __all__ = ["Estimate"]
 Array = NDArray[np.float64]
 FORMAT = "steelyard-estimate-3"
 
+WEAK = 2.0
+"""Standard errors below which a number might as well be zero. Of numbers that are not determined at all one in twenty
+exceeds them, but one in three exceeds a single one, so that a robot of which nothing is seen would look half known. Of
+641 numbers of eleven simulated arms 94 were between one and two: half of these are zero in truth, or of the other sign,
+and of the 372 beyond two 4 %."""
+
 _ARRAYS = (
     "base",
     "standard_error",
@@ -199,9 +205,9 @@ class Estimate:
 
     @property
     def weak(self) -> tuple[str, ...]:
-        """Base parameters, in words, whose standard error exceeds their size, or that the data does not determine."""
+        """Base parameters, in words, smaller than twice their standard error, or that the data does not determine."""
         pairs = zip(self.base_expressions, self.relative_standard_error, strict=True)
-        return tuple(name for name, error in pairs if not error < 1.0)
+        return tuple(name for name, error in pairs if not WEAK * error < 1.0)
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
         """Return the parameters (n,), so that functions of models take an estimate in their place.

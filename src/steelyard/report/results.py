@@ -121,7 +121,8 @@ def save_results(
                 try:
                     identification.estimate.write_description(source, made / name)
                     elastic = identification.elastic_model
-                    if elastic is not None and elastic.is_proved and _is_mjcf(source):
+                    is_mjcf = description_format(source) is DESCRIPTION_FORMATS.get("mjcf")
+                    if elastic is not None and elastic.is_proved and is_mjcf:
                         elastic.write_mjcf(identification.estimate, source, made / ELASTIC)
                 except InputError as error:  # such as of links behind a locked joint; nothing else depends on it
                     refused = error
@@ -132,10 +133,6 @@ def save_results(
         why = str(refused).rstrip(".")
         raise InputError(f"{why}. No robot description was written; all other results are in {folder}.") from refused
     return tuple(folder / name for name in names)
-
-
-def _is_mjcf(source: Path) -> bool:
-    return description_format(source) is DESCRIPTION_FORMATS.get("mjcf")
 
 
 def _described(source: Path, robot: Robot) -> str | None:

@@ -76,7 +76,9 @@ def described_bodies(robot: Robot) -> list[list[DescribedBody]]:
     >>> [part.inertia for part in described_bodies(Robot.from_dh([(0, 0.5, 0, "q")]))[0]]
     [None]
     """
-    shared = _is_one_arm(robot) and _shared([link.inertia for link in robot.links])
+    # Each link is on the one before it; the four rotors of a quadrotor are alike for a reason.
+    is_one_arm = all(joint.parent == index - 1 for index, joint in enumerate(robot.joints))
+    shared = is_one_arm and _shared([link.inertia for link in robot.links])
     found = []
     for link in robot.links:
         # A robot that was built in code may have a total alone.
@@ -97,11 +99,6 @@ def _adds_up(total: Inertia | None, parts: Sequence[tuple[str, Array, Inertia | 
         return True
     known = [part.moved(placement).parameters for _, placement, part in parts if part is not None]
     return bool(np.allclose(np.sum(known, axis=0) if known else np.zeros(10), total.parameters, rtol=1e-9, atol=1e-12))
-
-
-def _is_one_arm(robot: Robot) -> bool:
-    """Return whether each link is on the one before it; the four rotors of a quadrotor are alike for a reason."""
-    return all(joint.parent == index - 1 for index, joint in enumerate(robot.joints))
 
 
 def _placeholder(inertia: Inertia | None) -> str:

@@ -84,13 +84,9 @@ def joint_message(message: Any) -> JointMessage | None:
     if names is None or isinstance(names, str | bytes) or not hasattr(names, "__len__"):
         return None
     named = tuple(names)
-    if not _are_texts(named) or not any(len(value) for value in values):
+    if any(type(name) is not str for name in named) or not any(len(value) for value in values):
         return None
     return JointMessage(_stamp(message), named, values)
-
-
-def _are_texts(names: tuple[Any, ...]) -> bool:
-    return all(type(name) is str for name in names)
 
 
 def _field(message: Any, *names: str) -> Any:
