@@ -40,10 +40,9 @@ def init(
     from steelyard.files import write_text
     from steelyard.identification import first_robot_file
 
-    if not os.path.lexists(output):
-        require_results_folder(context, output.parent)
-    elif not force:
+    if os.path.lexists(output) and not force:
         raise InputError(f"{output} exists and is not overwritten; give another place with --output, or --force.")
+    require_results_folder(context, output.parent)
     with progress(quiet=quiet) as say:
         made = first_robot_file(
             robot, log, folder=output.parent, topic=topic, settings=given_sections(lines or ()), progress=say

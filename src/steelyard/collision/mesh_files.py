@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from steelyard.errors import InputError, is_installed, missing_extra
 from steelyard.files import require_file
 from steelyard.files.child_process import ChildLimits, run_child
-from steelyard.robot.references import find_reference
+from steelyard.robot.references import find_reference as find_mesh
 
 from .shapes import coal_or_none
 
@@ -33,28 +33,6 @@ PROCESSOR, PROCESSOR_PER_FILE = 4.0, 1.0
 # of a file of 60 MB.
 MEMORY, MEMORY_PER_BYTE = 2**30, 50
 REMEDY = "export it again, as STL or OBJ"
-
-
-def find_mesh(reference: str, description: Path, packages: Iterable[str | Path] = ()) -> Path:
-    """Return the file that the attribute `filename` of a ``<mesh>`` refers to.
-
-    Parameters
-    ----------
-    reference : str
-        ``package://name/path``, ``model://name/path``, ``file:///path``, or a path, absolute or relative to the
-        folder of the description.
-    description : Path
-        Path of the URDF.
-    packages : iterable of path
-        Folders of packages, or folders that contain packages, which are searched first. ``ROS_PACKAGE_PATH``,
-        ``AMENT_PREFIX_PATH`` (its ``share``) and the folders above the description follow.
-
-    Raises
-    ------
-    InputError
-        If there is no such file, or ``..`` leads out of its package.
-    """
-    return find_reference(reference, description, packages)
 
 
 def read_mesh(path: Path) -> MeshArrays:

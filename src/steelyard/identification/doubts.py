@@ -11,14 +11,12 @@ import numpy as np
 from steelyard.display import few_digits
 from steelyard.dynamics import Model
 from steelyard.estimators.marginal_likelihood import BodyPrior
-from steelyard.recording import LogColumns, Samples
+from steelyard.recording import Samples
 from steelyard.recording.correction import correction_settings
-from steelyard.recording.formats import LogFiles
-from steelyard.recording.recognition import Layout
 from steelyard.regression import Estimate
 from steelyard.robot import RobotFile
 
-from .given import GivenLog, GivenSamples
+from .given import GivenLog
 from .mistakes import MOTION_UNITS, POOR, TOO_MANY_JOINTS, Hypothesis, find_mistakes, sentence
 from .parameter_table import ParameterTable
 from .prediction_verdict import PredictionVerdict
@@ -184,19 +182,12 @@ def mistakes_in_logs(
         if not mistakes or (reader.units_are_suspect and mistakes[0].kind not in MOTION_UNITS):
             continue
         shared.extend(hypothesis for hypothesis in mistakes if hypothesis not in shared)
-        layout = _layout(logs[log], reader.columns, model)
+        layout = reader.layouts.get(log)
         mended = [replace(one, settings=correction_settings(one.correction, file, names, layout)) for one in mistakes]
         stated = tuple(one for one in mended if one.settings)  # what no line mends is no mistake that anybody makes
         if stated:
             found[log] = stated
     return {log: found[log] for log in errors if log in found}
-
-
-def _layout(log: GivenLog, columns: LogColumns, model: Model) -> Layout | None:
-    if isinstance(log, GivenSamples):
-        return None
-    layout = LogFiles(log, columns).layout(list(model.robot.joint_names))
-    return layout.of_joints(model.robot.position_units)
 
 
 _HEAVY_END, _NOTICEABLE = 2.0, 0.05

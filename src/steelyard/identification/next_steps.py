@@ -159,7 +159,8 @@ def _steps(identification: Identification) -> Iterator[NextStep]:
     yield from _missing_terms(identification)
     yield from _intervals(identification)
     yield from _weighing(identification)
-    yield from _excitation(identification, weak)
+    if weak:
+        yield _motion(identification, "; ".join(weak))
     yield from _confirmation(identification)
 
 
@@ -398,11 +399,6 @@ def _unseen(identification: Identification, weak: list[str]) -> Iterator[NextSte
             "motion shows too little for others"
         )
         yield _motion(identification, "; ".join([first, *weak]))
-
-
-def _excitation(identification: Identification, weak: list[str]) -> Iterator[NextStep]:
-    if weak:
-        yield _motion(identification, "; ".join(weak))
 
 
 def _motion(identification: Identification, reason: str) -> NextStep:

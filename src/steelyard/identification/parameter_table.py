@@ -8,6 +8,7 @@ import io
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import compress
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -223,10 +224,7 @@ class ParameterTable:
             )
             rows.append((link.name, value, lower, upper, cad, basis, center, weakest(link.center)))
 
-        def chosen(cells: tuple[str, ...]) -> tuple[str, ...]:
-            return tuple(cell for cell, is_shown in zip(cells, shown, strict=True) if is_shown)
-
-        return chosen(heads), [chosen(row) for row in rows]
+        return tuple(compress(heads, shown)), [tuple(compress(row, shown)) for row in rows]
 
     def __str__(self) -> str:
         return text_table(HEADS, [_written(row) for row in self.rows], numbers=(1, 2, 3, 4))

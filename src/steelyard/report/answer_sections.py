@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import compress
 
 import numpy as np
 
@@ -187,20 +188,16 @@ def _group(
         row = line.row
         interval = f"{written(row.lower)} … {written(row.upper)}"
         cells = (line.name, written(row.resolved), _bar(line), _badge(row), interval, written(row.cad))
-        rows.append(_chosen(cells, shown))
+        rows.append(tuple(compress(cells, shown)))
         if row.basis == "assumed":
             muted.append(place)
-    columns = _chosen(heads, shown)
+    columns = tuple(compress(heads, shown))
     texts = [index for index, name in enumerate(columns) if name in (_DRAWN, "Rests on")]
     return table(caption, columns, rows, identifier=identifier, texts=texts, muted=muted)
 
 
 def _badge(row: ParameterRow) -> Markup:
     return Markup(f'<span class="basis {row.basis}">{row.basis}</span>')
-
-
-def _chosen(cells: Sequence[str], shown: Sequence[bool]) -> tuple[str, ...]:
-    return tuple(cell for cell, is_shown in zip(cells, shown, strict=True) if is_shown)
 
 
 def _scale(rows: Sequence[ParameterRow], *, at_zero: bool = False, with_zero: bool = False) -> tuple[float, float]:

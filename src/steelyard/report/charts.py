@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,7 +14,10 @@ from steelyard.errors import InputError
 from .html_document import Markup, escape, script_data
 from .packed_curves import extreme_rows
 
-__all__ = ["POINTS", "Chart", "Curve", "charts_markup"]
+if TYPE_CHECKING:
+    from steelyard.simulation import SimulationResult
+
+__all__ = ["POINTS", "Chart", "Curve", "charts_markup", "motion_charts"]
 
 POINTS = 1500  # of a curve; more cannot be seen at the width of a chart
 
@@ -109,6 +113,19 @@ def charts_markup(charts: Sequence[Chart], *, identifier: str) -> Markup:
         "<noscript><p>The figures are drawn by a script, and scripts are turned off here.</p></noscript>"
         f'<script type="application/json" class="chart-data" data-for="{identifier}">{data}</script>'
     )
+
+
+def motion_charts(result: SimulationResult, position: str, velocity: str, torque: str) -> list[Chart]:
+    """Return the charts of a simulated motion, joint by joint, with these units."""
+
+    def curves(values: NDArray[np.float64]) -> tuple[Curve, ...]:
+        return tuple(Curve(name, result.t, values[:, k]) for k, name in enumerate(result.joint_names))
+
+    return [
+        Chart("Positions", "time, s", position, curves(result.q)),
+        Chart("Velocities", "time, s", velocity, curves(result.dq)),
+        Chart("Torques of the motors", "time, s", torque, curves(result.torque)),
+    ]
 
 
 def _description(chart: Chart) -> str:

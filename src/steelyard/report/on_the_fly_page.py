@@ -12,7 +12,7 @@ from steelyard.files import replaced_folder, write_json, write_text
 from steelyard.online import SimulatedExcitation
 from steelyard.robot import RobotFile
 
-from .charts import Chart, Curve, charts_markup
+from .charts import Chart, Curve, charts_markup, motion_charts
 from .html_document import Markup, Section, bullets, escape, html_document, number, table
 from .sections import hashed_file, versions
 
@@ -107,14 +107,7 @@ def on_the_fly_html(done: SimulatedExcitation) -> str:
     steps = excitation.steps
     times = np.array([step.time for step in steps])
 
-    def curves(values: Any) -> tuple[Curve, ...]:
-        return tuple(Curve(name, result.t, values[:, k]) for k, name in enumerate(names))
-
-    motion = [
-        Chart("Positions", "time, s", "rad or m", curves(result.q)),
-        Chart("Velocities", "time, s", "rad/s or m/s", curves(result.dq)),
-        Chart("Torques of the motors", "time, s", "N·m or N", curves(result.torque)),
-    ]
+    motion = motion_charts(result, "rad or m", "rad/s or m/s", "N·m or N")
     # What is known changes when a motion takes over, and holds until the next.
     held = np.repeat(np.append(times, result.end_time), 2)[1:-1]
     error = np.repeat([step.expected_error for step in steps], 2)

@@ -10,7 +10,7 @@ import numpy as np
 from steelyard.files import replaced_folder, write_json, write_text
 from steelyard.identification.simulated import FileSimulation
 
-from .charts import Chart, Curve, charts_markup
+from .charts import Chart, Curve, charts_markup, motion_charts
 from .html_document import Markup, Section, escape, html_document, table
 from .sections import hashed_file, versions
 
@@ -78,17 +78,9 @@ def simulation_html(simulation: FileSimulation) -> str:
     str
     """
     result, robot = simulation.result, simulation.model.robot
-    names = result.joint_names
     unit, effort = (" or ".join(dict.fromkeys(units)) for units in (robot.position_units, robot.torque_units))
 
-    def curves(values: Any) -> tuple[Curve, ...]:
-        return tuple(Curve(name, result.t, values[:, k]) for k, name in enumerate(names))
-
-    motion = [
-        Chart("Positions", "time, s", unit, curves(result.q)),
-        Chart("Velocities", "time, s", f"{unit} per s", curves(result.dq)),
-        Chart("Torques of the motors", "time, s", effort, curves(result.torque)),
-    ]
+    motion = motion_charts(result, unit, f"{unit} per s", effort)
     energy = Chart(
         "Energy",
         "time, s",
