@@ -5,11 +5,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import click
 import numpy as np
 import pytest
+import typer
 
 import steelyard as sy
-from steelyard.files.writing import beside
+from steelyard.cli.results_folder import require_results_folder
+from steelyard.files.writing import beside, locked
 from steelyard.fleet import robot_estimate
 from steelyard.fleet.executors import Here
 from steelyard.fleet.log_reduction import run_in_order
@@ -85,6 +88,40 @@ def test_a_folder_that_a_refused_run_made_is_gone(tmp_path: Path) -> None:
     with pytest.raises(sy.InputError, match="no log"), sy.fleet.Checkpoints(tmp_path / "result"):
         raise sy.InputError("no log")
     assert not (tmp_path / "result").exists()
+
+
+@posix
+def test_a_run_that_is_refused_leaves_the_folder_to_the_other(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two runs that begin at once both make the folder, and one of them is the first to lock it."""
+    folder = tmp_path / "result"
+    with monkeypatch.context() as patched:
+        patched.setattr("steelyard.fleet.checkpoints.locked", lambda handle: False)
+        with pytest.raises(sy.InputError, match="another run"):
+            sy.fleet.Checkpoints(folder).__enter__()
+    assert folder.is_dir()
+    folder.rmdir()
+    context = typer.Context(click.Command("identify"))
+    require_results_folder(context, folder)  # of the other run
+    with sy.fleet.Checkpoints(folder) as kept:
+        context.close()
+        kept.put(sy.fleet.checkpoint_key("log"), b"found")
+        assert len(kept.names) == 1
+
+
+@posix
+def test_a_folder_that_goes_while_it_is_locked_is_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    removed = []
+
+    def late(handle: int) -> bool:
+        if not removed:
+            removed.append((tmp_path / "result").rmdir())
+        return locked(handle)
+
+    monkeypatch.setattr("steelyard.fleet.checkpoints.locked", late)
+    with sy.fleet.Checkpoints(tmp_path / "result") as kept:
+        kept.put(sy.fleet.checkpoint_key("log"), b"found")
+        assert len(kept.names) == 1
+    assert removed
 
 
 def test_what_killed_writers_left_is_removed(tmp_path: Path) -> None:

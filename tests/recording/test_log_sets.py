@@ -2,6 +2,7 @@
 
 import contextlib
 import errno
+import gc
 import io
 import os
 import subprocess
@@ -24,6 +25,7 @@ from steelyard.files import file_hash
 from steelyard.identification.given import given_logs
 from steelyard.recording.formats import content_hash, hashed_log, remote, standard_input
 from steelyard.recording.formats.log_sets import is_log_set, logs_in
+from steelyard.recording.formats.registry import LogFiles
 
 LOG = "t,q1,tau1\n" + "".join(f"{k / 100},{np.sin(k / 20)},{np.cos(k / 20)}\n" for k in range(60))
 
@@ -236,6 +238,23 @@ def test_an_object_that_changes_is_read_again(store: str) -> None:
         with fsspec.open(address, "wb") as file:
             file.write("\n".join(LOG.splitlines()[: rows + 1]).encode())
         assert sy.Recording.read(address).count == rows
+
+
+def test_what_an_open_log_reads_stays_however_many_are_open(store: str) -> None:
+    fsspec = pytest.importorskip("fsspec")
+    addresses = [f"{store}/{number}.csv" for number in range(remote.MOST_COPIES + 3)]
+    for number, address in enumerate(addresses):
+        with fsspec.open(address, "w") as file:
+            file.write(LOG.replace("q1", f"q{number}", 1))
+    opened = [LogFiles(address) for address in addresses]
+    for number, log in enumerate(opened):
+        (block,) = log.blocks([f"q{number}"], 1000)
+        np.testing.assert_allclose(block[f"q{number}"], np.sin(np.arange(60) / 20))
+    assert LogFiles(addresses).name == " + ".join(f"{number}.csv" for number in range(len(addresses)))
+    del opened, log
+    gc.collect()
+    remote.local_copy(f"{store}/logs/run2.parquet")
+    assert len(remote._Copies.paths) <= remote.MOST_COPIES
 
 
 def test_threads_that_copy_at_once_have_copies_of_their_own(store: str, monkeypatch: pytest.MonkeyPatch) -> None:

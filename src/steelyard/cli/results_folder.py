@@ -26,6 +26,7 @@ def require_results_folder(context: typer.Context, folder: Path) -> None:
     InputError
         If it is a file, or cannot be written.
     """
+    from steelyard.files.writing import remove_unused_folder
     from steelyard.report import require_folder
 
     missing = [one for one in (folder, *folder.parents) if not os.path.lexists(one)]
@@ -34,6 +35,6 @@ def require_results_folder(context: typer.Context, folder: Path) -> None:
     def take_away() -> None:
         with suppress(OSError):  # where anything is in it, or it is gone
             for made in missing:
-                made.rmdir()
+                remove_unused_folder(made)
 
     context.call_on_close(take_away)

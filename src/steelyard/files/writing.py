@@ -234,6 +234,25 @@ def locked(handle: int) -> bool:
     return True
 
 
+def remove_unused_folder(folder: Path) -> None:
+    """Remove an empty folder, unless another run has locked it.
+
+    Raises
+    ------
+    OSError
+        If anything is in it, or it is gone.
+    """
+    if os.name != "posix":
+        folder.rmdir()
+        return
+    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        if locked(handle):
+            folder.rmdir()
+    finally:
+        os.close(handle)
+
+
 def synchronise(folder: Path) -> None:
     """Have the names in a folder written to the disk, so that a rename outlives a loss of power."""
     if os.name != "posix":

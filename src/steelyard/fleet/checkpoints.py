@@ -95,29 +95,50 @@ class Checkpoints:
 
     def __enter__(self) -> Self:
         try:
-            self._made = not self.folder.exists()
-            self.folder.mkdir(parents=True, exist_ok=True)
-            if os.name == "posix":
-                self._handle = os.open(self.folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+            while not self._opened():
+                self._close()
         except OSError as error:
+            self._close()
             raise refusal(self.folder, error) from None
-        if self._handle is not None and not locked(self._handle):
-            self.__exit__(None, None, None)
-            raise InputError(
-                f"{self.folder}: another run is working in this folder; wait until it ends, or give another --output."
-            )
         self._sweep()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._handle is not None:
-            os.close(self._handle)
-            self._handle = None
         if self._made and kind is not None:
             with contextlib.suppress(OSError):
                 self.folder.rmdir()  # which fails where anything is in it
+        self._close()  # last: as long as it is locked, no other run counts on the folder
+
+    def _opened(self) -> bool:
+        """Make, open and lock the folder; False where the run that had it until now removed it meanwhile."""
+        try:
+            self.folder.mkdir(parents=True)
+            self._made = True
+        except FileExistsError:
+            if not self.folder.is_dir():
+                raise
+        if os.name != "posix":
+            return True
+        try:
+            self._handle = os.open(self.folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+        except FileNotFoundError:
+            return False
+        if not locked(self._handle):
+            # Also where this run made the folder, which the other was faster to lock, it is the other's now.
+            self._close()
+            raise InputError(
+                f"{self.folder}: another run is working in this folder; wait until it ends, or give another --output."
+            )
+        with contextlib.suppress(FileNotFoundError):
+            return os.path.samestat(os.fstat(self._handle), self.folder.stat())
+        return False
+
+    def _close(self) -> None:
+        if self._handle is not None:
+            os.close(self._handle)
+            self._handle = None
 
     def get(self, key: str) -> bytes | None:
         """Return what was kept under a key; None where nothing was, or where a file was renamed or cut short."""

@@ -6,9 +6,11 @@ import hashlib
 import json
 from collections.abc import Callable, Mapping
 from dataclasses import fields
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steelyard.errors import InputError
 from steelyard.identification.log_reader import DrawnLog, ReducedLog, ReducedSection
@@ -93,8 +95,9 @@ def unpacked(data: bytes) -> Any:
         dtype = _ARRAYS[kind]
         if order is not None:
             above = taken(kind, [*shape, order * (order + 1) // 2])
-            array = np.zeros((*shape, order, order), dtype)
-            array[..., *np.triu_indices(order)] = above
+            array = np.zeros((*shape, order * order), dtype)
+            array[..., _triangles(order)[0]] = above
+            array = array.reshape(*shape, order, order)
         else:
             count = int(np.prod(shape, dtype=np.int64))
             # A copy: a view would hold the bytes of all arrays for as long as one of them is kept.
@@ -128,7 +131,7 @@ def _plain(value: Any, arrays: list[bytes]) -> Any:
         array = np.ascontiguousarray(value)
         if _is_upper_triangular(array):
             order = array.shape[-1]
-            arrays.append(array[..., *np.triu_indices(order)].tobytes())
+            arrays.append(_in_rows(array)[..., _triangles(order)[0]].tobytes())
             return {"a": [array.dtype.str, list(array.shape[:-2]), order]}
         arrays.append(array.tobytes())
         return {"a": [array.dtype.str, list(value.shape)]}
@@ -139,6 +142,17 @@ def _plain(value: Any, arrays: list[bytes]) -> Any:
     raise TypeError(f"{kind} cannot be packed")
 
 
+@lru_cache(16)
+def _triangles(order: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the places of the upper triangle of a matrix, and of what is below it, counted row by row."""
+    upper, below = np.triu_indices(order), np.tril_indices(order, -1)
+    return upper[0] * order + upper[1], below[0] * order + below[1]
+
+
+def _in_rows(array: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    return array.reshape(*array.shape[:-2], array.shape[-1] ** 2)
+
+
 def _is_upper_triangular(array: np.ndarray[Any, Any]) -> bool:
     """Return whether zeros below the diagonal, no negative one among them, need not be packed.
 
@@ -146,7 +160,7 @@ def _is_upper_triangular(array: np.ndarray[Any, Any]) -> bool:
     """
     if array.ndim < 2 or array.shape[-1] != array.shape[-2] or array.shape[-1] < 4:
         return False
-    below = array[..., *np.tril_indices(array.shape[-1], -1)]
+    below = _in_rows(array)[..., _triangles(array.shape[-1])[1]]
     return not (below.any() or (below.dtype.kind == "f" and np.signbit(below).any()))
 
 

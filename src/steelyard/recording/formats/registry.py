@@ -117,7 +117,7 @@ class LogFiles:
     """
 
     def __init__(self, source: Source, columns: LogColumns | None = None) -> None:
-        given = split_source(source)
+        given = split_source(source, self)
         self.files = [one if isinstance(one, LogFile) else open_log(one, columns or LogColumns()) for one in given]
         self.stated = next((file.stated for file in self.files if file.stated is not None), None)
         self.columns = self.stated or columns or LogColumns()
@@ -274,8 +274,11 @@ def _checked_blocks(file: LogFile, names: Sequence[str], rows: int, start: int) 
             yield _checked(file, block, names)
 
 
-def split_source(source: Source) -> list[Path | LogFile]:
-    """Return the paths that `source` stands for; a string with "+" is several, unless a file has that very name."""
+def split_source(source: Source, holder: object = None) -> list[Path | LogFile]:
+    """Return the paths that `source` stands for; a string with "+" is several, unless a file has that very name.
+
+    Copies of objects stay there as long as `holder`, which reads them.
+    """
     if isinstance(source, LogFile):
         return [source]
     if isinstance(source, (str, os.PathLike)):
@@ -283,7 +286,7 @@ def split_source(source: Source) -> list[Path | LogFile]:
         if "://" in text:
             from .remote import local_copy  # what is not asked for is not loaded
 
-            copy = local_copy(text)
+            copy = local_copy(text, holder)
             _SPOOLED[copy] = text
             return [copy]
         if "+" in text and not os.path.exists(text):
@@ -294,7 +297,7 @@ def split_source(source: Source) -> list[Path | LogFile]:
     if isinstance(source, (list, tuple)) and all(isinstance(one, (str, os.PathLike)) for one in source):
         if not source:
             raise InputError(f"no log file was given; {REMEDY}.")
-        return [path for one in source for path in (split_source(one) if "://" in str(one) else [Path(one)])]
+        return [path for one in source for path in (split_source(one, holder) if "://" in str(one) else [Path(one)])]
     from .memory import memory_log  # what is not asked for is not loaded
 
     return [memory_log(source, "data")]

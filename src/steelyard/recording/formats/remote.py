@@ -17,7 +17,7 @@ from steelyard.files.writing import temporary_folder
 __all__ = ["local_copy", "object_store", "remote_identity"]
 
 MOST_COPIES = 4
-"""Copies that a process keeps: those of the files that are recorded side by side. A log is read several times."""
+"""Copies that a process keeps beside those that an open log reads: a log is opened several times."""
 
 
 class _Copies:
@@ -26,11 +26,12 @@ class _Copies:
     folder: Path | None = None
     handle: int | None = None
     paths: dict[tuple[str, str], Path]  # by address and content
+    holders: dict[Path, weakref.WeakSet[Any]]  # what reads a copy, which stays as long as any of them
     count = 0
     lock = Lock()  # of all of it
 
 
-_Copies.paths = {}
+_Copies.paths, _Copies.holders = {}, {}
 
 
 def object_store(address: str) -> tuple[Any, str]:
@@ -53,8 +54,10 @@ def object_store(address: str) -> tuple[Any, str]:
     return system, str(path)
 
 
-def local_copy(address: str) -> Path:
+def local_copy(address: str, holder: object = None) -> Path:
     """Copy an object to a temporary file, unless it was just done, and return the path.
+
+    The copy stays as long as `holder` does, and for some copies after it.
 
     Raises
     ------
@@ -66,10 +69,12 @@ def local_copy(address: str) -> Path:
     with _Copies.lock:
         if key in _Copies.paths:
             _Copies.paths[key] = found = _Copies.paths.pop(key)
-            return found
-        while len(_Copies.paths) >= MOST_COPIES:
-            oldest = next(iter(_Copies.paths))
-            shutil.rmtree(_Copies.paths.pop(oldest).parent, ignore_errors=True)
+            return _held(found, holder)
+        idle = [one for one, path in _Copies.paths.items() if not _Copies.holders.get(path)]
+        for oldest in idle[: max(0, len(idle) - MOST_COPIES + 1)]:
+            path_of_oldest = _Copies.paths.pop(oldest)
+            _Copies.holders.pop(path_of_oldest, None)
+            shutil.rmtree(path_of_oldest.parent, ignore_errors=True)
         _Copies.count += 1
         copy = _folder() / str(_Copies.count) / os.path.basename(path)
     copy.parent.mkdir()
@@ -80,7 +85,14 @@ def local_copy(address: str) -> Path:
         shutil.rmtree(copy.parent, ignore_errors=True)
         raise _unreadable(address, error) from None
     with _Copies.lock:
-        return _Copies.paths.setdefault(key, copy)
+        return _held(_Copies.paths.setdefault(key, copy), holder)
+
+
+def _held(copy: Path, holder: object) -> Path:
+    """Take note of what reads a copy; the lock is held."""
+    if holder is not None:
+        _Copies.holders.setdefault(copy, weakref.WeakSet()).add(holder)
+    return copy
 
 
 def remote_identity(address: str) -> dict[str, str]:
