@@ -475,3 +475,22 @@ def test_one_unit_for_all_is_that_of_its_kind_of_joint(tmp_path):
     answer = sy.identify(robot, [log])
     masses = [row.value for row in answer.parameters if row.name == "m2"]
     assert masses == [pytest.approx(2.0, rel=0.02)]
+
+
+def test_gaps_are_neither_noise_nor_speed(arm, tmp_path):
+    path, _, log = arm
+    sound = examine(written(log, tmp_path / "sound.csv"), path)
+    gaps = np.concatenate([np.arange(1000, 1150), np.arange(2600, 2720), np.arange(300, 5000, 61)])
+    found = examine(written(without(log, gaps), tmp_path / "gaps.csv"), path)
+    assert "position noise" not in {one.kind for one in found.findings}
+    speed = sound.joint_heads.index("speed")
+    fastest = [[float(row[speed]) for row in one.joint_rows] for one in (sound, found)]
+    np.testing.assert_allclose(fastest[1], fastest[0], rtol=0.05)
+
+
+def test_stamps_that_are_all_the_same_do_not_go_back(arm, tmp_path):
+    path, _, log = arm
+    alike = examine(written({**log, "t": np.full(len(T), 1.7e9)}, tmp_path / "run.csv"), path)
+    (finding,) = alike.findings
+    assert "repeats the time 1.7e+09 s of the row before (4999 rows do so)" in finding.statement
+    assert "more digits" in finding.advice

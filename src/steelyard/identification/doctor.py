@@ -32,7 +32,7 @@ from steelyard.recording.correction import Settings, toml_inline
 from steelyard.recording.cutoff.by_spectra import noise_share
 from steelyard.recording.diagnosis import DETECTORS, Diagnosis
 from steelyard.recording.diagnosis.rest import HeldJoints
-from steelyard.recording.even import EvenClock, longest_part
+from steelyard.recording.even import EvenClock, evened, longest_part
 from steelyard.recording.formats import LogFiles
 from steelyard.recording.log_sample import LogSample, sample_of
 from steelyard.recording.logged_joints import logged_joints
@@ -337,6 +337,15 @@ class _Patient:
             return True
         repeated, back = np.count_nonzero(steps == 0.0), np.count_nonzero(steps < 0.0)
         rate = _rate_behind(t)
+        if rate is None and not back:
+            row = int(np.argmax(steps == 0.0)) + 1
+            statement = (
+                f"{files.name}, {files.where(row)}, repeats the time {t[row]:.9g} s of the row before "
+                f"({repeated} rows do so)."
+            )
+            advice = "Write the stamps with more digits, or state `rate` in [log] if the rows come evenly."
+            self.add(Finding("repeated stamps", statement, "refused", repeated / len(t), advice=advice))
+            return False
         if rate is None:
             row = int(np.argmax(steps < 0.0)) + 1
             statement = (
@@ -710,7 +719,9 @@ class _Patient:
         return bool(self.stated.get("processing", {}).get(option, "auto") != "auto")
 
     def _share_of_noise(self, recording: Recording, cutoff: float) -> None:
-        share = noise_share(recording.q, recording.rate, [cutoff], self.processing.order)[0]
+        # What positions jump over a gap has power at all frequencies, as noise has.
+        even = longest_part(recording)
+        share = noise_share(even.q, even.rate, [cutoff], self.processing.order)[0]
         share[HeldJoints.of(recording).mask] = np.nan
         noisy = np.flatnonzero(share > NOISY)
         if not len(noisy):
@@ -805,8 +816,12 @@ class _Patient:
     ) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
         """Return a table of what was measured of each joint."""
         size = max(1, round(0.02 * recording.rate))
-        velocity = np.gradient(recording.q[::size], axis=0) * recording.rate / size if recording.count > 2 * size else 0
-        speed = np.abs(velocity) * np.ones((1, recording.joint_count))
+        # Between rows that a gap parts nobody knows the speed.
+        parts, _ = evened(recording)
+        speeds = [
+            np.abs(np.gradient(part.q[::size], axis=0)) * part.rate / size for part in parts if part.count > 2 * size
+        ]
+        speed = np.concatenate(speeds or [np.zeros((1, recording.joint_count))])
         slow = np.mean(speed < 0.05 * np.sqrt(np.mean(speed**2, axis=0)), axis=0)
         columns = (
             np.ptp(recording.q, axis=0),
