@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
@@ -29,7 +28,7 @@ FORGOTTEN = 0.01
 """Weight of the unknown state at its beginning below which a row tells of presliding: of 1 % of Coulomb friction at
 most. A joint has then slid by 4.6 of its presliding displacements."""
 FEW_VALUES = 1000
-"""Values up to which `is_finite` takes a product: that of 10 000 waits for other threads of the linear algebra."""
+"""Values up to which `is_finite` asks each, in 1 µs: a control loop asks of a few a thousand times a second."""
 GAP = 1.5
 """Sample times from one row to the next from which on the motion between them is not known."""
 TOGETHER = 128
@@ -412,12 +411,10 @@ def column_ranges(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def is_finite(array: NDArray[np.float64]) -> bool:
-    """Tell whether no value is NaN or infinite; False also where some are huge, of about 1e150."""
-    # A sum is finite only where all values are, needs no array of its own, and takes half the time of both extremes. Of
-    # few values the sum of squares takes a sixth of its time, as no warning has to be held back.
+    """Tell whether no value is NaN or infinite; of many values False also where some are huge, of about 1e300."""
     if array.size <= FEW_VALUES:
-        flat = array.ravel()
-        return math.isfinite(flat.dot(flat))
+        return bool(np.isfinite(array).all())
+    # A sum is finite only where all values are, needs no array of its own, and takes half the time of both extremes.
     with np.errstate(over="ignore", invalid="ignore"):
         return bool(np.isfinite(array.sum()))
 
