@@ -1,5 +1,6 @@
 """What is finished is kept whole, found again by what it follows from, and belongs to one run at a time."""
 
+import errno
 import os
 import subprocess
 import sys
@@ -96,6 +97,7 @@ def test_a_run_that_is_refused_leaves_the_folder_to_the_other(tmp_path: Path, mo
     folder = tmp_path / "result"
     with monkeypatch.context() as patched:
         patched.setattr("steelyard.fleet.checkpoints.locked", lambda handle: False)
+        patched.setattr("steelyard.fleet.checkpoints.has_locks", lambda handle: True)
         with pytest.raises(sy.InputError, match="another run"):
             sy.fleet.Checkpoints(folder).__enter__()
     assert folder.is_dir()
@@ -106,6 +108,18 @@ def test_a_run_that_is_refused_leaves_the_folder_to_the_other(tmp_path: Path, mo
         context.close()
         kept.put(sy.fleet.checkpoint_key("log"), b"found")
         assert len(kept.names) == 1
+
+
+@posix
+def test_a_file_system_without_locks_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Such as a Lustre that was mounted without them, which is no other run."""
+
+    def flock(handle: int, operation: int) -> None:
+        raise OSError(errno.ENOSYS, "Function not implemented")
+
+    monkeypatch.setattr("fcntl.flock", flock)
+    with pytest.raises(sy.InputError, match="has no locks"):
+        sy.fleet.Checkpoints(tmp_path / "result").__enter__()
 
 
 @posix

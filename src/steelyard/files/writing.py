@@ -234,6 +234,17 @@ def locked(handle: int) -> bool:
     return True
 
 
+def has_locks(handle: int) -> bool:
+    """Tell of an open file or folder that could not be locked whether others can lock it, so that one of them has."""
+    try:
+        fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:  # such as ENOSYS of a Lustre that was mounted without them
+        return False
+    return True
+
+
 def remove_unused_folder(folder: Path) -> None:
     """Remove an empty folder, unless another run has locked it.
 

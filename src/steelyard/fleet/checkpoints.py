@@ -18,7 +18,7 @@ import scipy
 from steelyard import __version__
 from steelyard.errors import InputError
 from steelyard.files import plain, write_bytes
-from steelyard.files.writing import SUFFIX, locked, refusal, remove_leftovers
+from steelyard.files.writing import SUFFIX, has_locks, locked, refusal, remove_leftovers
 from steelyard.robot import Robot
 
 __all__ = ["Checkpoints", "checkpoint_key", "has_checkpoints", "robot_content"]
@@ -126,8 +126,14 @@ class Checkpoints:
         except FileNotFoundError:
             return False
         if not locked(self._handle):
+            has_none = not has_locks(self._handle)
             # Also where this run made the folder, which the other was faster to lock, it is the other's now.
             self._close()
+            if has_none:
+                raise InputError(
+                    f"{self.folder}: the file system there has no locks, by which runs are kept apart; give an "
+                    "--output on another one."
+                )
             raise InputError(
                 f"{self.folder}: another run is working in this folder; wait until it ends, or give another --output."
             )
