@@ -68,6 +68,18 @@ LEAST_SHARE = 0.35
 """Of the bandwidth, with which the robot is held first, for the mean inertia and one standard deviation. With 0.4 and
 two deviations the loop was unstable at 1 kHz on 5 of 16 random UR5 and Pandas; with 0.4 and the larger of mean and one
 deviation a wrist of the Panda fell at 2.9 times its limit of velocity."""
+FIRST_SHARE = 0.01
+"""Of the feedback and of the torques that are fed forward for the assumed robot, with which the robot is caught. An arm
+of a third of the assumed masses ran away with all of it, at 22 times its limit of velocity."""
+SHARES = (1e-3, 100.0)  # between which this share stays
+DOUBLING, CREEPING = 0.004, 0.05
+"""s in which the share doubles while a joint gets faster away from its reference, and while it creeps away. A link falls
+with 20 rad/s² whatever it weighs, and 4 ms let the share grow a thousandfold until it has 0.8 rad/s."""
+SEEN = 0.05  # of the limit of velocity, from which on a difference from the reference counts as motion
+PULLED = 0.25  # of the limit of acceleration, with which a joint gets faster that is not held
+REVERSAL = 0.012
+"""s, and five samples, within which a joint that turns back shows that its feedback is too strong: at 1 kHz with the
+filtered velocity a loop becomes unstable at 70 Hz, half a turn of which takes 7 ms."""
 REACH = 0.1
 """rad or m: feedback of the position is that of this error at most, for which the torque bound has room, so that
 damping is never crowded out. Without it, and with an integral that went on at the bound, a wrist of the UR5 that was
@@ -261,6 +273,11 @@ class ActiveExcitation:
 
     _integral: Array
     _jump: Array
+    _share: Array
+    _speed_errors: Array
+    _excursion: Array
+    _excursion_time: Array
+    _swung: Array
     _joins: bool
     _largest: Array
     _largest_speed: Array
@@ -369,11 +386,17 @@ class ActiveExcitation:
         self._last_time = t
         plan = self._plan
         assert plan is not None
-        room, inertia, width = plan.bound, plan.inertia[k], plan.bandwidth
-        push = width * (inertia @ (width * np.clip(error, -REACH, REACH)))
-        root = np.sqrt(width)
+        share = self._suited_share(t, dt, error, speed_error)
+        room, inertia, width = np.minimum(share * plan.bound, self.limits.torque), plan.inertia[k], plan.bandwidth
+        # Symmetric, as the inertia is: a joint that is held weakly is not driven by the errors of the others.
+        part = np.sqrt(share)
+        push = part * width * (inertia @ (part * width * np.clip(error, -REACH, REACH)))
+        root = np.sqrt(share * width)
         damping = 2.0 * DAMPING * root * (inertia @ (root * speed_error))
-        command = reference.torque[k] + self._integral + push + damping
+        command = self._integral + push + damping
+        # Assumed masses are not fed forward: the weight of a robot that has less would drive it away.
+        if plan.knowledge.information.count:
+            command = command + reference.torque[k]
         if self._joins:  # other gains and another model: the torque passes over without a jump
             self._jump, self._joins = self._command - command, False
             if self._stage == "stopping":  # what drove the robot too far is not to drive it on
@@ -384,6 +407,30 @@ class ActiveExcitation:
         free = (np.abs(command) < room) | (push * command < 0.0)
         self._integral = np.clip(self._integral + free * dt * INTEGRAL * width * push, -room, room)
         return self._command.copy()
+
+    def _suited_share(self, t: float, dt: float, error: Array, speed_error: Array) -> Array:
+        """Return the share (N,) of the feedback that suits the robot, by its motion alone.
+
+        It grows while a joint moves away from its reference faster and faster, or creeps, and is halved where a joint
+        turns back sooner than a stable loop does. No mass is used, so that it suits a robot of any.
+        """
+        seen, pulled = SEEN * self.limits.velocity, PULLED * self.limits.acceleration
+        moving = np.abs(speed_error) > seen
+        side = np.where(moving, np.sign(speed_error), 0.0)
+        turned = side * self._excursion < 0.0
+        soon = turned & (t - self._excursion_time < REVERSAL + 5.0 * self.sample_time)
+        # Turned back once, a joint was caught or pulled by another one; it swings where it turns back again.
+        swings = bool((soon & (t - self._swung < 3.0 * REVERSAL)).any())
+        self._excursion_time = np.where(moving, t, self._excursion_time)
+        self._excursion = np.where(moving, side, self._excursion)
+        self._swung = np.where(soon, t, self._swung)
+        calm = t - self._swung > REVERSAL
+        faster = moving & (side * (speed_error - self._speed_errors) > dt * pulled) & calm
+        creeps = (np.abs(error) > 0.5 * REACH) & (error * speed_error > 0.0) & calm
+        self._speed_errors = speed_error.copy()
+        rate = np.where(faster, 1.0 / DOUBLING, np.where(creeps, 1.0 / CREEPING, 0.0))
+        self._share = np.clip(self._share * (0.5 if swings else 2.0 ** (dt * rate.max())), *SHARES)
+        return self._share
 
     def command(self, t: float, q: ArrayLike, dq: ArrayLike | None = None, torque: ArrayLike | None = None) -> Array:
         """Return the torques to command now, in your own control loop; the first call holds the robot where it is.
@@ -533,6 +580,9 @@ class ActiveExcitation:
         self._stage, self._motions, self._pace = "hold", 0, 1.0
         self._integral = np.zeros(size)
         self._jump = np.zeros(size)
+        self._share = np.full(size, FIRST_SHARE)
+        self._speed_errors, self._excursion = np.zeros(size), np.zeros(size)
+        self._excursion_time, self._swung = np.full(size, -np.inf), np.full(size, -np.inf)
         self._largest = np.zeros(size)
         self._largest_speed = np.zeros(size)
         self._room = np.full(size, FIRST_ROOM)
@@ -776,7 +826,7 @@ class ActiveExcitation:
         plan.bandwidth = BANDWIDTH * np.clip((1.0 - SURE * spreads / values).min(axis=0), LEAST_SHARE, 1.0)
         before = self._plan
         if before is not None and before.stiffness.any():
-            plan.bandwidth = np.minimum(plan.bandwidth, np.sqrt(GROWTH * before.stiffness / own))
+            plan.bandwidth = np.minimum(plan.bandwidth, np.sqrt(GROWTH * self._share * before.stiffness / own))
         plan.stiffness = plan.bandwidth**2 * own
         rows = self._rows(q, dq, ddq)
         spread = np.sqrt(np.einsum("skb,bc,skc->sk", rows, knowledge.covariance, rows)).max(axis=0)
@@ -853,6 +903,7 @@ class ActiveExcitation:
             self._joins = True
             if plan.knowledge.information.count:  # the model carries the weight that the integral carried so far
                 self._integral = np.zeros_like(self._integral)
+                self._share = np.ones_like(self._share)  # the gains are those of the estimate now
         self._plan, self._reference, self._switched, self._stage = plan, plan.reference, t, stage
         self._asked = plan.time + max(plan.played - LEAD, 0.0)
         if before is not None and stage != "stopping":
