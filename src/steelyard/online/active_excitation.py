@@ -76,7 +76,9 @@ DOUBLING, CREEPING = 0.004, 0.05
 """s in which the share doubles while a joint gets faster away from its reference, and while it creeps away. A link falls
 with 20 rad/s² whatever it weighs, and 4 ms let the share grow a thousandfold until it has 0.8 rad/s."""
 SEEN = 0.05  # of the limit of velocity, from which on a difference from the reference counts as motion
+TREND = 0.004  # s of the mean with which a velocity is compared, so that counts of an encoder are no acceleration
 PULLED = 0.25  # of the limit of acceleration, with which a joint gets faster that is not held
+BELIEVED = 0.5  # expected error of the torques of a joint, below which they are fed forward
 REVERSAL = 0.012
 """s, and five samples, within which a joint that turns back shows that its feedback is too strong: at 1 kHz with the
 filtered velocity a loop becomes unstable at 70 Hz, half a turn of which takes 7 ms."""
@@ -206,6 +208,8 @@ class _Plan:
     stiffness: Array = field(default_factory=lambda: np.zeros(0))
     bandwidth: Array = field(default_factory=lambda: np.zeros(0))
     bound: Array = field(default_factory=lambda: np.zeros(0))
+    believed: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    """Joints whose torques are fed forward. Those of assumed masses are not: they drive a lighter robot away."""
     fastest: Array = field(default_factory=lambda: np.zeros(0))
     """Velocities beyond which the motion is broken off."""
 
@@ -394,9 +398,7 @@ class ActiveExcitation:
         root = np.sqrt(share * width)
         damping = 2.0 * DAMPING * root * (inertia @ (root * speed_error))
         command = self._integral + push + damping
-        # Assumed masses are not fed forward: the weight of a robot that has less would drive it away.
-        if plan.knowledge.information.count:
-            command = command + reference.torque[k]
+        command = command + np.where(plan.believed, reference.torque[k], 0.0)
         if self._joins:  # other gains and another model: the torque passes over without a jump
             self._jump, self._joins = self._command - command, False
             if self._stage == "stopping":  # what drove the robot too far is not to drive it on
@@ -425,9 +427,10 @@ class ActiveExcitation:
         self._excursion = np.where(moving, side, self._excursion)
         self._swung = np.where(soon, t, self._swung)
         calm = t - self._swung > REVERSAL
-        faster = moving & (side * (speed_error - self._speed_errors) > dt * pulled) & calm
+        self._speed_errors += (1.0 - np.exp(-dt / TREND)) * (speed_error - self._speed_errors)
+        away = moving & (error * speed_error > 0.0)
+        faster = away & (side * (speed_error - self._speed_errors) > TREND * pulled) & calm
         creeps = (np.abs(error) > 0.5 * REACH) & (error * speed_error > 0.0) & calm
-        self._speed_errors = speed_error.copy()
         rate = np.where(faster, 1.0 / DOUBLING, np.where(creeps, 1.0 / CREEPING, 0.0))
         self._share = np.clip(self._share * (0.5 if swings else 2.0 ** (dt * rate.max())), *SHARES)
         return self._share
@@ -726,7 +729,10 @@ class ActiveExcitation:
         base = np.asarray(self._base.K) @ found.parameters
         residual = np.asarray(info.joint_rms_error(base))
         counts = np.array([factor.count for factor in info.measured]) / self._correlation
-        first = FIRST_COUNT * (FIRST_NOISE * self._credible.torque_sizes) ** 2
+        # Where the robot is lighter than assumed, so is what is not known of its torques.
+        size = np.sqrt(np.mean(log[:, 1 + self.model.dof :] ** 2, axis=0))
+        size = np.clip(size, 1e-3 * self._credible.torque_sizes, self._credible.torque_sizes)
+        first = FIRST_COUNT * (FIRST_NOISE * size) ** 2
         residual = np.where(counts > 0, residual, 0.0)
         noise = np.sqrt((first + counts * residual**2) / (FIRST_COUNT + counts))
         return self._known(found.parameters, noise, info), used
@@ -810,6 +816,7 @@ class ActiveExcitation:
         """Compute what a plan is played with: torques, gains, and the bound of the torques."""
         knowledge = plan.knowledge
         torque = self._predicted(motion, knowledge.parameters)
+        plan.believed = (knowledge.joint_errors < BELIEVED) & (knowledge.information.count > 0)
         plan.reference = _Reference(plan.time, self.sample_time, *motion, torque)
         some = np.unique(np.linspace(0, len(motion[0]) - 1, 40).astype(int))
         q, dq, ddq = (part[some] for part in motion)
@@ -826,7 +833,7 @@ class ActiveExcitation:
         plan.bandwidth = BANDWIDTH * np.clip((1.0 - SURE * spreads / values).min(axis=0), LEAST_SHARE, 1.0)
         before = self._plan
         if before is not None and before.stiffness.any():
-            plan.bandwidth = np.minimum(plan.bandwidth, np.sqrt(GROWTH * self._share * before.stiffness / own))
+            plan.bandwidth = np.minimum(plan.bandwidth, np.sqrt(GROWTH * np.maximum(self._share, 1.0) * before.stiffness / own))
         plan.stiffness = plan.bandwidth**2 * own
         rows = self._rows(q, dq, ddq)
         spread = np.sqrt(np.einsum("skb,bc,skc->sk", rows, knowledge.covariance, rows)).max(axis=0)
@@ -901,9 +908,12 @@ class ActiveExcitation:
         self._note(plan, t, stage)
         if before is not None:
             self._joins = True
-            if plan.knowledge.information.count:  # the model carries the weight that the integral carried so far
-                self._integral = np.zeros_like(self._integral)
-                self._share = np.ones_like(self._share)  # the gains are those of the estimate now
+            # The model carries the weight that the integral carried so far.
+            self._integral = np.where(plan.believed, 0.0, self._integral)
+            if plan.knowledge.information.count and self._plan is not None:
+                # Damping grows no faster than stiffness, from what has held the robot, whatever the estimate says.
+                held = self._plan.stiffness / self._plan.bandwidth
+                self._share = np.minimum(1.0, GROWTH * self._share * held * plan.bandwidth / plan.stiffness)
         self._plan, self._reference, self._switched, self._stage = plan, plan.reference, t, stage
         self._asked = plan.time + max(plan.played - LEAD, 0.0)
         if before is not None and stage != "stopping":
