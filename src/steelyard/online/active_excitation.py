@@ -72,6 +72,8 @@ FIRST_SHARE = 0.01
 """Of the feedback and of the torques that are fed forward for the assumed robot, with which the robot is caught. An arm
 of a third of the assumed masses ran away with all of it, at 22 times its limit of velocity."""
 SHARES = (1e-3, 100.0)  # between which this share stays
+LEAST_SEEN = 0.05
+"""rad/s or m/s, below which no difference counts as motion: the count of an encoder of 17 bits is 0.015 at 1 kHz."""
 DOUBLING, CREEPING = 0.004, 0.05
 """s in which the share doubles while a joint gets faster away from its reference, and while it creeps away. A link falls
 with 20 rad/s² whatever it weighs, and 4 ms let the share grow a thousandfold until it has 0.8 rad/s."""
@@ -416,7 +418,7 @@ class ActiveExcitation:
         It grows while a joint moves away from its reference faster and faster, or creeps, and is halved where a joint
         turns back sooner than a stable loop does. No mass is used, so that it suits a robot of any.
         """
-        seen, pulled = SEEN * self.limits.velocity, PULLED * self.limits.acceleration
+        seen, pulled = np.maximum(SEEN * self.limits.velocity, LEAST_SEEN), PULLED * self.limits.acceleration
         moving = np.abs(speed_error) > seen
         side = np.where(moving, np.sign(speed_error), 0.0)
         turned = side * self._excursion < 0.0
@@ -833,7 +835,9 @@ class ActiveExcitation:
         plan.bandwidth = BANDWIDTH * np.clip((1.0 - SURE * spreads / values).min(axis=0), LEAST_SHARE, 1.0)
         before = self._plan
         if before is not None and before.stiffness.any():
-            plan.bandwidth = np.minimum(plan.bandwidth, np.sqrt(GROWTH * np.maximum(self._share, 1.0) * before.stiffness / own))
+            plan.bandwidth = np.minimum(
+                plan.bandwidth, np.sqrt(GROWTH * np.maximum(self._share, 1.0) * before.stiffness / own)
+            )
         plan.stiffness = plan.bandwidth**2 * own
         rows = self._rows(q, dq, ddq)
         spread = np.sqrt(np.einsum("skb,bc,skc->sk", rows, knowledge.covariance, rows)).max(axis=0)
