@@ -64,7 +64,8 @@ def test_mujoco_agrees_that_a_robot_of_any_mass_is_caught(factor: float) -> None
     <worldbody><body><joint name="a" axis="0 0 1" damping="{0.06 * factor}" armature="{0.005 * factor}"/>
     <inertial pos="0.3 0.02 0" mass="{3.0 * factor}" diaginertia="{inertias[0]}"/>
     <body pos="0.5 0 0"><joint name="b" axis="0 0 1" damping="{0.03 * factor}" armature="{0.002 * factor}"/>
-    <inertial pos="0.25 -0.01 0" mass="{1.2 * factor}" diaginertia="{inertias[1]}"/></body></body></worldbody></mujoco>"""
+    <inertial pos="0.25 -0.01 0" mass="{1.2 * factor}" diaginertia="{inertias[1]}"/>
+    </body></body></worldbody></mujoco>"""
     robot = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(robot)
     data.qpos[:] = 0.2, -0.3

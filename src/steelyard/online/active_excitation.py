@@ -75,8 +75,8 @@ SHARES = (1e-3, 100.0)  # between which this share stays
 LEAST_SEEN = 0.05
 """rad/s or m/s, below which no difference counts as motion: the count of an encoder of 17 bits is 0.015 at 1 kHz."""
 DOUBLING, CREEPING = 0.004, 0.05
-"""s in which the share doubles while a joint gets faster away from its reference, and while it creeps away. A link falls
-with 20 rad/s² whatever it weighs, and 4 ms let the share grow a thousandfold until it has 0.8 rad/s."""
+"""s in which the share doubles while a joint gets faster away from its reference, and while it creeps away. A link
+falls with 20 rad/s² whatever it weighs, and 4 ms let the share grow a thousandfold until it has 0.8 rad/s."""
 SEEN = 0.05  # of the limit of velocity, from which on a difference from the reference counts as motion
 TREND = 0.004  # s of the mean with which a velocity is compared, so that counts of an encoder are no acceleration
 PULLED = 0.25  # of the limit of acceleration, with which a joint gets faster that is not held
@@ -224,6 +224,11 @@ class ActiveExcitation:
     motions within the limits are predicted best (thesis section 8.1, last paragraph). Every motion is planned to end at
     rest and is replaced while it is played, so that position, velocity and acceleration of the reference have no jump,
     and a plan that comes late, or that cannot be found, leaves a motion that stops.
+
+    At first no assumed mass is believed: feedback begins with a hundredth of what the kinematics suggest, and grows until
+    each joint stops falling, so that a robot of a thirtieth or of thirty times the masses is caught, too. A link that
+    nothing holds falls by some 0.2 to 0.5 rad/s until then. Limits of velocity below that are kept only by robots that
+    begin where gravity does not pull, and limits of 0.05 rad/s show little of the parameters in any case.
 
     Gains are those that suit the lower bound of the inertia, and torques stay within four standard deviations of what
     the plan needs by the present estimate: as the parameters become known the gains rise and the band narrows.
