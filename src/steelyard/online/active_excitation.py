@@ -225,8 +225,8 @@ class ActiveExcitation:
     rest and is replaced while it is played, so that position, velocity and acceleration of the reference have no jump,
     and a plan that comes late, or that cannot be found, leaves a motion that stops.
 
-    At first no assumed mass is believed: feedback begins with a hundredth of what the kinematics suggest, and grows until
-    each joint stops falling, so that a robot of a thirtieth or of thirty times the masses is caught, too. A link that
+    At first no assumed mass is believed: feedback begins with a hundredth of what the kinematics suggest, and grows
+    until each joint stops falling, so that a robot of a thirtieth or of thirty times the masses is caught, too. A link that
     nothing holds falls by some 0.2 to 0.5 rad/s until then. Limits of velocity below that are kept only by robots that
     begin where gravity does not pull, and limits of 0.05 rad/s show little of the parameters in any case.
 
@@ -914,7 +914,6 @@ class ActiveExcitation:
         """Pass over to a plan, without a jump of the torque."""
         assert plan.reference is not None
         before = self._reference
-        self._note(plan, t, stage)
         if before is not None:
             self._joins = True
             # The model carries the weight that the integral carried so far.
@@ -923,6 +922,7 @@ class ActiveExcitation:
                 # Damping grows no faster than stiffness, from what has held the robot, whatever the estimate says.
                 held = self._plan.stiffness / self._plan.bandwidth
                 self._share = np.minimum(1.0, GROWTH * self._share * held * plan.bandwidth / plan.stiffness)
+        self._note(plan, t, stage)
         self._plan, self._reference, self._switched, self._stage = plan, plan.reference, t, stage
         self._asked = plan.time + max(plan.played - LEAD, 0.0)
         if before is not None and stage != "stopping":
@@ -946,8 +946,8 @@ class ActiveExcitation:
                 stage,
                 known.expected_error,
                 known.joint_errors,
-                plan.stiffness,
-                plan.bandwidth,
+                self._share * plan.stiffness,
+                np.sqrt(self._share) * plan.bandwidth,
                 plan.bound,
                 self._largest.copy(),
             )
