@@ -429,7 +429,7 @@ class ActiveExcitation:
         turned = side * self._excursion < 0.0
         soon = turned & (t - self._excursion_time < REVERSAL + 5.0 * self.sample_time)
         # Turned back once, a joint was caught or pulled by another one; it swings where it turns back again.
-        swings = bool((soon & (t - self._swung < 3.0 * REVERSAL)).any())
+        swings = soon & (t - self._swung < 3.0 * REVERSAL)
         self._excursion_time = np.where(moving, t, self._excursion_time)
         self._excursion = np.where(moving, side, self._excursion)
         self._swung = np.where(soon, t, self._swung)
@@ -439,7 +439,7 @@ class ActiveExcitation:
         faster = away & (side * (speed_error - self._speed_errors) > TREND * pulled) & calm
         creeps = (np.abs(error) > 0.5 * REACH) & (error * speed_error > 0.0) & calm
         rate = np.where(faster, 1.0 / DOUBLING, np.where(creeps, 1.0 / CREEPING, 0.0))
-        self._share = np.clip(self._share * (0.5 if swings else 2.0 ** (dt * rate.max())), *SHARES)
+        self._share = np.clip(self._share * np.where(swings, 0.5, 2.0 ** (dt * rate)), *SHARES)
         return self._share
 
     def command(self, t: float, q: ArrayLike, dq: ArrayLike | None = None, torque: ArrayLike | None = None) -> Array:
