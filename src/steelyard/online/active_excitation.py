@@ -226,8 +226,8 @@ class ActiveExcitation:
     and a plan that comes late, or that cannot be found, leaves a motion that stops.
 
     At first no assumed mass is believed: feedback begins with a hundredth of what the kinematics suggest, and grows
-    until each joint stops falling, so that a robot of a thirtieth or of thirty times the masses is caught, too. A link that
-    nothing holds falls by some 0.2 to 0.5 rad/s until then. Limits of velocity below that are kept only by robots that
+    until each joint stops falling, so that a robot of a thirtieth or of thirty times the masses is caught, too. A link
+    that nothing holds gets 0.2 to 1.1 rad/s until then. Limits of velocity below that are kept only by robots that
     begin where gravity does not pull, and limits of 0.05 rad/s show little of the parameters in any case.
 
     Gains are those that suit the lower bound of the inertia, and torques stay within four standard deviations of what
