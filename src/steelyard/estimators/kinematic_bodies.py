@@ -105,9 +105,9 @@ def kinematic_bodies(robot: Robot) -> tuple[collision.PlacedShape, ...]:
         radius = SLENDERNESS * (reach + beyond[index])
         last = not any(joint.parent == index for joint in robot.joints)
         own = robot.joints[index]
-        # What slides a way that is not told, as an axis of a gantry does, is as unknown as a last link: the sphere
-        # about a joint is that of a wrist, and made the bridge of a gantry weigh seven grams.
-        slides = not own.rotates and not np.isfinite(own.upper - own.lower)
+        # In a robot without any length, an axis that slides is as unknown as a last link: the sphere about a joint is
+        # that of a wrist, and made the bridge of a gantry weigh seven grams.
+        slides = not known and not own.rotates
         if length < SHORTEST_REACH and (last or slides):
             radius = FREE_END * _mean_length(robot, index, reach)
         placement = np.eye(4)
