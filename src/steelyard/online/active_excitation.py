@@ -919,9 +919,11 @@ class ActiveExcitation:
             # The model carries the weight that the integral carried so far.
             self._integral = np.where(plan.believed, 0.0, self._integral)
             if plan.knowledge.information.count and self._plan is not None:
-                # Damping grows no faster than stiffness, from what has held the robot, whatever the estimate says.
+                # Damping grows no faster than stiffness, from what has held the robot, and only where the estimate is
+                # believed: a link that fell by slow limits is caught with a damping that bears no doubling at 1 kHz.
                 held = self._plan.stiffness / self._plan.bandwidth
-                self._share = np.minimum(1.0, GROWTH * self._share * held * plan.bandwidth / plan.stiffness)
+                growth = np.where(plan.believed & (stage != "stopping"), GROWTH, 1.0)
+                self._share = np.minimum(1.0, growth * self._share * held * plan.bandwidth / plan.stiffness)
         self._note(plan, t, stage)
         self._plan, self._reference, self._switched, self._stage = plan, plan.reference, t, stage
         self._asked = plan.time + max(plan.played - LEAD, 0.0)
