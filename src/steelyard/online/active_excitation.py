@@ -212,6 +212,8 @@ class _Plan:
     bound: Array = field(default_factory=lambda: np.zeros(0))
     believed: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
     """Joints whose torques are fed forward. Those of assumed masses are not: they drive a lighter robot away."""
+    grows: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    """Joints whose inertia is known well enough that their feedback may grow beyond what has held them."""
     fastest: Array = field(default_factory=lambda: np.zeros(0))
     """Velocities beyond which the motion is broken off."""
 
@@ -285,6 +287,7 @@ class ActiveExcitation:
     _integral: Array
     _jump: Array
     _share: Array
+    _most: Array
     _speed_errors: Array
     _excursion: Array
     _excursion_time: Array
@@ -439,7 +442,7 @@ class ActiveExcitation:
         faster = away & (side * (speed_error - self._speed_errors) > TREND * pulled) & calm
         creeps = (np.abs(error) > 0.5 * REACH) & (error * speed_error > 0.0) & calm
         rate = np.where(faster, 1.0 / DOUBLING, np.where(creeps, 1.0 / CREEPING, 0.0))
-        self._share = np.clip(self._share * np.where(swings, 0.5, 2.0 ** (dt * rate)), *SHARES)
+        self._share = np.clip(self._share * np.where(swings, 0.5, 2.0 ** (dt * rate)), SHARES[0], self._most)
         return self._share
 
     def command(self, t: float, q: ArrayLike, dq: ArrayLike | None = None, torque: ArrayLike | None = None) -> Array:
@@ -591,6 +594,7 @@ class ActiveExcitation:
         self._integral = np.zeros(size)
         self._jump = np.zeros(size)
         self._share = np.full(size, FIRST_SHARE)
+        self._most = np.full(size, SHARES[1])
         self._speed_errors, self._excursion = np.zeros(size), np.zeros(size)
         self._excursion_time, self._swung = np.full(size, -np.inf), np.full(size, -np.inf)
         self._largest = np.zeros(size)
@@ -837,7 +841,9 @@ class ActiveExcitation:
         joints = np.arange(size)
         plan.inertia[:, joints, joints] += spreads.mean(axis=0)
         own = np.diagonal(plan.inertia, axis1=1, axis2=2).mean(axis=0)
-        plan.bandwidth = BANDWIDTH * np.clip((1.0 - SURE * spreads / values).min(axis=0), LEAST_SHARE, 1.0)
+        surely = (1.0 - SURE * spreads / values).min(axis=0)
+        plan.grows = surely > LEAST_SHARE
+        plan.bandwidth = BANDWIDTH * np.clip(surely, LEAST_SHARE, 1.0)
         before = self._plan
         if before is not None and before.stiffness.any():
             plan.bandwidth = np.minimum(
@@ -919,11 +925,13 @@ class ActiveExcitation:
             # The model carries the weight that the integral carried so far.
             self._integral = np.where(plan.believed, 0.0, self._integral)
             if plan.knowledge.information.count and self._plan is not None:
-                # Damping grows no faster than stiffness, from what has held the robot, and only where the estimate is
-                # believed: a link that fell by slow limits is caught with a damping that bears no doubling at 1 kHz.
-                held = self._plan.stiffness / self._plan.bandwidth
-                growth = np.where(plan.believed & (stage != "stopping"), GROWTH, 1.0)
-                self._share = np.minimum(1.0, growth * self._share * held * plan.bandwidth / plan.stiffness)
+                # Damping grows no faster than stiffness, from what has held the robot, and only where the inertia is
+                # known: a link that fell is caught with a damping that bears no doubling at 1 kHz.
+                share = self._share * self._plan.stiffness / self._plan.bandwidth * plan.bandwidth / plan.stiffness
+                growth = 1.0 if stage == "stopping" else GROWTH
+                self._share = np.where(plan.grows, np.minimum(1.0, growth * share), share)
+                # A robot that was caught falls no more: what gets faster now may be what the feedback itself drives.
+                self._most = np.where(plan.grows, 1.0, GROWTH) * self._share
         self._note(plan, t, stage)
         self._plan, self._reference, self._switched, self._stage = plan, plan.reference, t, stage
         self._asked = plan.time + max(plan.played - LEAD, 0.0)
