@@ -929,7 +929,8 @@ class ActiveExcitation:
                 # known: a link that fell is caught with a damping that bears no doubling at 1 kHz.
                 share = self._share * self._plan.stiffness / self._plan.bandwidth * plan.bandwidth / plan.stiffness
                 growth = 1.0 if stage == "stopping" else GROWTH
-                self._share = np.where(plan.grows, np.minimum(1.0, growth * share), share)
+                # Nor is it less than half of what has held it: an estimate took a tenth of the inertia of a last joint.
+                self._share = np.where(plan.grows, np.clip(1.0, share / GROWTH, growth * share), share)
                 # A robot that was caught falls no more: what gets faster now may be what the feedback itself drives.
                 self._most = np.where(plan.grows, 1.0, GROWTH) * self._share
         self._note(plan, t, stage)
