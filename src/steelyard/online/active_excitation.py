@@ -56,7 +56,7 @@ BANDWIDTH = 50.0
 """rad/s of the feedback where the inertia is known; below it, as large a part of it as of the inertia is sure. At 1 kHz
 the loop with a filtered velocity bears an inertia that is guessed several times too large."""
 GROWTH = 2.0
-"""By which factor stiffness grows at most from one motion to the next. A first estimate took the friction of a last
+"""By which factor stiffness changes at most from one motion to the next. A first estimate took the friction of a last
 joint for a rotor of 40 times its inertia; the loop that it asked for was unstable. A stable loop with a gain margin of
 two bears one such step, and the next estimate comes from the motion with it."""
 DAMPING = 0.8
@@ -229,8 +229,9 @@ class ActiveExcitation:
 
     At first no assumed mass is believed: feedback begins with a hundredth of what the kinematics suggest, and grows
     until each joint stops falling, so that a robot of a thirtieth or of thirty times the masses is caught, too. A link
-    that nothing holds gets 0.2 to 1.1 rad/s until then. Limits of velocity below that are kept only by robots that
-    begin where gravity does not pull, and limits of 0.05 rad/s show little of the parameters in any case.
+    that nothing holds gets 0.2 to 1.2 rad/s until then, in the first tenth of a second. Limits of velocity below that
+    are kept only by robots that begin where gravity does not pull, and limits of 0.05 rad/s show little of the
+    parameters in any case, which the expected error says.
 
     Gains are those that suit the lower bound of the inertia, and torques stay within four standard deviations of what
     the plan needs by the present estimate: as the parameters become known the gains rise and the band narrows.
