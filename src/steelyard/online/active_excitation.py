@@ -56,7 +56,7 @@ BANDWIDTH = 50.0
 """rad/s of the feedback where the inertia is known; below it, as large a part of it as of the inertia is sure. At 1 kHz
 the loop with a filtered velocity bears an inertia that is guessed several times too large."""
 GROWTH = 2.0
-"""By which factor stiffness changes at most from one motion to the next. A first estimate took the friction of a last
+"""By which factor stiffness grows at most from one motion to the next. A first estimate took the friction of a last
 joint for a rotor of 40 times its inertia; the loop that it asked for was unstable. A stable loop with a gain margin of
 two bears one such step, and the next estimate comes from the motion with it."""
 DAMPING = 0.8
@@ -68,24 +68,6 @@ LEAST_SHARE = 0.35
 """Of the bandwidth, with which the robot is held first, for the mean inertia and one standard deviation. With 0.4 and
 two deviations the loop was unstable at 1 kHz on 5 of 16 random UR5 and Pandas; with 0.4 and the larger of mean and one
 deviation a wrist of the Panda fell at 2.9 times its limit of velocity."""
-FIRST_SHARE = 0.01
-"""Of the feedback and of the torques that are fed forward for the assumed robot, with which the robot is caught. An arm
-of a third of the assumed masses ran away with all of it, at 22 times its limit of velocity."""
-SHARES = (1e-3, 100.0)  # between which this share stays
-LEAST_SEEN = 0.05
-"""rad/s or m/s, below which no difference counts as motion: the count of an encoder of 17 bits is 0.015 at 1 kHz."""
-DOUBLING, CREEPING = 0.004, 0.05
-"""s in which the share doubles while a joint gets faster away from its reference, and while it creeps away. A link
-falls with 20 rad/s² whatever it weighs, and 4 ms let the share grow a thousandfold until it has 0.8 rad/s."""
-SEEN = 0.05  # of the limit of velocity, from which on a difference from the reference counts as motion
-TREND = 0.004  # s of the mean with which a velocity is compared, so that counts of an encoder are no acceleration
-PULLED = 0.25  # of the limit of acceleration, with which a joint gets faster that is not held
-BELIEVED = 0.1
-"""Expected error of the torques of a joint, below which they are fed forward. With 0.5 a wrist whose friction was told
-too large was driven from its reference at 1.46 times its limit of velocity, in 1 of 20 random WAM."""
-REVERSAL = 0.012
-"""s, and five samples, within which a joint that turns back shows that its feedback is too strong: at 1 kHz with the
-filtered velocity a loop becomes unstable at 70 Hz, half a turn of which takes 7 ms."""
 REACH = 0.1
 """rad or m: feedback of the position is that of this error at most, for which the torque bound has room, so that
 damping is never crowded out. Without it, and with an integral that went on at the bound, a wrist of the UR5 that was
@@ -212,10 +194,6 @@ class _Plan:
     stiffness: Array = field(default_factory=lambda: np.zeros(0))
     bandwidth: Array = field(default_factory=lambda: np.zeros(0))
     bound: Array = field(default_factory=lambda: np.zeros(0))
-    believed: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
-    """Joints whose torques are fed forward. Those of assumed masses are not: they drive a lighter robot away."""
-    grows: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
-    """Joints whose inertia is known well enough that their feedback may grow beyond what has held them."""
     fastest: Array = field(default_factory=lambda: np.zeros(0))
     """Velocities beyond which the motion is broken off."""
 
@@ -228,12 +206,6 @@ class ActiveExcitation:
     motions within the limits are predicted best (thesis section 8.1, last paragraph). Every motion is planned to end at
     rest and is replaced while it is played, so that position, velocity and acceleration of the reference have no jump,
     and a plan that comes late, or that cannot be found, leaves a motion that stops.
-
-    At first no assumed mass is believed: feedback begins with a hundredth of what the kinematics suggest, and grows
-    until each joint stops falling, so that a robot of a thirtieth or of thirty times the masses is caught, too. A link
-    that nothing holds gets 0.2 to 1.2 rad/s until then, in the first tenth of a second. Limits of velocity below that
-    are kept only by robots that begin where gravity does not pull, and limits of 0.05 rad/s show little of the
-    parameters in any case, which the expected error says.
 
     Gains are those that suit the lower bound of the inertia, and torques stay within four standard deviations of what
     the plan needs by the present estimate: as the parameters become known the gains rise and the band narrows.
@@ -289,12 +261,6 @@ class ActiveExcitation:
 
     _integral: Array
     _jump: Array
-    _share: Array
-    _most: Array
-    _speed_errors: Array
-    _excursion: Array
-    _excursion_time: Array
-    _swung: Array
     _joins: bool
     _largest: Array
     _largest_speed: Array
@@ -403,15 +369,11 @@ class ActiveExcitation:
         self._last_time = t
         plan = self._plan
         assert plan is not None
-        share = self._suited_share(t, dt, error, speed_error)
-        room, inertia, width = np.minimum(share * plan.bound, self.limits.torque), plan.inertia[k], plan.bandwidth
-        # Symmetric, as the inertia is: a joint that is held weakly is not driven by the errors of the others.
-        part = np.sqrt(share)
-        push = part * width * (inertia @ (part * width * np.clip(error, -REACH, REACH)))
-        root = np.sqrt(share * width)
+        room, inertia, width = plan.bound, plan.inertia[k], plan.bandwidth
+        push = width * (inertia @ (width * np.clip(error, -REACH, REACH)))
+        root = np.sqrt(width)
         damping = 2.0 * DAMPING * root * (inertia @ (root * speed_error))
-        command = self._integral + push + damping
-        command = command + np.where(plan.believed, reference.torque[k], 0.0)
+        command = reference.torque[k] + self._integral + push + damping
         if self._joins:  # other gains and another model: the torque passes over without a jump
             self._jump, self._joins = self._command - command, False
             if self._stage == "stopping":  # what drove the robot too far is not to drive it on
@@ -422,31 +384,6 @@ class ActiveExcitation:
         free = (np.abs(command) < room) | (push * command < 0.0)
         self._integral = np.clip(self._integral + free * dt * INTEGRAL * width * push, -room, room)
         return self._command.copy()
-
-    def _suited_share(self, t: float, dt: float, error: Array, speed_error: Array) -> Array:
-        """Return the share (N,) of the feedback that suits the robot, by its motion alone.
-
-        It grows while a joint moves away from its reference faster and faster, or creeps, and is halved where a joint
-        turns back sooner than a stable loop does. No mass is used, so that it suits a robot of any.
-        """
-        seen, pulled = np.maximum(SEEN * self.limits.velocity, LEAST_SEEN), PULLED * self.limits.acceleration
-        moving = np.abs(speed_error) > seen
-        side = np.where(moving, np.sign(speed_error), 0.0)
-        turned = side * self._excursion < 0.0
-        soon = turned & (t - self._excursion_time < REVERSAL + 5.0 * self.sample_time)
-        # Turned back once, a joint was caught or pulled by another one; it swings where it turns back again.
-        swings = soon & (t - self._swung < 3.0 * REVERSAL)
-        self._excursion_time = np.where(moving, t, self._excursion_time)
-        self._excursion = np.where(moving, side, self._excursion)
-        self._swung = np.where(soon, t, self._swung)
-        calm = t - self._swung > REVERSAL
-        self._speed_errors += (1.0 - np.exp(-dt / TREND)) * (speed_error - self._speed_errors)
-        away = moving & (error * speed_error > 0.0)
-        faster = away & (side * (speed_error - self._speed_errors) > TREND * pulled) & calm
-        creeps = (np.abs(error) > 0.5 * REACH) & (error * speed_error > 0.0) & calm
-        rate = np.where(faster, 1.0 / DOUBLING, np.where(creeps, 1.0 / CREEPING, 0.0))
-        self._share = np.clip(self._share * np.where(swings, 0.5, 2.0 ** (dt * rate)), SHARES[0], self._most)
-        return self._share
 
     def command(self, t: float, q: ArrayLike, dq: ArrayLike | None = None, torque: ArrayLike | None = None) -> Array:
         """Return the torques to command now, in your own control loop; the first call holds the robot where it is.
@@ -596,10 +533,6 @@ class ActiveExcitation:
         self._stage, self._motions, self._pace = "hold", 0, 1.0
         self._integral = np.zeros(size)
         self._jump = np.zeros(size)
-        self._share = np.full(size, FIRST_SHARE)
-        self._most = np.full(size, SHARES[1])
-        self._speed_errors, self._excursion = np.zeros(size), np.zeros(size)
-        self._excursion_time, self._swung = np.full(size, -np.inf), np.full(size, -np.inf)
         self._largest = np.zeros(size)
         self._largest_speed = np.zeros(size)
         self._room = np.full(size, FIRST_ROOM)
@@ -743,10 +676,7 @@ class ActiveExcitation:
         base = np.asarray(self._base.K) @ found.parameters
         residual = np.asarray(info.joint_rms_error(base))
         counts = np.array([factor.count for factor in info.measured]) / self._correlation
-        # Where the robot is lighter than assumed, so is what is not known of its torques.
-        size = np.sqrt(np.mean(log[:, 1 + self.model.dof :] ** 2, axis=0))
-        size = np.clip(size, 1e-3 * self._credible.torque_sizes, self._credible.torque_sizes)
-        first = FIRST_COUNT * (FIRST_NOISE * size) ** 2
+        first = FIRST_COUNT * (FIRST_NOISE * self._credible.torque_sizes) ** 2
         residual = np.where(counts > 0, residual, 0.0)
         noise = np.sqrt((first + counts * residual**2) / (FIRST_COUNT + counts))
         return self._known(found.parameters, noise, info), used
@@ -830,7 +760,6 @@ class ActiveExcitation:
         """Compute what a plan is played with: torques, gains, and the bound of the torques."""
         knowledge = plan.knowledge
         torque = self._predicted(motion, knowledge.parameters)
-        plan.believed = (knowledge.joint_errors < BELIEVED) & (knowledge.information.count > 0)
         plan.reference = _Reference(plan.time, self.sample_time, *motion, torque)
         some = np.unique(np.linspace(0, len(motion[0]) - 1, 40).astype(int))
         q, dq, ddq = (part[some] for part in motion)
@@ -844,14 +773,10 @@ class ActiveExcitation:
         joints = np.arange(size)
         plan.inertia[:, joints, joints] += spreads.mean(axis=0)
         own = np.diagonal(plan.inertia, axis1=1, axis2=2).mean(axis=0)
-        surely = (1.0 - SURE * spreads / values).min(axis=0)
-        plan.grows = surely > LEAST_SHARE
-        plan.bandwidth = BANDWIDTH * np.clip(surely, LEAST_SHARE, 1.0)
+        plan.bandwidth = BANDWIDTH * np.clip((1.0 - SURE * spreads / values).min(axis=0), LEAST_SHARE, 1.0)
         before = self._plan
         if before is not None and before.stiffness.any():
-            plan.bandwidth = np.minimum(
-                plan.bandwidth, np.sqrt(GROWTH * np.maximum(self._share, 1.0) * before.stiffness / own)
-            )
+            plan.bandwidth = np.minimum(plan.bandwidth, np.sqrt(GROWTH * before.stiffness / own))
         plan.stiffness = plan.bandwidth**2 * own
         rows = self._rows(q, dq, ddq)
         spread = np.sqrt(np.einsum("skb,bc,skc->sk", rows, knowledge.covariance, rows)).max(axis=0)
@@ -923,20 +848,11 @@ class ActiveExcitation:
         """Pass over to a plan, without a jump of the torque."""
         assert plan.reference is not None
         before = self._reference
+        self._note(plan, t, stage)
         if before is not None:
             self._joins = True
-            # The model carries the weight that the integral carried so far.
-            self._integral = np.where(plan.believed, 0.0, self._integral)
-            if plan.knowledge.information.count and self._plan is not None:
-                # Damping grows no faster than stiffness, from what has held the robot, and only where the inertia is
-                # known: a link that fell is caught with a damping that bears no doubling at 1 kHz.
-                share = self._share * self._plan.stiffness / self._plan.bandwidth * plan.bandwidth / plan.stiffness
-                growth = 1.0 if stage == "stopping" else GROWTH
-                # Nor is it less than half of what has held it: an estimate took a tenth of the inertia of a last joint.
-                self._share = np.where(plan.grows, np.clip(1.0, share / GROWTH, growth * share), share)
-                # A robot that was caught falls no more: what gets faster now may be what the feedback itself drives.
-                self._most = np.where(plan.grows, 1.0, GROWTH) * self._share
-        self._note(plan, t, stage)
+            if plan.knowledge.information.count:  # the model carries the weight that the integral carried so far
+                self._integral = np.zeros_like(self._integral)
         self._plan, self._reference, self._switched, self._stage = plan, plan.reference, t, stage
         self._asked = plan.time + max(plan.played - LEAD, 0.0)
         if before is not None and stage != "stopping":
@@ -960,8 +876,8 @@ class ActiveExcitation:
                 stage,
                 known.expected_error,
                 known.joint_errors,
-                self._share * plan.stiffness,
-                np.sqrt(self._share) * plan.bandwidth,
+                plan.stiffness,
+                plan.bandwidth,
                 plan.bound,
                 self._largest.copy(),
             )
