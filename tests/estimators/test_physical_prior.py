@@ -631,3 +631,17 @@ def test_a_real_ur10_from_its_kinematics(shared_data):
     assert 28.7 / 2 < prior.masses.sum() < 28.7 * 2
     known = np.array([7.778, 12.93, 3.87, 1.96, 1.96, 0.202])
     assert np.all(np.abs(np.log(prior.masses / known)) < np.log(10.0))
+
+
+def test_axes_of_a_gantry_whose_strokes_are_not_told_are_no_grams(tmp_path) -> None:
+    """A bridge carries what slides on it; by its kinematics it weighs no less, and is said to be assumed."""
+    text = '<robot name="gantry"><link name="base"/>'
+    axes = (("bridge", "base", "1 0 0"), ("carriage", "bridge", "0 1 0"), ("ram", "carriage", "0 0 1"))
+    for name, parent, axis in axes:
+        text += f"""<link name="{name}"/><joint name="to_{name}" type="prismatic"><parent link="{parent}"/>
+        <child link="{name}"/><axis xyz="{axis}"/><limit velocity="1" effort="900"/></joint>"""
+    (tmp_path / "gantry.urdf").write_text(text + "</robot>")
+    prior = physical_prior(sy.Model(sy.Robot.from_urdf(tmp_path / "gantry.urdf")))
+    bridge, carriage, ram = prior.masses
+    assert bridge >= carriage >= ram > 0.05
+    assert set(prior.sources) == {"kinematics"}

@@ -23,7 +23,8 @@ On 17 arms with known masses, bodies of one density a robot have 0.63 to 1.5 tim
 it is 0.73."""
 
 FREE_END = 0.3
-"""Radius of a last link whose length nothing tells, relative to the mean length of the links before it."""
+"""Radius of a last link, or one that slides, whose length nothing tells, relative to the mean length of the links up to
+it."""
 
 SHORTEST_REACH = 0.01
 """m; a robot all of whose joints meet in one point has no known size."""
@@ -102,7 +103,12 @@ def kinematic_bodies(robot: Robot) -> tuple[collision.PlacedShape, ...]:
         difference = points[one] - points[other]
         length = float(np.linalg.norm(difference))
         radius = SLENDERNESS * (reach + beyond[index])
-        if length < SHORTEST_REACH and not any(joint.parent == index for joint in robot.joints):
+        last = not any(joint.parent == index for joint in robot.joints)
+        own = robot.joints[index]
+        # In a robot without any length, an axis that slides is as unknown as a last link: the sphere about a joint is
+        # that of a wrist, and made the bridge of a gantry weigh seven grams.
+        slides = not known and not own.rotates
+        if length < SHORTEST_REACH and (last or slides):
             radius = FREE_END * _mean_length(robot, index, reach)
         placement = np.eye(4)
         shape: collision.Shape = collision.Sphere(radius)
