@@ -29,6 +29,8 @@ from steelyard.recording import Samples
 from steelyard.recording.correction import Correction, Settings, toml_inline, toml_text
 from steelyard.recording.diagnosis.detectors import clipped_rows, saturation_levels
 
+from .exact_mistakes import exact_scale, exact_tilt
+
 __all__ = ["Hypothesis", "find_mistakes", "sentence"]
 
 Array = NDArray[np.float64]
@@ -662,6 +664,10 @@ class _Search:
                 return cost(log * own)
 
             log = _least(of_one, start, 5)
+            if self.base.cost - cost(log * own) > GAIN:
+                exact = exact_scale(self.model, self.source, k, log)
+                if exact is not None and cost(exact * own) < cost(log * own) + EQUAL:
+                    log = exact
             attempt("torque scale", f"The torque of {name} looks {_times(log)} too {_small(log)}", log * own, 1e3 * n)
         logs = min(self._likely_scales(self.whole), key=cost)
         for own in np.eye(n):
@@ -891,7 +897,12 @@ class _Search:
         corners = TILT * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
         options: Any = {"initial_simplex": corners, "xatol": 2e-3, "fatol": 0.1, "maxfev": 80}
         found = minimize(cost, np.zeros(2), method="Nelder-Mead", options=options)
-        tilted: Array = np.round(gravity(np.asarray(found.x, dtype=np.float64)), 3)
+        tilted = gravity(np.asarray(found.x, dtype=np.float64))
+        if self.base.cost - found.fun > GAIN:
+            exact = exact_tilt(self.model, self.source, tilted)
+            if exact is not None and self._fit(self._moments(Correction(gravity=exact))).cost < found.fun + EQUAL:
+                tilted = exact
+        tilted = np.round(tilted, 3)
         angle = np.degrees(np.arccos(np.clip(tilted @ own / (size * np.linalg.norm(tilted)), -1.0, 1.0)))
         if angle < LEAST_TILT:
             return
