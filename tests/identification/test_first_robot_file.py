@@ -250,3 +250,13 @@ def test_a_motor_that_turns_with_two_joints_is_a_term(tmp_path, own):
     assert kinds(content) == (["motor_side", "viscous", "coulomb"] if own else ["motor_side"])
     assert content["terms"][0]["coupling"] == [[1, 1], [0, 1]]
     assert sy.identify(file.path, log).estimate.relative_error < 0.03
+
+
+@pytest.mark.parametrize("factors", [(1.7, 1.0), pytest.param((1.0, 1.7), marks=pytest.mark.slow)])
+def test_a_wrong_factor_that_rotors_hide_is_told_beside_them(tmp_path, factors):
+    path = description(tmp_path)
+    torque = torques(path, rotor=0.5) / factors
+    made = first_robot_file(path, log_of(tmp_path, torque), folder=tmp_path)
+    _, content = loaded(made, tmp_path)
+    assert "rotor_inertia" in kinds(content)
+    np.testing.assert_allclose(content["log"]["gain"], factors, rtol=0.01)
