@@ -260,3 +260,12 @@ def test_a_wrong_factor_that_rotors_hide_is_told_beside_them(tmp_path, factors):
     _, content = loaded(made, tmp_path)
     assert "rotor_inertia" in kinds(content)
     np.testing.assert_allclose(content["log"]["gain"], factors, rtol=0.01)
+
+
+def test_where_either_joint_may_have_the_wrong_factor_both_are_told(tmp_path):
+    path = description(tmp_path)
+    torque = torques(path, rotor=0.5) / [0.6, 1.0]  # or, for all that two joints tell, the other one's 1 / 0.6
+    made = first_robot_file(path, log_of(tmp_path, torque), folder=tmp_path)
+    (finding,) = [one for one in made.examination.findings if one.kind == "torque scale"]
+    assert "The torque of elbow looks 1.67 times too small" in finding.statement
+    assert "Or: The torque of shoulder looks 1.67 times too large" in finding.statement

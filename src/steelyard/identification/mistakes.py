@@ -965,7 +965,7 @@ class _Search:
                 continue
             if gain < GAIN or (told and gain < told[0].gain - EQUAL):
                 break
-            if any(_family(hypothesis.kind) == _family(candidate.kind) for hypothesis in told):
+            if any(_same(hypothesis, candidate) for hypothesis in told):
                 continue
             hypothesis = self._judged(candidate, gain)
             if hypothesis is not None:
@@ -1032,6 +1032,22 @@ def _neighbors(count: int) -> Iterator[tuple[int, int]]:
 
 def _family(kind: str) -> str:
     return "torque factor" if kind in ("torque unit", "torque scale", "torque constants") else kind
+
+
+def _same(told: Hypothesis, candidate: _Candidate) -> bool:
+    """Return whether a candidate is another size of what is told; factors of two joints are two mistakes."""
+    if _family(told.kind) != _family(candidate.kind):
+        return False
+    joints = (_scaled_joint(told.correction), _scaled_joint(candidate.correction))
+    return None in joints or joints[0] == joints[1]
+
+
+def _scaled_joint(correction: Correction) -> int | None:
+    """Return the joint whose torques alone have another factor; None where there is no such one."""
+    if correction.torques is None:
+        return None
+    scaled = np.flatnonzero(np.diag(correction.torques) != 1.0)
+    return int(scaled[0]) if len(scaled) == 1 else None
 
 
 def _is_dense(samples: Samples) -> bool:
