@@ -29,8 +29,6 @@ from steelyard.recording import Samples
 from steelyard.recording.correction import Correction, Settings, toml_inline, toml_text
 from steelyard.recording.diagnosis.detectors import clipped_rows, saturation_levels
 
-from .exact_mistakes import exact_scale, exact_tilt
-
 __all__ = ["Hypothesis", "find_mistakes", "sentence"]
 
 Array = NDArray[np.float64]
@@ -435,6 +433,11 @@ class _Search:
                 self.scale = self.priors.index(fitted.prior)  # others start where the best so far is
         return cost
 
+    def _may_be_told(self, cost: float, choices: float) -> bool:
+        """Return whether a hypothesis, of which there are so many like it, is among the likeliest so far."""
+        cost += float(np.log(choices))
+        return cost < self.base.cost - GAIN and cost < self.best + EQUAL
+
     def _strangeness(self, samples: Samples) -> float:
         """Return what speaks against a motion, as a logarithm of odds: beyond the limits, of many turns, too fast."""
         q, n = samples.q, self.count
@@ -664,7 +667,9 @@ class _Search:
                 return cost(log * own)
 
             log = _least(of_one, start, 5)
-            if self.base.cost - cost(log * own) > GAIN:
+            if self._may_be_told(cost(log * own), 1e3 * n):
+                from .exact_mistakes import exact_scale  # few logs need it
+
                 exact = exact_scale(self.model, self.source, k, log)
                 if exact is not None and cost(exact * own) < cost(log * own) + EQUAL:
                     log = exact
@@ -898,7 +903,9 @@ class _Search:
         options: Any = {"initial_simplex": corners, "xatol": 2e-3, "fatol": 0.1, "maxfev": 80}
         found = minimize(cost, np.zeros(2), method="Nelder-Mead", options=options)
         tilted = gravity(np.asarray(found.x, dtype=np.float64))
-        if self.base.cost - found.fun > GAIN:
+        if self._may_be_told(found.fun, TILTS):
+            from .exact_mistakes import exact_tilt  # few logs need it
+
             exact = exact_tilt(self.model, self.source, tilted)
             if exact is not None and self._fit(self._moments(Correction(gravity=exact))).cost < found.fun + EQUAL:
                 tilted = exact
