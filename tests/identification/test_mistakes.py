@@ -11,8 +11,7 @@ import pytest
 import steelyard as sy
 from steelyard.dynamics import ByJoint, PiecewiseFriction
 from steelyard.estimators.marginal_likelihood import body_priors, likeliest_factors, moments
-from steelyard.identification.exact_mistakes import exact_scale
-from steelyard.identification.mistakes import find_mistakes
+from steelyard.identification.mistakes import exact_scale, find_mistakes
 from steelyard.recording import LogColumns
 from steelyard.recording.correction import Correction, correction_settings, toml_inline, toml_text
 from steelyard.robot import RobotFile
