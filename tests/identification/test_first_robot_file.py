@@ -250,3 +250,22 @@ def test_a_motor_that_turns_with_two_joints_is_a_term(tmp_path, own):
     assert kinds(content) == (["motor_side", "viscous", "coulomb"] if own else ["motor_side"])
     assert content["terms"][0]["coupling"] == [[1, 1], [0, 1]]
     assert sy.identify(file.path, log).estimate.relative_error < 0.03
+
+
+@pytest.mark.parametrize("factors", [(1.7, 1.0), pytest.param((1.0, 1.7), marks=pytest.mark.slow)])
+def test_a_wrong_factor_that_rotors_hide_is_told_beside_them(tmp_path, factors):
+    path = description(tmp_path)
+    torque = torques(path, rotor=0.5) / factors
+    made = first_robot_file(path, log_of(tmp_path, torque), folder=tmp_path)
+    _, content = loaded(made, tmp_path)
+    assert "rotor_inertia" in kinds(content)
+    np.testing.assert_allclose(content["log"]["gain"], factors, rtol=0.01)
+
+
+def test_where_either_joint_may_have_the_wrong_factor_both_are_told(tmp_path):
+    path = description(tmp_path)
+    torque = torques(path, rotor=0.5) / [0.6, 1.0]  # or, for all that two joints tell, the other one's 1 / 0.6
+    made = first_robot_file(path, log_of(tmp_path, torque), folder=tmp_path)
+    (finding,) = [one for one in made.examination.findings if one.kind == "torque scale"]
+    assert "The torque of elbow looks 1.67 times too small" in finding.statement
+    assert "Or: The torque of shoulder looks 1.67 times too large" in finding.statement

@@ -11,7 +11,7 @@ import pytest
 import steelyard as sy
 from steelyard.dynamics import ByJoint, PiecewiseFriction
 from steelyard.estimators.marginal_likelihood import body_priors, likeliest_factors, moments
-from steelyard.identification.mistakes import find_mistakes
+from steelyard.identification.mistakes import exact_scale, find_mistakes
 from steelyard.recording import LogColumns
 from steelyard.recording.correction import Correction, correction_settings, toml_inline, toml_text
 from steelyard.robot import RobotFile
@@ -548,3 +548,49 @@ def test_rotors_that_weigh_more_than_wheels_are_no_wrong_unit(tmp_path, rotor, f
     torque += 0.02 * np.sqrt((torque**2).mean(axis=0)) * np.random.default_rng(4).normal(size=q.shape)
     found = find_mistakes(sy.Model(robot), sy.Samples(q=q, dq=dq, ddq=ddq, torque=factor * torque))
     assert [hypothesis.kind for hypothesis in found] == kinds
+
+
+PLAIN = (sy.Viscous(), sy.Coulomb(), sy.Offset())
+
+
+@pytest.fixture(scope="module")
+def light(tmp_path_factory):
+    """The model of the small arm with CAD that lacks three tenths of the masses of two links."""
+    path = tmp_path_factory.mktemp("light") / "light.urdf"
+    masses = (('mass value="2.0"', 'mass value="1.4"'), ('mass value="0.8"', 'mass value="0.55"'))
+    text = urdf(False)
+    for right, wrong in masses:
+        assert right in text
+        text = text.replace(right, wrong)
+    path.write_text(text)
+    return sy.Model(sy.Robot.from_urdf(path).with_terms(*PLAIN))
+
+
+@pytest.mark.parametrize("seed", [7, pytest.param(3, marks=pytest.mark.slow), pytest.param(9, marks=pytest.mark.slow)])
+def test_the_factor_of_a_joint_is_that_of_the_rows_and_not_of_cad(planted, arms, light, seed):
+    samples, _ = planted.log(arms[False], np.random.default_rng(seed), "rich")
+    first, *_ = find_mistakes(light, replace(samples, torque=samples.torque * [1, 1, 0.55, 1]))
+    assert first.kind == "torque scale"
+    np.testing.assert_allclose(np.diag(first.correction.torques) * [1, 1, 0.55, 1], 1.0, rtol=0.01)
+
+
+@pytest.mark.parametrize("seed", [9, pytest.param(3, marks=pytest.mark.slow), pytest.param(12, marks=pytest.mark.slow)])
+def test_the_tilt_of_a_base_is_that_of_the_rows_and_not_of_cad(planted, arms, light, seed):
+    gravity = 9.81 * np.array([np.sin(0.5), 0.0, -np.cos(0.5)])
+    samples, _ = planted.log(arms[False], np.random.default_rng(seed), "rich", gravity=gravity)
+    first, *_ = find_mistakes(light, samples)
+    assert first.kind == "gravity"
+    assert np.linalg.norm(first.correction.gravity - gravity) < 9.81 * np.radians(0.3)
+
+
+def test_nothing_tells_the_factor_of_a_joint_that_stands_alone(tmp_path, planted):
+    path = tmp_path / "one.urdf"
+    path.write_text(
+        '<robot name="one"><link name="base"/><link name="arm"><inertial><origin xyz="0.2 0 0"/><mass value="2"/>'
+        '<inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/></inertial></link><joint name="one" '
+        'type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/><limit lower="-2" upper="2" '
+        'effort="9" velocity="9"/></joint></robot>'
+    )
+    alone = planted.Arm(path)
+    samples, _ = planted.log(alone, np.random.default_rng(1), "rich")
+    assert exact_scale(sy.Model(alone.robot.with_terms(*PLAIN)), samples, 0, 0.1) is None

@@ -100,3 +100,15 @@ def test_plain_names_raise_no_question(joints: list[str], form: str) -> None:
     joints = [f"joint_{joint}" for joint in joints]
     names, groups = header(joints, form, random.Random(len(joints)))
     assert understood(names, joints) == groups
+
+
+def test_the_word_joint_behind_all_names_may_be_left_out() -> None:
+    joints = ["shoulder_pan_joint", "shoulder_lift_joint", "wrist_1_joint", "wrist_2_joint"]
+    short = [joint.removesuffix("_joint") for joint in joints]
+    names = ["t", *(f"{name}_torque" for name in reversed(short)), *(f"{name}_deg" for name in short)]
+    layout = find_columns(names, joints=joints)
+    assert list(layout.position) == [f"{name}_deg" for name in short]
+    assert list(layout.torque) == [f"{name}_torque" for name in short]
+    # One joint without the word: then it is a part of the names.
+    with pytest.raises(InputError, match="no columns that look like positions"):
+        find_columns(["t", "pan_deg", "tilt_deg", "pan_torque", "tilt_torque"], joints=["pan_joint", "tilt"])

@@ -209,6 +209,7 @@ class _Draft:
         self.joints = self._logged_joints(LogFiles(log, LogColumns.from_dict(self.settings.get("log", {}))))
         if self.joints.others:
             self.state("description", "locked", list(self.joints.others), f"{self.joints.reason}; held at 0")
+        terms = set(self.terms)
         self.examination = examine(log, self._loaded(), progress=say)
         self._mend(self.examination)
         if self.to_complete:  # currents of several drives are on as many scales, and fit no model
@@ -216,11 +217,23 @@ class _Draft:
         else:
             say("have the rotors an inertia that shows?")
             self._judge_rotors()
+            if self.terms.keys() != terms:
+                self._look_again(say)
         file = self._loaded()
         names = list(file.robot.joint_names)
         layout = LogFiles(log, LogColumns.from_dict(self.settings.get("log", {}))).layout(names)
         self.layout = layout.of_joints(file.robot.position_units)
         self._decide(file, say)
+
+    def _look_again(self, say: Callable[[str], None]) -> None:
+        """Examine the log with the terms that were found: what they hid shows beside them, such as a wrong factor."""
+        assert self.log is not None
+        assert self.examination is not None
+        found = examine(self.log, self._loaded(), progress=say)
+        further = tuple(one for one in found.findings if one.harm == "wrong" and one.remedy)
+        if further:
+            self._mend(replace(found, findings=further))
+            self.examination = replace(found, findings=(*further, *self.examination.findings))
 
     def _logged_joints(self, files: LogFiles) -> LoggedJoints:
         """Find the joints of which a log speaks; of one that has currents and no torques the gains are to be stated."""

@@ -43,6 +43,8 @@ _OF_SLIDES = {"rad": "m", "rad/s": "m/s", "rad/s²": "m/s²", "N·m": "N"}
 KINDS = ("position", "velocity", "acceleration", "torque")
 _STATED, _NAME, _LABEL, _NUMBER = "[log]", "name", "list of names", "number"
 _MOST_LINES = 4  # of TOML that a question offers
+_JOINT = "_joint"
+"""The end of joints' names that many logs leave out; it is no part of a name where all joints have it."""
 _LONGEST_NAME = 60  # that a message shows of a column
 _SURELY_DEGREES = 4.0 * pi
 """Positions above it are degrees where either may be meant: wrists turn two times at most in either direction."""
@@ -925,6 +927,9 @@ def _groups(names: Sequence[str], joints: Sequence[str] = ()) -> dict[str, list[
     for index, joint in enumerate(joints):
         forms.setdefault(normalised(joint), []).append(index)
     forms.pop("", None)
+    short = {form.removesuffix(_JOINT): indices for form, indices in forms.items() if form.endswith(_JOINT)}
+    if len(short) == len(forms) and not any(form in normalised(column) for column in names for form in forms):
+        forms = short  # `pan_torque` of `pan_joint`
     found: dict[tuple[Any, ...], dict[int, list[tuple[str, str | None]]]] = {}
     styles: dict[tuple[Any, ...], ColumnStyle] = {}
     for column in names:
