@@ -6,10 +6,10 @@ import subprocess
 import sys
 from pathlib import Path
 
-import click
 import numpy as np
 import pytest
 import typer
+from typer.core import TyperCommand
 
 import steelyard as sy
 from steelyard.cli.results_folder import require_results_folder
@@ -102,7 +102,7 @@ def test_a_run_that_is_refused_leaves_the_folder_to_the_other(tmp_path: Path, mo
             sy.fleet.Checkpoints(folder).__enter__()
     assert folder.is_dir()
     folder.rmdir()
-    context = typer.Context(click.Command("identify"))
+    context = typer.Context(TyperCommand("identify"))
     require_results_folder(context, folder)  # of the other run
     with sy.fleet.Checkpoints(folder) as kept:
         context.close()
