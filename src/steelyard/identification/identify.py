@@ -298,8 +298,16 @@ def identify(
         units=model.robot.torque_units,
         few_rows=[
             few
-            for log in read.logs
-            for few in few_rows_of(log.name, log.role, log.information, model, estimate.base, log.drawn)
+            for log, one in zip(read.logs, predictions, strict=True)
+            for few in few_rows_of(
+                log.name,
+                log.role,
+                log.information,
+                model,
+                estimate.base,
+                log.drawn,
+                (one.trace.measured - one.trace.feasible, one.trace.residuals),
+            )
         ],
     )
     late: list[LateLog] = []

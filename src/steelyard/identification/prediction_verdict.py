@@ -352,7 +352,13 @@ def beyond_noise(errors: Array) -> float:
 
 
 def few_rows_of(
-    log: str, role: str, information: Information, model: Model, base: Array, drawn: DrawnLog
+    log: str,
+    role: str,
+    information: Information,
+    model: Model,
+    base: Array,
+    drawn: DrawnLog,
+    known: tuple[Array, Sequence[Array]] | None = None,
 ) -> tuple[FewRows, ...]:
     """Find where few rows of a log hold most of the squared error of a joint.
 
@@ -370,6 +376,8 @@ def few_rows_of(
     drawn : DrawnLog
         Rows of the log that are drawn, in which turns are no events. Where these are not all of its rows, stretches of
         neighbouring ones tell how large errors usually are.
+    known : tuple, optional
+        The errors (S, N) of these rows, and those of each stretch, where they are there already.
 
     Returns
     -------
@@ -381,9 +389,11 @@ def few_rows_of(
     if len(factors) != len(joint_names) or not information.has_joint_errors:
         return ()
     assert samples.t is not None
-    errors = without_turns(model, samples, base)
-    some = len(errors) < drawn.seen and drawn.windows
-    whole = np.vstack([errors_of(model, window, base) for window in drawn.windows]) if some else errors
+    every, stretches = known or (errors_of(model, samples, base), None)
+    errors = without_turns(model, samples, base, every)
+    whole = errors
+    if len(errors) < drawn.seen and drawn.windows:
+        whole = np.vstack(stretches or [errors_of(model, window, base) for window in drawn.windows])
     partial = len(whole) < drawn.seen
     least = NEGLIGIBLE**2 * max((factor.norm2 / max(factor.count, 1) for factor in factors), default=0.0)
     found = []
@@ -422,14 +432,14 @@ def few_rows_of(
     return tuple(sorted(found, key=lambda one: -one.share))
 
 
-def without_turns(model: Model, samples: Samples, base: Array) -> Array:
-    """Return `errors_of` samples with NaN also where a joint turns and friction is taken as if it moved the other way:
-    these are errors of the model that return with every turn, and no events.
+def without_turns(model: Model, samples: Samples, base: Array, errors: Array) -> Array:
+    """Return errors (S, N) with NaN where a row was not used, or where a joint turns and friction is taken as if it
+    moved the other way: these are errors of the model that return with every turn, and no events.
 
     Friction jumps where the motion turns, by twice the Coulomb friction. A row whose error is noise with the velocity
     of its joint reversed belongs to the other side of the turn.
     """
-    left = errors_of(model, samples, base)
+    left = errors.copy() if samples.mask is None else np.where(samples.mask, errors, np.nan)
     if samples.regressor is not None:  # which went through the filters of the torques, as their jumps did
         return left
     turning = np.abs(samples.dq) <= NEAR_TURN * np.abs(samples.ddq)
