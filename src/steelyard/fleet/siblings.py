@@ -681,12 +681,10 @@ class _Tests:
                 has, had = self.held(robot, k, float(amplitude[k]), inverse)
                 before[k] = self.causes[k].log_prior(has / had, (has + 2.0 * float(error[k])) / had)
                 roots = self.varied(robot, k, has, had)
-                # The inverse of a covariance that is larger by them. Its determinant is left out: it grows with a gain
-                # of that joint as well, in what the robot itself has, and would speak for whatever makes less.
+                # The determinant of the covariance that is larger by them is left out: it grows with a gain of that
+                # joint as well, in what the robot itself has, and would speak for whatever makes less.
                 if roots is not None:
-                    inside = np.eye(roots[0].shape[1]) + roots[1][:, None] * (roots[0].T @ inverse @ roots[0])
-                    seen = inverse @ roots[0]
-                    wider = inverse - seen @ np.linalg.solve(inside, roots[1][:, None] * seen.T)
+                    wider = _wider(inverse, *roots)
                     own = self.direction(robot, k)[:, 0]
                     weighed = wider @ own
                     tells = float(weighed @ away) ** 2 / max(float(weighed @ own), 1e-300)
@@ -785,8 +783,8 @@ class _Tests:
             more = self.varied(robot, cause, *self.held(robot, cause, amplitude, inverse))
         if more is None:
             return whole
-        found = np.linalg.inv(np.linalg.inv(whole) + (more[0] * more[1]) @ more[0].T)
-        return np.asarray(0.5 * (found + found.T))
+        found = _wider(whole, *more)
+        return 0.5 * (found + found.T)
 
     def needed(
         self, robot: int, whole: Array, away: Array, parts: list[tuple[int, float, tuple[int, ...]]]
@@ -828,6 +826,13 @@ def _of_siblings(one: Deviation, of_robot: NDArray[np.bool_] | None) -> Deviatio
         weights = weights * (amplitude / one.amplitude)
     error = one.standard_error / max(abs(1.0 - one.amplitude), LEAST) ** 2
     return replace(one, amplitude=amplitude, standard_error=error, lower=lower, upper=upper, weights=weights)
+
+
+def _wider(inverse: Array, directions: Array, variances: Array) -> Array:
+    """Return the inverse of a covariance that has these variances more along these directions (Woodbury)."""
+    inside = np.eye(directions.shape[1]) + variances[:, None] * (directions.T @ inverse @ directions)
+    seen = inverse @ directions
+    return np.asarray(inverse - seen @ np.linalg.solve(inside, variances[:, None] * seen.T))
 
 
 def _beside(part: float) -> float:
