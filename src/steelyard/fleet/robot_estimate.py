@@ -27,7 +27,7 @@ from steelyard.identification.log_reader import ReducedLog
 from steelyard.identification.parameter_table import parameter_table
 from steelyard.identification.prediction_verdict import few_rows_of, prediction_verdict, said_of
 from steelyard.identification.reduced_logs import copies_among
-from steelyard.recording.formats import content_hash, contents_of, hashed_log, unchanged
+from steelyard.recording.formats import content_hashes, contents_of, unchanged
 from steelyard.regression import Information, ParameterCovariance, least_squares, torque_gains
 from steelyard.robot import RobotFile
 
@@ -209,7 +209,7 @@ def _estimate(task: dict[str, Any]) -> dict[str, Any]:
     assert estimate.parameters is not None
     validation, others = _validation(known, task["validate"])
     given += [(path, "validation", part) for path, part in zip(task["validate"], validation, strict=True)]
-    copies = copies_among(given, {name: _content(name) for name, _, _ in given})
+    copies = copies_among(given, {name: content_hashes(name) for name, _, _ in given})
     remarks += copies.values()
     validation = [part for index, (_, role, part) in enumerate(given) if role == "validation" and index not in copies]
     few = [
@@ -324,8 +324,3 @@ def inputs_of(task: dict[str, Any]) -> list[Any]:
     # Remarks name the files, and a log is read by its suffix: one with the same content is another one.
     contents = [[log, *hashes] for log, hashes, _ in task["contents"]]
     return [task["label"], task["intervals"], task["robot"].content, contents]
-
-
-def _content(log: str) -> tuple[str, ...]:
-    """What tells the contents of a log, whose files may be several."""
-    return tuple(content_hash(entry) for entry in hashed_log(log))

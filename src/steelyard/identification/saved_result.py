@@ -15,7 +15,7 @@ from steelyard.feasibility import FeasibleSet
 from steelyard.feasibility.bounds.quantities import quantities
 from steelyard.files import file_hash, read_json, shown
 from steelyard.recording import Processing
-from steelyard.recording.formats import content_hash, hashed_log
+from steelyard.recording.formats import content_hash, content_hashes
 from steelyard.regression import Estimate
 from steelyard.robot import Robot, RobotFile
 from steelyard.robot.description import description_format, read_description
@@ -171,7 +171,7 @@ class SavedResult:
         if self.record is None:
             return False
         used = {content_hash(entry) for log in self.record["logs"] for entry in log}
-        hashes = digests([log]).values() or list(map(content_hash, hashed_log(str(log))))
+        hashes = digests([log]).values() or content_hashes(str(log))
         return not used.isdisjoint(hashes)
 
 

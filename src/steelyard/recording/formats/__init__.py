@@ -6,6 +6,7 @@ from steelyard.first_use import import_at_first_use
 
 if TYPE_CHECKING:
     from .hashes import content_hash as content_hash
+    from .hashes import content_hashes as content_hashes
     from .hashes import contents_of as contents_of
     from .hashes import hashed_log as hashed_log
     from .hashes import unchanged as unchanged

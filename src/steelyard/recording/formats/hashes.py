@@ -16,7 +16,7 @@ from steelyard.files import file_hash
 from .registry import REMEDY, STANDARD_INPUT, split_source, written_meanwhile, written_states
 from .standard_input import standard_input
 
-__all__ = ["LogContent", "content_hash", "contents_of", "hashed_log", "unchanged"]
+__all__ = ["LogContent", "content_hash", "content_hashes", "contents_of", "hashed_log", "unchanged"]
 
 LARGE = 50_000_000
 """Bytes of a file that is read for its hash once in a process, as long as its size and its time stay the same."""
@@ -55,6 +55,11 @@ def content_hash(entry: Mapping[str, str]) -> str:
     return entry["sha256"] if "sha256" in entry else entry["etag"]
 
 
+def content_hashes(log: str) -> tuple[str, ...]:
+    """Return what tells the contents of the files of a log, see `content_hash`."""
+    return tuple(map(content_hash, hashed_log(log)))
+
+
 class LogContent(NamedTuple):
     """What a log holds, and what tells without reading it that it still does.
 
@@ -76,8 +81,12 @@ def contents_of(logs: Iterable[str]) -> list[LogContent]:
     """Return what logs hold now."""
     found = []
     for log in logs:
-        state = _state(log)  # first: what is written while it is hashed has another state afterwards
-        found.append(LogContent(log, tuple(map(content_hash, hashed_log(log))), state))
+        if "://" in log:  # what an object store tells of an object is its state, too; each question is a request
+            entries = hashed_log(log)
+            found.append(LogContent(log, tuple(map(content_hash, entries)), _state_of_objects(entries)))
+        else:
+            state = _state(log)  # first: what is written while it is hashed has another state afterwards
+            found.append(LogContent(log, content_hashes(log), state))
     return found
 
 
@@ -108,7 +117,7 @@ def unchanged(contents: Iterable[LogContent]) -> Iterator[None]:
         state = _state(one.log)
         before.append((one.log, state))
         # Where there is none now, its reader says so.
-        if state and state != one.state and tuple(map(content_hash, hashed_log(one.log))) != one.hashes:
+        if state and state != one.state and content_hashes(one.log) != one.hashes:
             raise InputError(
                 f"{one.log} is not what it was when the run began: it was written meanwhile, or workers have other "
                 "files of this name; wait until it is complete, give each the same files, and run again."
@@ -124,9 +133,13 @@ def _state(log: str) -> str:
         state = written_states([log])[log]
         return "" if state is None else repr(state)
     try:
-        return repr([sorted(entry.items()) for entry in hashed_log(log)])
+        return _state_of_objects(hashed_log(log))
     except InputError:
         return ""
+
+
+def _state_of_objects(entries: Iterable[Mapping[str, str]]) -> str:
+    return repr([sorted(entry.items()) for entry in entries])
 
 
 def _hash(path: Path) -> str:
