@@ -232,6 +232,11 @@ class _Patient:
         if used:
             self.settings = merged(self.settings, finding.remedy)
 
+    def _refuse(self, kind: str, statement: str, share: float, advice: str) -> bool:
+        """Take down what no line of robot.toml mends; False, since the log cannot be used as it is."""
+        self.add(Finding(kind, statement, "refused", share, advice=advice))
+        return False
+
     @property
     def remedies(self) -> Settings:
         """The lines of all findings; those of findings that change the columns come last."""
@@ -344,8 +349,7 @@ class _Patient:
                 f"({repeated} rows do so)."
             )
             advice = "Write the stamps with more digits, or state `rate` in [log] if the rows come evenly."
-            self.add(Finding("repeated stamps", statement, "refused", repeated / len(t), advice=advice))
-            return False
+            return self._refuse("repeated stamps", statement, repeated / len(t), advice)
         if rate is None:
             row = int(np.argmax(steps < 0.0)) + 1
             statement = (
@@ -353,8 +357,7 @@ class _Patient:
                 f"({back} rows do so)."
             )
             advice = f"Split the log before {files.where(row)}, where a new run begins, or sort its rows."
-            self.add(Finding("stamps that go back", statement, "refused", back / len(t), advice=advice))
-            return False
+            return self._refuse("stamps that go back", statement, back / len(t), advice)
         raw = files.read(layout.names) if sample is None else sample.middle.read(layout.names)
         others = [raw[name] for name in layout.names if name not in layout.stamps]
         same = np.flatnonzero(np.diff(layout.seconds(raw)) == 0.0)
@@ -365,8 +368,7 @@ class _Patient:
                 f"{files.where(int(np.argmax(steps == 0.0)) + 1)}."
             )
             advice = "Remove the rows that repeat the time of the row before; they were written twice."
-            self.add(Finding("rows written twice", statement, "refused", repeated / len(t), advice=advice))
-            return False
+            return self._refuse("rows written twice", statement, repeated / len(t), advice)
         what = [f"{repeated} repeat the one before"] if repeated else []
         what += [f"{back} go back"] if back else []
         statement = (

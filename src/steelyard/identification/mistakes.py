@@ -667,9 +667,10 @@ class _Search:
                 return cost(log * own)
 
             log = _least(of_one, start, 5)
-            if self._may_be_told(cost(log * own), 1e3 * n):
+            found = cost(log * own)
+            if self._may_be_told(found, 1e3 * n):
                 exact = exact_scale(self.model, self.source, k, log)
-                if exact is not None and cost(exact * own) < cost(log * own) + EQUAL:
+                if exact is not None and cost(exact * own) < found + EQUAL:
                     log = exact
             attempt("torque scale", f"The torque of {name} looks {_times(log)} too {_small(log)}", log * own, 1e3 * n)
         logs = min(self._likely_scales(self.whole), key=cost)
