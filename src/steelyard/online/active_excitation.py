@@ -33,6 +33,7 @@ from steelyard.robot.inertia import parameters_of_pseudo_inertia
 from steelyard.simulation import Measurement
 
 from .credible_robots import CredibleRobots, random_motions
+from .feedback_share import FeedbackShare
 from .segments import SegmentPlanner, State
 
 __all__ = ["ActiveExcitation", "ExcitationStep"]
@@ -245,6 +246,9 @@ class ActiveExcitation:
         What was known when.
     interruptions : list of (float, str)
         Times at which the motion was broken off, and why.
+    taken_back : list of (float, str)
+        Times at which a joint began to swing, since it has less inertia than its feedback was for, and its name: the
+        feedback was taken back there.
     played : list of ndarray
         (N,) position of the reference at every call.
 
@@ -267,6 +271,7 @@ class ActiveExcitation:
     _room: Array
     _speed_room: Array
     _command: Array
+    _damping: Array
 
     def __init__(
         self,
@@ -369,11 +374,17 @@ class ActiveExcitation:
         self._last_time = t
         plan = self._plan
         assert plan is not None
-        room, inertia, width = plan.bound, plan.inertia[k], plan.bandwidth
+        room, width = plan.bound, plan.bandwidth
+        share = self._share.follow(t, q, reference.dq[k], dq, self._damping)
+        part = np.sqrt(share)
+        inertia = part[:, None] * plan.inertia[k] * part
         push = width * (inertia @ (width * np.clip(error, -REACH, REACH)))
         root = np.sqrt(width)
-        damping = 2.0 * DAMPING * root * (inertia @ (root * speed_error))
-        command = reference.torque[k] + self._integral + push + damping
+        self._damping = 2.0 * DAMPING * root * (inertia @ (root * speed_error))
+        known = plan.knowledge.information.count > 0
+        # A link of which nothing is known but that it swings like a light one is not to be driven as a heavy one.
+        forward = reference.torque[k] * (1.0 if known else share)
+        command = forward + self._integral + push + self._damping
         if self._joins:  # other gains and another model: the torque passes over without a jump
             self._jump, self._joins = self._command - command, False
             if self._stage == "stopping":  # what drove the robot too far is not to drive it on
@@ -442,6 +453,11 @@ class ActiveExcitation:
         return found
 
     # What was learnt
+
+    @property
+    def taken_back(self) -> list[tuple[float, str]]:  # noqa: D102  (among the attributes of the class)
+        names = self.model.robot.joint_names
+        return [(t - self._started, names[joint]) for t, joint in self._share.taken_back]
 
     @property
     def end(self) -> float:
@@ -539,6 +555,8 @@ class ActiveExcitation:
         self._speed_room = 0.2 * self.limits.velocity
         self._command = np.zeros(size)
         self._joins = False
+        self._share = FeedbackShare(self.limits.velocity)
+        self._damping = np.zeros(size)
         self.steps.clear()
         self.interruptions.clear()
         self.played.clear()
@@ -853,6 +871,7 @@ class ActiveExcitation:
             self._joins = True
             if plan.knowledge.information.count:  # the model carries the weight that the integral carried so far
                 self._integral = np.zeros_like(self._integral)
+                self._share.release()
         self._plan, self._reference, self._switched, self._stage = plan, plan.reference, t, stage
         self._asked = plan.time + max(plan.played - LEAD, 0.0)
         if before is not None and stage != "stopping":
