@@ -15,8 +15,7 @@ from interpreted import interpreted
 
 import steelyard as sy
 from steelyard.robot import Drives, Robot
-from steelyard.robot.description import description_format
-from steelyard.robot.mjcf import MJCF
+from steelyard.robot.description import MJCF, description_format
 
 STATES = 20
 

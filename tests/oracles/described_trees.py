@@ -11,9 +11,8 @@ from interpreted import interpreted
 
 import steelyard as sy
 from steelyard.robot import Robot
-from steelyard.robot.description import URDF
+from steelyard.robot.description import SDF, URDF
 from steelyard.robot.joint import Drives
-from steelyard.robot.sdf import SDF
 from steelyard.robot.urdf_document import urdf_content
 
 STATES = 20

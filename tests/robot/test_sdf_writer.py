@@ -6,7 +6,7 @@ import pytest
 from steelyard.dynamics import Model
 from steelyard.errors import InputError
 from steelyard.robot import Drives, Inertia, Robot
-from steelyard.robot.sdf import SDF
+from steelyard.robot.description import SDF
 from steelyard.robot.sdf_writer import write_sdf
 
 ARM = """<?xml version="1.0"?>

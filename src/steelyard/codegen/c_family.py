@@ -12,14 +12,12 @@ from numpy.typing import NDArray
 from .assignments import Listing, Part, Partition, Store, Syntax, listing, partition
 from .documentation import elements_lines, function_lines
 from .naming import PROJECT_RESERVED, NamedFunction, Naming, project_name, shared_arguments
+from .project import Project, SourceWriter
 from .reference import Reference
-from .source_writer import SourceWriter
 from .text import Names, marker, number, number_lines
 
 if TYPE_CHECKING:
     from steelyard.graph import Output
-
-    from .project import Project
 
 __all__ = ["SIGN", "CFamily", "c_self_test", "cmake", "cpp_self_test"]
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import uuid
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,11 +10,8 @@ from numpy.typing import NDArray
 from .assignments import Syntax, listing
 from .documentation import MARKDOWN, elements_lines, function_lines, readme
 from .naming import NamedFunction, naming, project_name, shadowing, shared_arguments
-from .source_writer import SourceWriter
+from .project import Project, SourceWriter
 from .text import Names, comment_lines, indices_from_one, marker, number, number_lines, wrapped_lines
-
-if TYPE_CHECKING:
-    from .project import Project
 
 __all__ = ["write"]
 

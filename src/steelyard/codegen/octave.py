@@ -10,13 +10,11 @@ from numpy.typing import NDArray
 from .assignments import Syntax, listing
 from .documentation import elements_lines, function_lines, readme
 from .naming import NamedFunction, naming, project_name
-from .source_writer import SourceWriter
+from .project import Project, SourceWriter
 from .text import Names, comment_lines, indices_from_one, marker, number, number_lines
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
-
-    from .project import Project
 
 __all__ = ["write"]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -23,7 +24,7 @@ from steelyard.once import cached_property
 from .reference import Reference, reference_of
 from .text import MARKER
 
-__all__ = ["LANGUAGES", "Constant", "Project", "files", "generate", "languages", "write_files"]
+__all__ = ["LANGUAGES", "Constant", "Project", "SourceWriter", "files", "generate", "languages", "write_files"]
 
 _ALIASES = {"c99": "c", "c++": "cpp", "numpy": "python", "matlab": "octave"}
 _IDENTIFIER = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
@@ -119,6 +120,27 @@ class Project:
     def references(self) -> dict[str, Reference]:
         """Inputs, expected outputs and tolerances of the self-test, by function."""
         return {function.name: reference_of(function, self.reference) for function in self.functions}
+
+
+class SourceWriter(ABC):
+    """Writes the source of one project in one language; its `write` is what a language is.
+
+    Parameters
+    ----------
+    project : Project
+    """
+
+    def __init__(self, project: Project) -> None:
+        self.project = project
+
+    @classmethod
+    def write(cls, project: Project) -> dict[str, str]:
+        """Return the files of a project by relative path."""
+        return cls(project).files()
+
+    @abstractmethod
+    def files(self) -> dict[str, str]:
+        """Return the files of the project by relative path."""
 
 
 Writer = Callable[[Project], dict[str, str]]

@@ -14,13 +14,11 @@ from numpy.typing import NDArray
 from .assignments import CALLS, Listing, Syntax, listing
 from .documentation import elements_lines, operations_line, readme, shape_text
 from .naming import NamedFunction, naming, project_name, shadowing, shared_arguments
-from .source_writer import SourceWriter
+from .project import Project, SourceWriter
 from .text import Names, comment_lines, comment_text, marker, number, number_lines
 
 if TYPE_CHECKING:
     from steelyard.graph import Argument, Output
-
-    from .project import Project
 
 __all__ = ["EVALUATED_ON_ARRAYS", "PythonProject", "python_self_test", "shape_literal", "write"]
 

@@ -11,14 +11,12 @@ from numpy.typing import NDArray
 from .assignments import Listing, Part, Store, Syntax, listing, partition
 from .documentation import MARKDOWN, elements_lines, function_lines, readme
 from .naming import DEVICE_NAMES, NamedFunction, naming, project_name, shadowing, shared_arguments
+from .project import Project, SourceWriter
 from .reference import Reference
-from .source_writer import SourceWriter
 from .text import Names, markdown_text, marker, number, number_lines, wrapped_lines
 
 if TYPE_CHECKING:
     from steelyard.graph import Output
-
-    from .project import Project
 
 __all__ = ["EXPONENTIAL", "SQUARE_ROOT", "TRIGONOMETRY", "write"]
 

@@ -36,9 +36,9 @@ from steelyard.regression.reduction import residuals_of_rows, rows_of_entries
 
 from .causal_filter import CausalMotionFilter
 from .change_detector import Change, ChangeDetector
-from .counted_rows import CountedRows
 from .even_stream import EvenStream, Stretch
 from .position_jumps import PositionJumps
+from .running_information import CountedRows
 from .source_project import generate_online
 
 __all__ = ["OnlineEstimate", "OnlineEstimator"]

@@ -19,7 +19,18 @@ from steelyard.files import read_bytes, shown
 from .joint import Drives
 from .robot import Robot
 
-__all__ = ["DESCRIPTION_FORMATS", "URDF", "DescriptionFormat", "UrdfFormat", "description_format", "read_description"]
+__all__ = [
+    "DESCRIPTION_FORMATS",
+    "MJCF",
+    "SDF",
+    "URDF",
+    "DescriptionFormat",
+    "MjcfFormat",
+    "SdfFormat",
+    "UrdfFormat",
+    "description_format",
+    "read_description",
+]
 
 Locked = Iterable[str] | Mapping[str, float]
 STANDARD_GRAVITY = (0.0, 0.0, -9.81)  # m/s²
@@ -60,14 +71,7 @@ class DescriptionFormat(ABC):
             If the file does not describe a robot.
         """
 
-    def write(
-        self,
-        robot: Robot,
-        parameters: NDArray[np.float64],
-        drives: Drives,
-        source: Path,
-        target: Path,
-    ) -> None:
+    def write(self, robot: Robot, parameters: NDArray[np.float64], drives: Drives, source: Path, target: Path) -> None:
         """Write a copy of a description with other parameters; a format that is only read does not have this.
 
         Parameters
@@ -108,18 +112,60 @@ class UrdfFormat(DescriptionFormat):
         gravity = STANDARD_GRAVITY if gravity is None else gravity
         return Robot.from_urdf(path, tip, locked, gravity, self.xacro_arguments)
 
-    def write(
-        self,
-        robot: Robot,
-        parameters: NDArray[np.float64],
-        drives: Drives,
-        source: Path,
-        target: Path,
-    ) -> None:
+    def write(self, robot: Robot, parameters: NDArray[np.float64], drives: Drives, source: Path, target: Path) -> None:
         """See `write_urdf`."""
         from .urdf_writer import write_urdf  # what writes is loaded when something is written
 
         write_urdf(robot, parameters, source=source, target=target, **vars(drives))
+
+
+class SdfFormat(DescriptionFormat):
+    """SDF."""
+
+    tells_gravity = True
+
+    def read(self, path: Path, tip: str | None, locked: Locked, gravity: ArrayLike | None) -> Robot:
+        """See `Robot.from_sdf`."""
+        return Robot.from_sdf(path, tip, locked, gravity)
+
+    def refusal(self, robot: Robot) -> str:
+        """Say which links stand in other files."""
+        from .sdf_document import SdfReader  # a format is loaded when it is used
+
+        if robot.source is None:
+            return ""
+        reader = SdfReader(robot.source)
+        reader.tree()
+        here = {name for link in robot.links for name in (link.name, *link.absorbed)} & reader.included
+        if not here:
+            return ""
+        return (
+            f"{robot.source} includes {min(here)} from another file, so that it is not written with the identified "
+            "parameters: identify the robot from that file."
+        )
+
+    def write(self, robot: Robot, parameters: NDArray[np.float64], drives: Drives, source: Path, target: Path) -> None:
+        """See `write_sdf`."""
+        from .sdf_writer import write_sdf
+
+        write_sdf(robot, parameters, drives, source, target)
+
+
+class MjcfFormat(DescriptionFormat):
+    """MJCF."""
+
+    tells_gravity = True
+    holds = ("damping", "friction", "rotor_inertia", "stiffness", "quadratic_damping", "cubic_damping")
+
+    def read(self, path: Path, tip: str | None, locked: Locked, gravity: ArrayLike | None) -> Robot:
+        """See `Robot.from_mjcf`."""
+        return Robot.from_mjcf(path, tip, locked, gravity)
+
+    def write(self, robot: Robot, parameters: NDArray[np.float64], drives: Drives, source: Path, target: Path) -> None:
+        """See `write_mjcf`."""
+        from .mjcf_writer import write_mjcf
+
+        write_mjcf(robot, parameters, drives, source, target)
 
 
 def _checked_format(name: str, offered: object) -> DescriptionFormat:
@@ -128,7 +174,7 @@ def _checked_format(name: str, offered: object) -> DescriptionFormat:
     raise TypeError(f"expected a class derived from steelyard.robot.DescriptionFormat, got {shown(offered)}")
 
 
-URDF = UrdfFormat()
+URDF, SDF, MJCF = UrdfFormat(), SdfFormat(), MjcfFormat()
 DESCRIPTION_FORMATS: Extensions[DescriptionFormat] = Extensions(
     "description_formats",
     "format of descriptions",
@@ -136,10 +182,10 @@ DESCRIPTION_FORMATS: Extensions[DescriptionFormat] = Extensions(
         "urdf": URDF,
         "robot": URDF,
         "xacro": URDF,
-        "sdf": "steelyard.robot.sdf:SDF",
-        "world": "steelyard.robot.sdf:SDF",
-        "mjcf": "steelyard.robot.mjcf:MJCF",
-        "mujoco": "steelyard.robot.mjcf:MJCF",
+        "sdf": SDF,
+        "world": SDF,
+        "mjcf": MJCF,
+        "mujoco": MJCF,
     },
     _checked_format,
 )
