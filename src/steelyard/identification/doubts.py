@@ -216,7 +216,7 @@ def heavy_ends(model: Model, table: ParameterTable) -> tuple[str, ...]:
         row, more = link.mass, link.mass.value - described[k]
         if not row.value > _HEAVY_END * described[k] > 0.0 or more < _NOTICEABLE * described.sum():
             continue
-        surely = "" if np.isnan(row.lower) else f" ({few_digits(row.lower)} to {few_digits(row.upper)} kg, {row.basis})"
+        surely = "" if np.isnan(row.lower) else f" ({row.interval}, {row.basis})"
         found.append(
             f"{link.name} comes out at {few_digits(row.value)} kg{surely} where the description has "
             f"{few_digits(described[k])} kg: if it carried a gripper or a tool, put that into the description."
