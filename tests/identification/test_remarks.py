@@ -3,6 +3,7 @@
 from dataclasses import replace
 from types import SimpleNamespace
 
+import lxml.html
 import numpy as np
 import pytest
 
@@ -158,12 +159,47 @@ def test_a_tool_that_the_description_leaves_out_is_asked_for():
         truth = np.concatenate([one.parameters for one in bodies])
         torque = model.inverse_dynamics(q, dq, ddq, truth) + 0.05 * random.normal(size=q.shape)
         result = sy.identify(robot, sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque, t=t[:, 0]))
-        return heavy_ends(model, result.parameters)
+        return heavy_ends(model, result.parameters, result.prediction)
 
     [remark] = said(body, body + tool)
     assert remark.startswith("link2 comes out at")
     assert "where the description has 2 kg" in remark
     assert not said(body, body)
+
+
+def test_numbers_of_a_joint_that_is_not_predicted_rest_on_a_model_that_is_wrong(arm, simulation):
+    """The drag of joint 3 grows with the cube of its speed, for which the model has viscous friction alone."""
+    path, model, log = arm
+    truth = dict(zip(model.parameter_names, simulation.true_parameters(model), strict=True))
+    drag = log.velocity[:, 2] ** 3
+    drag *= log.torque[:, 2].std() / drag.std()
+    sound, misled = (
+        sy.identify(path, replace(log, torque=log.torque + of_cube * drag[:, None] * [0.0, 0.0, 1.0]))
+        for of_cube in (0.0, 1.0)
+    )
+    row = misled.parameters["Fvj3"]
+    assert row.basis == "bounded"
+    assert not row.lower <= truth["Fvj3"] <= row.upper
+    assert "the torque of joint3 (" in misled.caveat
+    assert "joint1" not in misled.caveat  # whose torques are predicted to 1 %
+    assert misled.caveat in found(misled)
+    assert lxml.html.fromstring(misled.report()).text_content().count(misled.caveat) == 2  # and beside the numbers
+    assert sound.parameters["Fvj3"].lower <= truth["Fvj3"] <= sound.parameters["Fvj3"].upper
+    assert sound.caveat == ""
+
+
+def test_a_model_that_misses_no_joint_by_much_is_doubted_as_a_whole(arm, simulation):
+    """Errors of 20 % that last, in all joints: no single joint is to blame, and none is named."""
+    path, _, log = arm
+    slow = np.cumsum(np.random.default_rng(4).normal(size=log.torque.shape), axis=0)
+    slow = (slow - slow.mean(axis=0)) / slow.std(axis=0)
+    size = 0.2 * np.sqrt(np.mean(log.torque**2, axis=0))
+    result = sy.identify(path, replace(log, torque=log.torque + size * slow))
+    assert result.prediction.word == "poor"
+    assert result.caveat.endswith(
+        f"misses {result.prediction.model_error:.0%} of the torques of {result.prediction.source}: any number may lie "
+        "outside."
+    )
 
 
 @pytest.mark.parametrize(

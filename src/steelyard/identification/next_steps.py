@@ -104,6 +104,8 @@ def found(identification: Identification) -> tuple[str, ...]:
                 f"{len(told)} numbers {told.count('measured')} are measured by the data alone, "
                 f"{told.count('bounded')} are bounded by {by}, and {told.count('assumed')} are assumed."
             )
+        if identification.caveat:
+            sentences.append(identification.caveat)
     verdict = identification.verdict
     before, after = identification.unconstrained.relative_error, identification.estimate.relative_error
     if verdict.feasible is False:
