@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import steelyard as sy
+from steelyard.errors import InputError
 from steelyard.identification import examine
 from steelyard.identification.doubts import heavy_ends
 from steelyard.identification.next_steps import found, next_steps
@@ -56,6 +57,45 @@ MISTAKES = {
 @pytest.mark.parametrize("chunk_rows", CHUNKS)
 def test_a_sound_log_is_not_remarked_on(arm, tmp_path, chunk_rows):
     assert remarks(arm, tmp_path, arm[2], chunk_rows) == []
+
+
+@pytest.mark.parametrize("bits", [12, 20])
+def test_counts_of_encoders_are_refused_and_the_lines_that_are_named_mend_it(arm, simulation, tmp_path, bits):
+    path, _, log = arm
+    turn, zero = 2**bits, 2 ** (bits - 1)
+    counts = np.rint(log.q / (2.0 * np.pi) * turn + zero)
+    given = {"t": log.t, **{f"q{j + 1}": counts[:, j] for j in range(3)}}
+    given |= {f"tau{j + 1}": log.torque[:, j] for j in range(3)}
+    np.savez(tmp_path / "log.npz", **given)
+    for use in (
+        lambda: examine(tmp_path / "log.npz"),
+        lambda: examine(tmp_path / "log.npz", path),
+        lambda: sy.identify(path, tmp_path / "log.npz"),
+        lambda: sy.identify(path, given),
+    ):
+        with pytest.raises(InputError, match=r"counts of encoders.*`position_matrix` in \[log\].*`position_offset`"):
+            use()
+    columns = {
+        "position_matrix": [[f"2*pi/{turn}" if i == j else 0 for j in range(3)] for i in range(3)],
+        "position_offset": [-2.0 * np.pi * zero / turn] * 3,
+    }
+    result = sy.identify(path, tmp_path / "log.npz", columns=columns)
+    assert result.prediction.word == "good"
+    truth = dict(zip(result.parameter_names, simulation.true_parameters(arm[1]), strict=True))
+    assert result.parameters["Fcj2"].lower <= truth["Fcj2"] <= result.parameters["Fcj2"].upper
+
+
+@pytest.mark.parametrize(
+    "q",
+    [
+        lambda q: np.rint(np.degrees(q)),  # degrees without digits
+        lambda q: 300.0 * q,  # of motors in front of gears
+        lambda q: 4096.0 + q,  # far from zero
+        lambda q: np.where(np.arange(len(q))[:, None] % 3, 1000.0 * q, np.rint(1000.0 * q)),
+    ],
+)
+def test_what_is_no_count_is_not_taken_for_one(arm, q):
+    replace(arm[2], q=q(arm[2].q), velocity=None).checked()
 
 
 @pytest.mark.slow

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from steelyard.display import capital
 from steelyard.errors import InputError
+from steelyard.files import listed
 
 from .measurements import Measurements
 from .samples import column_extremes
@@ -35,13 +36,16 @@ MANY_TURNS = 8.0 * pi
 times."""
 FULL_TURN = 2.2 * pi
 """rad up to which positions in degrees reach once they are converted; those of motors reach any number of turns."""
+MOSTLY = 0.9
+"""Share of the rows whose positions are whole numbers in a log of counts: in some they may be filled in."""
+MOST_NAMED = 3
 FASTEST_JOINT = 40.0
 """rad/s, or m/s: legs reach 30, arms 3 to 10; motors run at 100 to 600, and arms at 40 to 200 degrees per s."""
 MOVING = 5e-3
 """Root mean square velocity (rad/s or m/s) from which a joint counts as moving."""
 
 
-_SUMS = ("count", "_filled", "_blocks", "_products", "_derived", "_averaged")
+_SUMS = ("count", "_whole", "_filled", "_blocks", "_products", "_derived", "_averaged")
 """The attributes of a survey that are added where another one of the rows that follow joins it."""
 
 
@@ -64,6 +68,7 @@ class LogSurvey:
         self._log: Measurements | None = None
         self._rate = float("nan")
         self._filled = np.zeros(2, dtype=int)
+        self._whole = np.empty(0, dtype=int)
         self._blocks = 0
         self._products = self._derived = self._averaged = np.empty(0)
 
@@ -84,10 +89,12 @@ class LogSurvey:
             self._rate = recording.rate
             self.q = self.torque = np.array([[np.inf], [-np.inf]]) * np.ones(width)
             self.speed = self._derived = self._averaged = np.zeros(width)
+            self._whole = np.zeros(width, dtype=int)
             self._products = np.zeros((width, width))
         self.count += stop - start
         for name in ("q", "torque"):
             self._widen(name, *column_extremes(getattr(recording, name)[rows]))
+        self._whole = self._whole + np.count_nonzero(recording.q[rows] == np.rint(recording.q[rows]), axis=0)
         for index, flags in enumerate((recording.position_missing, recording.torque_missing)):
             self._filled[index] += 0 if flags is None else int(flags[rows].sum())
         if stop - start > 2:
@@ -182,10 +189,11 @@ class LogSurvey:
     def velocity_remarks(self) -> tuple[str, ...]:
         """Compare the measured velocities with the derivative of the positions, block by block.
 
-        Faults that are certain raise InputError: a ratio of 57.3 (degrees), -1 (sign) or another far from 1 at near
+        Faults that are certain raise InputError: positions that are counts of encoders; a ratio of 57.3 (degrees), -1 (sign) or another far from 1 at near
         perfect correlation, a velocity that stands still while the joint moves, and a joint whose velocity is that of
         another. Lesser disagreement is a remark.
         """
+        self._refuse_counts()
         blocks = self._blocks
         if blocks < 20:
             return ()
@@ -225,6 +233,27 @@ class LogSurvey:
                     f"(correlation {cosine[i, i]:.2f})."
                 )
         return tuple(remarks)
+
+    def _refuse_counts(self) -> None:
+        """Refuse positions of many turns that are whole numbers throughout, as no angle in radians or degrees is."""
+        layout = self.first_row.layout
+        units = () if layout is None else layout.units.get("position", ())
+        slides = np.array([unit in ("m", "mm") for unit in units])
+        whole = (self._whole >= MOSTLY * self.count) & (self.travel > 0.0)
+        if len(slides) == len(whole):
+            whole &= ~slides
+        reach = np.where(whole, np.abs(self.q).max(axis=0), 0.0)
+        j = int(np.argmax(reach))
+        if reach[j] * DEGREE <= FULL_TURN:
+            return
+        names = listed([self.label(i) for i in map(int, np.flatnonzero(whole))], MOST_NAMED)
+        raise InputError(
+            f"{self.source}: the positions of {names} are whole numbers throughout, {self.label(j)} from "
+            f"{self.q[0, j]:.9g} to {self.q[1, j]:.9g}: they are counts of encoders, and no radians. State "
+            '`position_matrix` in [log] with "2*pi/COUNTS" on its diagonal, where COUNTS are those of a turn of the '
+            "joint, and as `position_offset` what -2*pi*ZERO/COUNTS comes to, where ZERO is counted at the zero of the "
+            "description."
+        )
 
     def _standstill_remarks(self) -> tuple[str, ...]:
         """Remark on joints that do not move, and on constant torques."""
