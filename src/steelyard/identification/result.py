@@ -308,7 +308,9 @@ class Identification:
         table, missed = self.parameters, self.prediction.missed
         if not missed or table is None or not table.count("measured") + table.count("bounded"):
             return ""
-        return f"Measured, bounded and every interval hold under the model alone, and it misses {missed}."
+        return (
+            f"The words measured and bounded, and all intervals, hold under this model alone, and it misses {missed}."
+        )
 
     def columns(self) -> list[tuple[Layout, tuple[str, ...]]]:
         """Return what columns were understood to be, once for all the logs with the same columns, which are named."""

@@ -189,9 +189,9 @@ class LogSurvey:
     def velocity_remarks(self) -> tuple[str, ...]:
         """Compare the measured velocities with the derivative of the positions, block by block.
 
-        Faults that are certain raise InputError: positions that are counts of encoders; a ratio of 57.3 (degrees), -1 (sign) or another far from 1 at near
-        perfect correlation, a velocity that stands still while the joint moves, and a joint whose velocity is that of
-        another. Lesser disagreement is a remark.
+        Faults that are certain raise InputError: positions that are counts of encoders; a ratio of 57.3 (degrees), -1
+        (sign) or another far from 1 at near perfect correlation, a velocity that stands still while the joint moves,
+        and a joint whose velocity is that of another. Lesser disagreement is a remark.
         """
         self._refuse_counts()
         blocks = self._blocks
