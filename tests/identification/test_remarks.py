@@ -1,5 +1,6 @@
 """What a log shows of wrong units, held joints and swapped columns reaches the answer; sound logs show none."""
 
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -11,9 +12,15 @@ import steelyard as sy
 from steelyard.errors import InputError
 from steelyard.identification import examine
 from steelyard.identification.doubts import heavy_ends
+from steelyard.identification.first_robot_file import first_robot_file
 from steelyard.identification.next_steps import found, next_steps
 
 COUNT, RATE = 6000, 500.0
+CHAIN = '<robot name="chain"><link name="l0"/>' + "".join(
+    f'<link name="l{k}"/><joint name="j{k}" type="continuous"><parent link="l{k - 1}"/><child link="l{k}"/></joint>'
+    for k in (1, 2, 3)
+)
+CHAIN += "</robot>"
 
 
 @pytest.fixture(scope="module")
@@ -62,18 +69,25 @@ def test_a_sound_log_is_not_remarked_on(arm, tmp_path, chunk_rows):
 @pytest.mark.parametrize("bits", [12, 20])
 def test_counts_of_encoders_are_refused_and_the_lines_that_are_named_mend_it(arm, simulation, tmp_path, bits):
     path, _, log = arm
+    (path.parent / "chain.urdf").write_text(CHAIN)
     turn, zero = 2**bits, 2 ** (bits - 1)
     counts = np.rint(log.q / (2.0 * np.pi) * turn + zero)
     given = {"t": log.t, **{f"q{j + 1}": counts[:, j] for j in range(3)}}
     given |= {f"tau{j + 1}": log.torque[:, j] for j in range(3)}
     np.savez(tmp_path / "log.npz", **given)
+    told = r"counts of encoders.*`position_matrix` in \[log\].*`position_offset`"
+    (alone,) = examine(tmp_path / "log.npz").findings
+    assert alone.harm == "wrong"
+    assert re.search(told, alone.statement)
+    speeds = given | {f"dq{j + 1}": log.velocity[:, j] for j in range(3)}  # rad/s, which are no counts
     for use in (
-        lambda: examine(tmp_path / "log.npz"),
         lambda: examine(tmp_path / "log.npz", path),
         lambda: sy.identify(path, tmp_path / "log.npz"),
-        lambda: sy.identify(path, given),
+        lambda: sy.identify(path, speeds),
+        lambda: sy.Recording.read(speeds),
+        lambda: first_robot_file(path.parent / "chain.urdf", tmp_path / "log.npz"),
     ):
-        with pytest.raises(InputError, match=r"counts of encoders.*`position_matrix` in \[log\].*`position_offset`"):
+        with pytest.raises(InputError, match=told):
             use()
     columns = {
         "position_matrix": [[f"2*pi/{turn}" if i == j else 0 for j in range(3)] for i in range(3)],
@@ -95,7 +109,20 @@ def test_counts_of_encoders_are_refused_and_the_lines_that_are_named_mend_it(arm
     ],
 )
 def test_what_is_no_count_is_not_taken_for_one(arm, q):
-    replace(arm[2], q=q(arm[2].q), velocity=None).checked()
+    found = replace(arm[2], q=q(arm[2].q), velocity=None).checked().remarks
+    assert not any("counts of encoders" in remark for remark in found)
+
+
+def test_whole_millimetres_of_slides_are_no_counts(tmp_path):
+    """A rail of two metres that is logged in millimetres without digits keeps the line that mends it."""
+    limits = '<limit lower="-1" upper="1" effort="9" velocity="3"/></joint>'
+    sliding = CHAIN.replace("continuous", "prismatic").replace("</joint>", limits)
+    (tmp_path / "rails.urdf").write_text(sliding)
+    t = np.arange(3000) * 0.01
+    table = {"t": t} | {f"q{k}": np.rint(900.0 * np.sin(k * t)) for k in (1, 2, 3)}
+    table |= {f"tau{k}": np.cos(k * t) for k in (1, 2, 3)}
+    with pytest.raises(InputError, match=r'position_unit = \["mm", "mm", "mm"\]'):
+        sy.identify(tmp_path / "rails.urdf", table)
 
 
 @pytest.mark.slow

@@ -193,7 +193,6 @@ class LogSurvey:
         (sign) or another far from 1 at near perfect correlation, a velocity that stands still while the joint moves,
         and a joint whose velocity is that of another. Lesser disagreement is a remark.
         """
-        self._refuse_counts()
         blocks = self._blocks
         if blocks < 20:
             return ()
@@ -206,12 +205,15 @@ class LogSurvey:
         moves = (size_derived > MOVING) | ((self.travel > FAR) & (size_measured > MOVING))
         for i in map(int, np.flatnonzero(moves)):
             label = self.label(i)
+            ratio = size_derived[i] / max(size_measured[i], 1e-300)
+            is_unit = ratio * DEGREE < 2.0 or abs(ratio / 1e3 - 1.0) < 0.05  # degrees, millimetres
+            if not is_unit and (counts := self._counts()):
+                raise InputError(f"{source}: {counts}")
             if size_measured[i] < 1e-3 * size_derived[i]:
                 raise InputError(
                     f"{source}: the measured velocity of {label} stands still while its position moves; "
                     'name the right columns with `velocity` in [log], or leave them out with `velocity = "none"`.'
                 )
-            ratio = size_derived[i] / size_measured[i]
             if abs(cosine[i, i]) > 0.97:
                 remarks += _judge_ratio(source, label, float(np.copysign(ratio, cosine[i, i])))
                 continue
@@ -234,25 +236,23 @@ class LogSurvey:
                 )
         return tuple(remarks)
 
-    def _refuse_counts(self) -> None:
-        """Refuse positions of many turns that are whole numbers throughout, as no angle in radians or degrees is."""
-        layout = self.first_row.layout
-        units = () if layout is None else layout.units.get("position", ())
-        slides = np.array([unit in ("m", "mm") for unit in units])
-        whole = (self._whole >= MOSTLY * self.count) & (self.travel > 0.0)
-        if len(slides) == len(whole):
-            whole &= ~slides
+    def _counts(self, units: Sequence[str] | None = None) -> str:
+        """Say which joints go through many turns in whole numbers, as no angle does; empty where none does.
+
+        `units` are "m" where a joint slides, if that is known: it may be in whole millimetres.
+        """
+        turning = np.array([unit != "m" for unit in units or ["rad"] * len(self.travel)])
+        whole = turning & (self._whole >= MOSTLY * self.count) & (self.travel > 0.0)
         reach = np.where(whole, np.abs(self.q).max(axis=0), 0.0)
         j = int(np.argmax(reach))
         if reach[j] * DEGREE <= FULL_TURN:
-            return
+            return ""
         names = listed([self.label(i) for i in map(int, np.flatnonzero(whole))], MOST_NAMED)
-        raise InputError(
-            f"{self.source}: the positions of {names} are whole numbers throughout, {self.label(j)} from "
-            f"{self.q[0, j]:.9g} to {self.q[1, j]:.9g}: they are counts of encoders, and no radians. State "
-            '`position_matrix` in [log] with "2*pi/COUNTS" on its diagonal, where COUNTS are those of a turn of the '
-            "joint, and as `position_offset` what -2*pi*ZERO/COUNTS comes to, where ZERO is counted at the zero of the "
-            "description."
+        return (
+            f"the positions of {names} are whole numbers throughout, {self.label(j)} from {self.q[0, j]:.9g} to "
+            f"{self.q[1, j]:.9g}, as counts of encoders are, and no radians. State `position_matrix` in [log] with "
+            '"2*pi/COUNTS" on its diagonal, where COUNTS are those of a turn of the joint, and as `position_offset` '
+            "what -2*pi*ZERO/COUNTS comes to, where ZERO is counted at the zero of the description."
         )
 
     def _standstill_remarks(self) -> tuple[str, ...]:
@@ -296,7 +296,10 @@ class LogSurvey:
         reach = np.abs(self.q).max(axis=0)
         turns = reach > MANY_TURNS
         fast = ~turns & (self.speed > FASTEST_JOINT)
-        if turns.any():
+        counts = self._counts()
+        if counts:
+            remarks.append(capital(counts))
+        elif turns.any():
             j = int(np.argmax(reach))
             names = ", ".join(self.label(i) for i in map(int, np.flatnonzero(turns)))
             degrees = 'in degrees (`position_unit = "deg"` in [log]), or they are ' * bool(
@@ -377,6 +380,8 @@ class LogSurvey:
                 f"and all joints fit theirs as {how}; "
                 f"state `position_unit = {line}` in [log]{others}."
             )
+        if counts := self._counts(usual):
+            raise InputError(f"{self.source}: {counts}")
         remarks = []
         for j in outside:
             partners = [k for k in joints if k != j and fits(j, k) and fits(k, j)]
