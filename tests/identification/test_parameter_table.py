@@ -104,13 +104,17 @@ def test_description_stands_beside(found) -> None:
 
 def test_combinations_are_named(found) -> None:
     _, table = found
-    assert len(table.sentences) == 1
-    assert "only the sum is measured" in table.sentences[0]
-    assert "m2" in table.sentences[0]
+    sums, rotors = table.sentences
+    assert "only the sum is measured" in sums
+    assert "m2" in sums
+    assert "where no rotor turns with a joint" in rotors  # the model has none
 
 
 def test_what_the_prior_draws_out_of_its_interval_is_not_measured(found) -> None:
-    """With all weight on links three times as heavy, least squares contradict what they alone would tell."""
+    """With all weight on links three times as heavy, least squares contradict what they alone would tell.
+
+    The intervals hold the true values nevertheless, since they are those of data and physics, and not the answer.
+    """
     arm, _ = found
     unconstrained = sy.least_squares(arm.information)
     prior = EntropicPrior(3.0 * blurred(arm, 3))
@@ -121,7 +125,13 @@ def test_what_the_prior_draws_out_of_its_interval_is_not_measured(found) -> None
     far = [row for row in table if row.name in value and abs(row.value - value[row.name]) > 6.0 * error[row.name]]
     assert len(far) >= 3
     assert "measured" not in {row.basis for row in far}
-    assert "the prior draws the answer that far away from the data" in table.sentences[-1]
+    (told,) = (one for one in table.sentences if "the prior draws the answer that far away from the data" in one)
+    assert "lie outside their intervals" in told
+    truth = true_values(arm, table)
+    assert all(not row.lower <= row.value <= row.upper for row in far)
+    assert all(row.interval.startswith("outside its interval of ") for row in far)
+    assert np.mean([row.lower <= truth[row.name] <= row.upper for row in far]) >= 0.9
+    assert np.mean([table[name].lower <= one <= table[name].upper for name, one in truth.items()]) >= 0.93
 
 
 def test_table_as_text_and_data(found) -> None:
@@ -214,6 +224,27 @@ def test_an_inertia_that_may_hold_a_rotor_is_not_measured(stated, tmp_path) -> N
         assert told[0].startswith("Lyy2 would hold")
         assert table["Lyy2"].basis == "assumed"
         assert table["Lyy2"].value == pytest.approx(truth["Lyy2"] + rotors[1], rel=0.01)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("has_rotors", [False, True])
+def test_moments_that_a_rotor_would_make_others_are_named(has_rotors, example, tmp_path) -> None:
+    """The joints of the SO-101 have rotors; a model without them tells two moments of its second link wrongly."""
+    folder = example("so101")
+    text = (folder / "robot.toml").read_text()
+    term = '[[terms]]\nkind = "rotor_inertia"\n'
+    assert term in text
+    (tmp_path / "robot.urdf").write_bytes((folder / "robot.urdf").read_bytes())
+    (tmp_path / "robot.toml").write_text(text if has_rotors else text.replace(term, ""))
+    table = sy.identify(tmp_path / "robot.toml", folder / "train.csv").parameters
+    told = sy.Estimate.load(folder / "truth.json")
+    truth = dict(zip(told.parameter_names, told.parameters, strict=True))
+    moments = [row for row in table if row.name[:3] in ("Lxx", "Lyy", "Lzz") and row.basis in ("measured", "bounded")]
+    wrong = [row.name for row in moments if not row.lower <= truth[row.name] <= row.upper]
+    sentences = [one for one in table.sentences if "where no rotor turns with a joint" in one]
+    assert len(sentences) == len(moments[:1])
+    assert bool(moments) == bool(wrong) == (not has_rotors)
+    assert all(set(re.findall(r"L\w\w\d", one)) & set(wrong) for one in sentences)
 
 
 RAILS = """<robot name="rails"><link name="base"/>

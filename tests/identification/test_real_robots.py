@@ -10,7 +10,7 @@ import pytest
 
 import steelyard as sy
 from steelyard.cli import main
-from steelyard.identification.next_steps import next_steps
+from steelyard.identification.next_steps import found, next_steps
 
 pytestmark = pytest.mark.data
 
@@ -156,6 +156,26 @@ def test_kinova_gen3_with_held_out_log(shared_data, monkeypatch, tmp_path, capsy
         rtol=1e-8,
         atol=1e-10,
     )
+
+
+def test_numbers_of_a_kinova_gen3_rest_on_a_model_that_misses_its_wrist(shared_data):
+    """By its data sheet the arm weighs 8.2 kg, of which its description gives 1.5 to the base; a body of 0.9 kg at its
+    end is in the vendor's torques.
+    """
+    folder = shared_data / "kinova_gen3"
+    logs = [folder / f"opti_traj_testing{k}.csv" for k in (2, 1)]
+    result = sy.identify(folder / "gen3.urdf", logs[:1], validate=logs[1:])
+    assert result.prediction.joint_relative_error[6] > 0.75
+    assert re.search(r"joint_7 \(\d+%\) on the validation log", result.caveat)
+    first, second, *_ = found(result)
+    total = result.parameters["total mass"]
+    # The prior draws the answer below all that the data allow, which is no end of the interval.
+    assert total.lower < 8.2 - 1.5 + 0.9 < total.upper
+    assert total.value < total.lower
+    assert f"(assumed, outside its interval of {total.lower:.4g} to {total.upper:.4g} kg)" in first
+    assert second == result.caveat
+    (heavy,) = (remark for remark in result.remarks if remark.startswith("bracelet_link comes out at"))
+    assert "bounded by a model that does not predict well" in heavy
 
 
 def test_a_dead_torque_sensor_is_found(shared_data):

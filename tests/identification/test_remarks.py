@@ -1,17 +1,26 @@
 """What a log shows of wrong units, held joints and swapped columns reaches the answer; sound logs show none."""
 
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
+import lxml.html
 import numpy as np
 import pytest
 
 import steelyard as sy
+from steelyard.errors import InputError
 from steelyard.identification import examine
 from steelyard.identification.doubts import heavy_ends
+from steelyard.identification.first_robot_file import first_robot_file
 from steelyard.identification.next_steps import found, next_steps
 
 COUNT, RATE = 6000, 500.0
+CHAIN = '<robot name="chain"><link name="l0"/>' + "".join(
+    f'<link name="l{k}"/><joint name="j{k}" type="continuous"><parent link="l{k - 1}"/><child link="l{k}"/></joint>'
+    for k in (1, 2, 3)
+)
+CHAIN += "</robot>"
 
 
 @pytest.fixture(scope="module")
@@ -55,6 +64,65 @@ MISTAKES = {
 @pytest.mark.parametrize("chunk_rows", CHUNKS)
 def test_a_sound_log_is_not_remarked_on(arm, tmp_path, chunk_rows):
     assert remarks(arm, tmp_path, arm[2], chunk_rows) == []
+
+
+@pytest.mark.parametrize("bits", [12, 20])
+def test_counts_of_encoders_are_refused_and_the_lines_that_are_named_mend_it(arm, simulation, tmp_path, bits):
+    path, _, log = arm
+    (path.parent / "chain.urdf").write_text(CHAIN)
+    turn, zero = 2**bits, 2 ** (bits - 1)
+    counts = np.rint(log.q / (2.0 * np.pi) * turn + zero)
+    given = {"t": log.t, **{f"q{j + 1}": counts[:, j] for j in range(3)}}
+    given |= {f"tau{j + 1}": log.torque[:, j] for j in range(3)}
+    np.savez(tmp_path / "log.npz", **given)
+    told = r"counts of encoders.*`position_matrix` in \[log\].*`position_offset`"
+    (alone,) = examine(tmp_path / "log.npz").findings
+    assert alone.harm == "wrong"
+    assert re.search(told, alone.statement)
+    speeds = given | {f"dq{j + 1}": log.velocity[:, j] for j in range(3)}  # rad/s, which are no counts
+    for use in (
+        lambda: examine(tmp_path / "log.npz", path),
+        lambda: sy.identify(path, tmp_path / "log.npz"),
+        lambda: sy.identify(path, speeds),
+        lambda: sy.Recording.read(speeds),
+        lambda: first_robot_file(path.parent / "chain.urdf", tmp_path / "log.npz"),
+    ):
+        with pytest.raises(InputError, match=told):
+            use()
+    columns = {
+        "position_matrix": [[f"2*pi/{turn}" if i == j else 0 for j in range(3)] for i in range(3)],
+        "position_offset": [-2.0 * np.pi * zero / turn] * 3,
+    }
+    result = sy.identify(path, tmp_path / "log.npz", columns=columns)
+    assert result.prediction.word == "good"
+    truth = dict(zip(result.parameter_names, simulation.true_parameters(arm[1]), strict=True))
+    assert result.parameters["Fcj2"].lower <= truth["Fcj2"] <= result.parameters["Fcj2"].upper
+
+
+@pytest.mark.parametrize(
+    "q",
+    [
+        lambda q: np.rint(np.degrees(q)),  # degrees without digits
+        lambda q: 300.0 * q,  # of motors in front of gears
+        lambda q: 4096.0 + q,  # far from zero
+        lambda q: np.where(np.arange(len(q))[:, None] % 3, 1000.0 * q, np.rint(1000.0 * q)),
+    ],
+)
+def test_what_is_no_count_is_not_taken_for_one(arm, q):
+    found = replace(arm[2], q=q(arm[2].q), velocity=None).checked().remarks
+    assert not any("counts of encoders" in remark for remark in found)
+
+
+def test_whole_millimetres_of_slides_are_no_counts(tmp_path):
+    """A rail of two metres that is logged in millimetres without digits keeps the line that mends it."""
+    limits = '<limit lower="-1" upper="1" effort="9" velocity="3"/></joint>'
+    sliding = CHAIN.replace("continuous", "prismatic").replace("</joint>", limits)
+    (tmp_path / "rails.urdf").write_text(sliding)
+    t = np.arange(3000) * 0.01
+    table = {"t": t} | {f"q{k}": np.rint(900.0 * np.sin(k * t)) for k in (1, 2, 3)}
+    table |= {f"tau{k}": np.cos(k * t) for k in (1, 2, 3)}
+    with pytest.raises(InputError, match=r'position_unit = \["mm", "mm", "mm"\]'):
+        sy.identify(tmp_path / "rails.urdf", table)
 
 
 @pytest.mark.slow
@@ -158,12 +226,47 @@ def test_a_tool_that_the_description_leaves_out_is_asked_for():
         truth = np.concatenate([one.parameters for one in bodies])
         torque = model.inverse_dynamics(q, dq, ddq, truth) + 0.05 * random.normal(size=q.shape)
         result = sy.identify(robot, sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque, t=t[:, 0]))
-        return heavy_ends(model, result.parameters)
+        return heavy_ends(model, result.parameters, result.prediction)
 
     [remark] = said(body, body + tool)
     assert remark.startswith("link2 comes out at")
     assert "where the description has 2 kg" in remark
     assert not said(body, body)
+
+
+def test_numbers_of_a_joint_that_is_not_predicted_rest_on_a_model_that_is_wrong(arm, simulation):
+    """The drag of joint 3 grows with the cube of its speed, for which the model has viscous friction alone."""
+    path, model, log = arm
+    truth = dict(zip(model.parameter_names, simulation.true_parameters(model), strict=True))
+    drag = log.velocity[:, 2] ** 3
+    drag *= log.torque[:, 2].std() / drag.std()
+    sound, misled = (
+        sy.identify(path, replace(log, torque=log.torque + of_cube * drag[:, None] * [0.0, 0.0, 1.0]))
+        for of_cube in (0.0, 1.0)
+    )
+    row = misled.parameters["Fvj3"]
+    assert row.basis == "bounded"
+    assert not row.lower <= truth["Fvj3"] <= row.upper
+    assert "the torque of joint3 (" in misled.caveat
+    assert "joint1" not in misled.caveat  # whose torques are predicted to 1 %
+    assert misled.caveat in found(misled)
+    assert lxml.html.fromstring(misled.report()).text_content().count(misled.caveat) == 2  # and beside the numbers
+    assert sound.parameters["Fvj3"].lower <= truth["Fvj3"] <= sound.parameters["Fvj3"].upper
+    assert sound.caveat == ""
+
+
+def test_a_model_that_misses_no_joint_by_much_is_doubted_as_a_whole(arm, simulation):
+    """Errors of 20 % that last, in all joints: no single joint is to blame, and none is named."""
+    path, _, log = arm
+    slow = np.cumsum(np.random.default_rng(4).normal(size=log.torque.shape), axis=0)
+    slow = (slow - slow.mean(axis=0)) / slow.std(axis=0)
+    size = 0.2 * np.sqrt(np.mean(log.torque**2, axis=0))
+    result = sy.identify(path, replace(log, torque=log.torque + size * slow))
+    assert result.prediction.word == "poor"
+    assert result.caveat.endswith(
+        f"misses {result.prediction.model_error:.0%} of the torques of {result.prediction.source}: any number may lie "
+        "outside."
+    )
 
 
 @pytest.mark.parametrize(

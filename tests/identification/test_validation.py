@@ -2,7 +2,9 @@
 
 import hashlib
 import json
+import re
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ from payload_logs import Payload, SimulatedArm
 
 import steelyard as sy
 from steelyard.errors import InputError
-from steelyard.identification import validate_estimate
+from steelyard.identification import examine, validate_estimate
 from steelyard.identification.next_steps import next_steps
 from steelyard.identification.saved_result import SavedResult
 from steelyard.recording import Recording
@@ -51,6 +53,29 @@ def test_errors_are_those_of_the_samples(logs):
     np.testing.assert_allclose(found.prediction.joint_relative_error, 0.015, rtol=0.15)
     assert found.logs[0].relative_error == pytest.approx(found.prediction.relative_error, rel=0.01)
     assert any("No run.json stands beside" in remark for remark in found.remarks)
+
+
+@pytest.mark.parametrize("moves", [True, False])
+def test_a_joint_that_is_locked_in_the_robot_file_and_moves_in_the_log_is_told(logs, run, tmp_path, moves):
+    folder, arm = logs
+    robot = tmp_path / "robot.toml"
+    columns = '[log]\nposition = "q{}"\nvelocity = "none"\ntorque = "tau{}"\n'
+    robot.write_text(f'[description]\nurdf = "{arm.path}"\nlocked = ["wrist_3_joint"]\n{columns}{SETTINGS}')
+    recording = Recording.read(folder / "two.csv")
+    log = replace(recording, q=recording.q * [1, 1, 1, 1, 1, moves]).save(tmp_path / "log.csv")
+    model = sy.Model.load(robot)
+    samples = recording.process(cutoff=5.0, velocity_threshold=0.005)
+    five = sy.Samples(*(getattr(samples, name)[:, :5] for name in ("q", "dq", "ddq", "torque")))
+    sy.least_squares(sy.Information.from_samples(model, five)).save(tmp_path / "estimate.json")
+    _, out, _ = run("validate", robot, tmp_path / "estimate.json", log)
+    told = [line for line in out.splitlines() if "locked in the robot file move" in line]
+    assert len(told) == moves
+    low, high = recording.q[:, 5].min(), recording.q[:, 5].max()
+    for line in told:
+        begin, end = map(float, re.search(r"wrist_3_joint \(from (\S+) to (\S+), 'q6'\)", line).groups())
+        assert low <= begin < low + 0.1 * (high - low) < high - 0.1 * (high - low) < end <= high
+    kinds = {one.kind for one in examine(log, robot).findings}
+    assert ("locked joint" in kinds) == moves
 
 
 def test_a_payload_is_what_the_estimate_cannot_predict(logs, run, tmp_path):

@@ -5,6 +5,9 @@ import pytest
 
 import steelyard as sy
 from steelyard.errors import InputError
+from steelyard.recording import LogColumns
+from steelyard.recording.formats import LogFiles
+from steelyard.recording.logged_joints import locked_that_move
 from steelyard.recording.recognition import find_columns
 
 
@@ -78,3 +81,44 @@ def test_rows_with_a_locked_and_an_excluded_joint(tmp_path):
         - model.inverse_dynamics(q, dq, ddq, parameters)[:, 0]
     ) / np.linalg.norm(model.inverse_dynamics(q, dq, ddq, parameters)[:, 0])
     assert error < 0.01
+
+
+CHAIN = '<robot name="chain"><link name="l0"/>' + "".join(
+    f'<link name="l{k}"><inertial><mass value="1"/>'
+    '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+    f'<joint name="{name}" type="continuous"><parent link="l{k - 1}"/><child link="l{k}"/></joint>'
+    for k, name in enumerate(("waist", "elbow", "wrist"), start=1)
+)
+SWING = 0.4 * np.sin(np.arange(0.0, 7.0, 0.01))
+LISTS = {"position": ["q1", "q3"], "torque": ["tau1", "tau3"]}
+
+
+@pytest.mark.parametrize(
+    ("names", "stated", "scale", "told"),
+    [
+        (("1", "2", "3"), LISTS, 1.0, "(from -0.4 to 0.4, 'q2')"),
+        (("1", "2", "3"), LISTS | {"position_unit": "deg"}, 180.0 / np.pi, "(from -0.4 to 0.4, 'q2')"),
+        (("_waist", "_elbow", "_wrist"), {}, 1.0, "(from -0.4 to 0.4, 'q_elbow')"),
+        (("1", "2", "3"), LISTS, 0.0, None),  # it stands still
+        (("1", "2", "3"), LISTS, 1e-3, None),  # by the noise of its encoder
+        (("1", "7", "3"), LISTS, 1.0, None),  # no column is that of the elbow
+        (("3", "2", "1"), LISTS | {"position": ["q3", "q1"], "torque": ["tau3", "tau1"]}, 1.0, None),  # another order
+    ],
+)
+@pytest.mark.parametrize("described", ["urdf", "rows"])
+def test_a_locked_joint_that_moves_is_told_where_its_column_is_sure(names, stated, scale, told, described, tmp_path):
+    if described == "urdf":
+        (tmp_path / "chain.urdf").write_text(CHAIN + "</robot>")
+        robot = sy.Robot.from_urdf(tmp_path / "chain.urdf", locked=["elbow"])
+    else:
+        if "_elbow" in names:
+            names, told = ("_joint1", "_joint2", "_joint3"), told.replace("elbow", "joint2")
+        (tmp_path / "chain.toml").write_text(f"[description]\nrows = {[[0, 1, 0, 'q']] * 3}\nlocked = ['joint2']\n")
+        robot = sy.Model.load(tmp_path / "chain.toml").robot
+    turns = 180.0 / np.pi if "position_unit" in stated else 1.0
+    table = {"t": 0.01 * np.arange(len(SWING))}
+    table |= {f"q{name}": SWING * (scale if k == 1 else turns) for k, name in enumerate(names)}
+    table |= {f"tau{name}": np.cos(5.0 * SWING) for name in names}
+    columns = LogColumns.from_dict(stated, "[log]")
+    said = locked_that_move(table, columns, LogFiles(table, columns).layout(list(robot.joint_names)), robot)
+    assert said == "" if told is None else told in said

@@ -468,11 +468,7 @@ def _show_more(result: Identification, console: Console, remarks: Sequence[str])
     if table is not None:
         _bounded(console, *table.link_table(), "parameters.csv has all")
         total = table["total mass"]
-        spread = (
-            ""
-            if table.confidence is None
-            else f", {total.basis}: {few_digits(total.lower)} to {few_digits(total.upper)} kg"
-        )
+        spread = "" if table.confidence is None else f", {total.basis}: {total.interval}"
         _say(console, f"Total moving mass {few_digits(total.value)} kg{spread}. {table.counts}")
         for sentence in table.sentences:
             _say(console, sentence)

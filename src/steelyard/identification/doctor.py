@@ -35,7 +35,7 @@ from steelyard.recording.diagnosis.rest import HeldJoints
 from steelyard.recording.even import EvenClock, evened, longest_part
 from steelyard.recording.formats import LogFiles
 from steelyard.recording.log_sample import LogSample, sample_of
-from steelyard.recording.logged_joints import logged_joints
+from steelyard.recording.logged_joints import locked_that_move, logged_joints
 from steelyard.recording.recognition import Layout
 from steelyard.recording.survey import LogSurvey
 from steelyard.regression import Estimate, Information, least_squares
@@ -259,6 +259,11 @@ class _Patient:
             self.facts["looked at"] = str(self.sample)
         if not self._stamps_can_be_used(files, layout):
             return self._result(name, layout)
+        if self.model is not None:
+            moving = locked_that_move(self.log, self.columns, layout, self.model.robot)
+            if moving:
+                statement, _, advice = moving.rpartition(". ")
+                self.add(Finding("locked joint", f"{statement}.", "wrong", 1.0, advice=advice))
         if self.sample is not None:
             self.log = self.sample.middle
             self._elsewhere(self.sample)

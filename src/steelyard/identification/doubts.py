@@ -195,7 +195,7 @@ _HEAVY_END, _NOTICEABLE = 2.0, 0.05
 links, from which it is told: of none of 72 simulated answers of twelve arms, with CAD wrong by 30 % a link."""
 
 
-def heavy_ends(model: Model, table: ParameterTable) -> tuple[str, ...]:
+def heavy_ends(model: Model, table: ParameterTable, prediction: PredictionVerdict) -> tuple[str, ...]:
     """Say which links at the end of a chain come out far heavier than described, as those do that carry a tool.
 
     Parameters
@@ -203,6 +203,8 @@ def heavy_ends(model: Model, table: ParameterTable) -> tuple[str, ...]:
     model : Model
     table : ParameterTable
         Of the answer.
+    prediction : PredictionVerdict
+        Of the model, on which intervals rest.
 
     Returns
     -------
@@ -210,13 +212,13 @@ def heavy_ends(model: Model, table: ParameterTable) -> tuple[str, ...]:
         A sentence for each.
     """
     described = masses(model, model.robot.parameters)
-    found, links = [], table.links
+    found, links, by = [], table.links, " by a model that does not predict well" if prediction.missed else ""
     for k in model.robot.end_links:
         link = links[k]
         row, more = link.mass, link.mass.value - described[k]
         if not row.value > _HEAVY_END * described[k] > 0.0 or more < _NOTICEABLE * described.sum():
             continue
-        surely = "" if np.isnan(row.lower) else f" ({few_digits(row.lower)} to {few_digits(row.upper)} kg, {row.basis})"
+        surely = "" if np.isnan(row.lower) else f" ({row.interval}, {row.basis}{'' if row.basis == 'assumed' else by})"
         found.append(
             f"{link.name} comes out at {few_digits(row.value)} kg{surely} where the description has "
             f"{few_digits(described[k])} kg: if it carried a gripper or a tool, put that into the description."

@@ -544,6 +544,11 @@ class LogReader:
         handled = [option for option in DETECTORS if getattr(self.processing, option) is not False]
         part = f" (Seen in the first {recording.count} rows.)" if recording.count == chunks.CHOICE_ROWS else ""
         self.remarks.extend(f"{log}: {sentence}{part}" for sentence in faulty_rows(recording, handled))
+        if recording.layout is not None and self.model.robot.read_with.get("locked"):
+            from steelyard.recording.logged_joints import locked_that_move  # few robots have such joints
+
+            moving = locked_that_move(log, self.columns, recording.layout, self.model.robot)
+            self.remarks.extend([f"{log}: {moving}"] if moving else [])
         against_limits(LogSurvey.of(recording), self.model.robot)  # what is sure to be wrong is refused at once
 
     def _samples(self, log: str | Path | LogFile, survey: LogSurvey, model: Model) -> Iterator[Samples]:

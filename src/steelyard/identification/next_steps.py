@@ -97,13 +97,15 @@ def found(identification: Identification) -> tuple[str, ...]:
         if told.confidence is None:
             sentences.append(f"{mass}; no number has an interval, because the torques were filtered.")
         else:
-            ends = f", {few_digits(total.lower)} to {few_digits(total.upper)} kg"
+            ends = f", {total.interval}"
             by = "data and physics" if told.has_physics else "the data"
             sentences.append(
                 f"{mass} ({total.basis}{ends if told.has_physics or np.isfinite(total.upper) else ''}): of "
                 f"{len(told)} numbers {told.count('measured')} are measured by the data alone, "
                 f"{told.count('bounded')} are bounded by {by}, and {told.count('assumed')} are assumed."
             )
+        if identification.caveat:
+            sentences.append(identification.caveat)
     verdict = identification.verdict
     before, after = identification.unconstrained.relative_error, identification.estimate.relative_error
     if verdict.feasible is False:
@@ -466,7 +468,9 @@ def _weighing(identification: Identification) -> Iterator[NextStep]:
         names = [link.name for link in table.links]
         why = "the data do not show it"
         if table.has_physics:
+            drawn = not total.lower <= total.value <= total.upper
             why = f"the data and physics allow {total.lower:.3g} to {total.upper:.3g} kg"
+            why += ", and the prior draws it out of that" if drawn else ""
         yield NextStep(
             "State what the moving links weigh.",
             f"Their mass, {total.value:.3g} kg, is assumed: {why}. A data sheet or a scale gives it (all from "

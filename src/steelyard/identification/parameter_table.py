@@ -81,8 +81,8 @@ class ParameterRow:
     unit : str
     value : float
     lower, upper : float
-        Of the interval that holds the true value with a probability of 95 %; infinite where nothing bounds it, NaN
-        where no interval is told.
+        Of the interval that holds the true value with a probability of 95 %, by data and physics; infinite where
+        nothing bounds it, NaN where no interval is told. A value outside is one that the prior draws there.
     cad : float
         What the description says; NaN where it says nothing.
     basis : {"measured", "bounded", "assumed", "unknown"}
@@ -109,6 +109,13 @@ class ParameterRow:
         if not 0.0 < width < np.inf:
             return self.value
         return round(self.value, 5 - math.floor(math.log10(width))) + 0.0
+
+    @property
+    def interval(self) -> str:
+        """The interval in words, to follow what the value rests on."""
+        ends = f"{few_digits(self.lower)} to {few_digits(self.upper)} {self.unit}"
+        outside = self.value < self.lower or self.value > self.upper
+        return f"outside its interval of {ends}" if outside else ends
 
     def __repr__(self) -> str:
         lower, upper = outward(self.lower, self.upper) if np.isfinite(self.lower) else ("?", "?")
@@ -340,10 +347,10 @@ def parameter_table(
     """Tell what every parameter, mass, centre of mass, principal moment and friction of an answer rests on.
 
     Intervals are those of `profile_intervals`: noise, with its correlation in time, and directions that the motion does
-    not show, within what is physically possible. They speak of data and physics alone. Where the prior of the answer
-    draws a value out of its interval, the interval is widened to hold it; that of friction which drifts is widened to
-    hold it from the begin to the end of the log, all are wider where torques are late, and those that friction near
-    standstill moves are wider by as much.
+    not show, within what is physically possible. They speak of data and physics alone, also where the prior of the
+    answer draws a value out of its interval. That of friction which drifts is widened to hold it from the begin to the
+    end of the log, all are wider where torques are late, and those that friction near standstill moves are wider by as
+    much.
 
     Parameters
     ----------
@@ -413,8 +420,9 @@ def parameter_table(
             low, high = min(told[0][index], *ranges), max(told[1][index], *ranges)
             half = 0.5 * (high - low)
             is_drawn = max(told[0][index] - values[index], values[index] - told[1][index]) > DRAWN * half
-            if is_drawn:  # the data alone tells another value
+            if is_drawn and quantity.name not in changes:  # data and physics tell another value
                 drawn.append(quantity.name)
+                low, high = told[0][index], told[1][index]
             widest = (1.0 if quantity.name in changes else 2.0) * MEASURED * scales[index]
             if not is_drawn and alone[index] <= MEASURED * scales[index] and half <= widest:
                 basis = "measured"
@@ -453,9 +461,11 @@ def parameter_table(
     rotors = shares, rotor_names
     sentences = _known_together(info, feasible_set, unconstrained, ParameterTable(tuple(rows)), rotors)
     if drawn:
-        stand = "stands at an end of its interval" if len(drawn) == 1 else "stand at an end of their intervals"
+        lie = "lies outside its interval" if len(drawn) == 1 else "lie outside their intervals"
         shown = listed(drawn, MOST_SENTENCES)
-        sentences = (*sentences, f"{shown} {stand}: the prior draws the answer that far away from the data.")
+        # Of 88 such numbers in 72 simulated experiments of which the truth is known, 17 intervals held it.
+        conflict = "the prior draws the answer that far away from the data, and one of the two misleads there"
+        sentences = (*sentences, f"{shown} {lie}: {conflict}.")
     if changes and told is not None:
         hold = "changes in the course of a log; its interval holds it from its begin to its end"
         if len(changes) > 1:
@@ -477,6 +487,9 @@ def parameter_table(
         )
     if of_rotors:
         sentences = (*sentences, _said_of_rotors(feasible_set, rotor_names, of_rotors))
+    if isinstance(model := feasible_set.model, Model) and "rotor_inertia" not in model.described_as:
+        kinds = zip(rows, about, strict=True)
+        sentences += _without_rotors([row for row, of in kinds if of.kind == "principal" or row.name[:3] in DIAGONAL])
     if told is not None and feasible_set.parameter_count > MANY_PARAMETERS:
         sentences = (TOO_MANY, *sentences)
     return ParameterTable(tuple(rows), sentences)
@@ -521,6 +534,23 @@ def _offsets_at_rest(info: Information, feasible_set: FeasibleSet) -> list[str]:
         elif kind == "friction":
             shown[of_joint] = shown.get(of_joint, False) or not K[hidden, column].any()
     return [name for of_joint, name in offsets.items() if not shown.get(of_joint, True)]
+
+
+def _without_rotors(moments: list[ParameterRow]) -> tuple[str, ...]:
+    """Say which moments of inertia are known as long as no rotor turns with a joint, as far as the model can tell.
+
+    Simulated logs of nine arms whose rotors take some 3 % of the torques: of the diagonal moments that are measured or
+    bounded 8 of 43 are wrong where the model lacks rotors, and none of 19 where it has them; of all other numbers as
+    many are wrong with rotors as without.
+    """
+    told = [row.name for row in moments if row.basis in ("measured", "bounded")]
+    if not told:
+        return ()
+    holds = "holds" if len(told) == 1 else "hold"
+    return (
+        f"{listed(told, MOST_SENTENCES)} {holds} where no rotor turns with a joint, as where torques are sensed behind "
+        'the gears: the model has none. Otherwise add [[terms]] with kind = "rotor_inertia".',
+    )
 
 
 def _said_of_rotors(
@@ -678,6 +708,9 @@ def _intervals_of_data(
     at_answer = [0.0 if one.mass is None else one.value(parameters) for one in asked]
     return at_answer + rows @ feasible_set.lift @ base, halves
 
+
+DIAGONAL = ("Lxx", "Lyy", "Lzz")
+"""Moments of inertia, which a rotor looks like; products of inertia it does not."""
 
 MOST_SENTENCES = 3
 """Combinations that are named: more are not read."""

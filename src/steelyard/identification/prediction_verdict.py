@@ -265,6 +265,20 @@ class PredictionVerdict:
         """The largest of `joint_model_error`."""
         return float(self.joint_model_error.max(initial=0.0))
 
+    @property
+    def missed(self) -> str:
+        """What a model that does not predict well enough misses, and what rests on it, in words; else empty."""
+        errors = self.joint_model_error
+        joints = np.flatnonzero(errors > POOR_JOINT)
+        if self.is_usable or not (len(joints) or self.model_error > USABLE):  # where nothing was held out
+            return ""
+        if not len(joints) or len(errors) == 1:
+            return f"{self.model_error:.0%} of the torques of {self.source}: any number may lie outside"
+        named = listed([f"{self.joint_names[joint]} ({errors[joint]:.0%})" for joint in joints], MOST_NAMED)
+        several = len(joints) > 1
+        what = "these joints and of what they carry" if several else "this joint and of what it carries"
+        return f"the torque{'s' * several} of {named} on {self.source}: numbers of {what} may lie outside"
+
     def _rows(self) -> list[tuple[str, ...]]:
         def number(value: float, unit: str = "") -> str:
             return f"{value:.3g}{unit}" if np.isfinite(value) else ""

@@ -302,6 +302,16 @@ class Identification:
         """What is probably wrong, a sentence for each log; they stand among the remarks as well."""
         return tuple(f"{log}: {sentence(found)}" for log, found in self.mistakes.items())
 
+    @property
+    def caveat(self) -> str:
+        """What is to be known beside "measured" and "bounded" where the model does not predict; else empty."""
+        table, missed = self.parameters, self.prediction.missed
+        if not missed or table is None or not table.count("measured") + table.count("bounded"):
+            return ""
+        return (
+            f"The words measured and bounded, and all intervals, hold under this model alone, and it misses {missed}."
+        )
+
     def columns(self) -> list[tuple[Layout, tuple[str, ...]]]:
         """Return what columns were understood to be, once for all the logs with the same columns, which are named."""
         found: list[tuple[Layout, list[str]]] = []
@@ -358,6 +368,7 @@ class Identification:
             "least_squares": self.verdict.to_dict(),
             "total_mass": None if self.estimate.parameters is None else self.total_mass,
             "parameters": [] if self.parameters is None else self.parameters.to_list(),
+            "caveat": self.caveat,
             "logs": [
                 {"name": one.name, "role": one.role}
                 | {key: getattr(one, key) for key in errors}
@@ -388,7 +399,7 @@ class Identification:
             parts.append(html_table("Elastic joints", *self.elastic_table(), self.elastic_sentences))
         if self.parameters is not None:
             parts.append(html_table("Links", *self.parameters.link_table()))
-            parts.append(html_sentences(self.parameters.counts))
+            parts.append(html_sentences(f"{self.parameters.counts} {self.caveat}".rstrip()))
         if self.plausible is not None and self.plausible.price is not None:
             parts.append(html_sentences(self.plausible.price.sentence))
         return "".join(parts)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from steelyard.display import capital
 from steelyard.errors import InputError
+from steelyard.files import listed
 
 from .measurements import Measurements
 from .samples import column_extremes
@@ -35,13 +36,16 @@ MANY_TURNS = 8.0 * pi
 times."""
 FULL_TURN = 2.2 * pi
 """rad up to which positions in degrees reach once they are converted; those of motors reach any number of turns."""
+MOSTLY = 0.9
+"""Share of the rows whose positions are whole numbers in a log of counts: in some they may be filled in."""
+MOST_NAMED = 3
 FASTEST_JOINT = 40.0
 """rad/s, or m/s: legs reach 30, arms 3 to 10; motors run at 100 to 600, and arms at 40 to 200 degrees per s."""
 MOVING = 5e-3
 """Root mean square velocity (rad/s or m/s) from which a joint counts as moving."""
 
 
-_SUMS = ("count", "_filled", "_blocks", "_products", "_derived", "_averaged")
+_SUMS = ("count", "_whole", "_filled", "_blocks", "_products", "_derived", "_averaged")
 """The attributes of a survey that are added where another one of the rows that follow joins it."""
 
 
@@ -64,6 +68,7 @@ class LogSurvey:
         self._log: Measurements | None = None
         self._rate = float("nan")
         self._filled = np.zeros(2, dtype=int)
+        self._whole = np.empty(0, dtype=int)
         self._blocks = 0
         self._products = self._derived = self._averaged = np.empty(0)
 
@@ -84,10 +89,12 @@ class LogSurvey:
             self._rate = recording.rate
             self.q = self.torque = np.array([[np.inf], [-np.inf]]) * np.ones(width)
             self.speed = self._derived = self._averaged = np.zeros(width)
+            self._whole = np.zeros(width, dtype=int)
             self._products = np.zeros((width, width))
         self.count += stop - start
         for name in ("q", "torque"):
             self._widen(name, *column_extremes(getattr(recording, name)[rows]))
+        self._whole = self._whole + np.count_nonzero(recording.q[rows] == np.rint(recording.q[rows]), axis=0)
         for index, flags in enumerate((recording.position_missing, recording.torque_missing)):
             self._filled[index] += 0 if flags is None else int(flags[rows].sum())
         if stop - start > 2:
@@ -182,9 +189,9 @@ class LogSurvey:
     def velocity_remarks(self) -> tuple[str, ...]:
         """Compare the measured velocities with the derivative of the positions, block by block.
 
-        Faults that are certain raise InputError: a ratio of 57.3 (degrees), -1 (sign) or another far from 1 at near
-        perfect correlation, a velocity that stands still while the joint moves, and a joint whose velocity is that of
-        another. Lesser disagreement is a remark.
+        Faults that are certain raise InputError: positions that are counts of encoders; a ratio of 57.3 (degrees), -1
+        (sign) or another far from 1 at near perfect correlation, a velocity that stands still while the joint moves,
+        and a joint whose velocity is that of another. Lesser disagreement is a remark.
         """
         blocks = self._blocks
         if blocks < 20:
@@ -198,12 +205,15 @@ class LogSurvey:
         moves = (size_derived > MOVING) | ((self.travel > FAR) & (size_measured > MOVING))
         for i in map(int, np.flatnonzero(moves)):
             label = self.label(i)
+            ratio = size_derived[i] / max(size_measured[i], 1e-300)
+            is_unit = ratio * DEGREE < 2.0 or abs(ratio / 1e3 - 1.0) < 0.05  # degrees, millimetres
+            if not is_unit and (counts := self._counts()):
+                raise InputError(f"{source}: {counts}")
             if size_measured[i] < 1e-3 * size_derived[i]:
                 raise InputError(
                     f"{source}: the measured velocity of {label} stands still while its position moves; "
                     'name the right columns with `velocity` in [log], or leave them out with `velocity = "none"`.'
                 )
-            ratio = size_derived[i] / size_measured[i]
             if abs(cosine[i, i]) > 0.97:
                 remarks += _judge_ratio(source, label, float(np.copysign(ratio, cosine[i, i])))
                 continue
@@ -225,6 +235,25 @@ class LogSurvey:
                     f"(correlation {cosine[i, i]:.2f})."
                 )
         return tuple(remarks)
+
+    def _counts(self, units: Sequence[str] | None = None) -> str:
+        """Say which joints go through many turns in whole numbers, as no angle does; empty where none does.
+
+        `units` are "m" where a joint slides, if that is known: it may be in whole millimetres.
+        """
+        turning = np.array([unit != "m" for unit in units or ["rad"] * len(self.travel)])
+        whole = turning & (self._whole >= MOSTLY * self.count) & (self.travel > 0.0)
+        reach = np.where(whole, np.abs(self.q).max(axis=0), 0.0)
+        j = int(np.argmax(reach))
+        if reach[j] * DEGREE <= FULL_TURN:
+            return ""
+        names = listed([self.label(i) for i in map(int, np.flatnonzero(whole))], MOST_NAMED)
+        return (
+            f"the positions of {names} are whole numbers throughout, {self.label(j)} from {self.q[0, j]:.9g} to "
+            f"{self.q[1, j]:.9g}, as counts of encoders are, and no radians. State `position_matrix` in [log] with "
+            '"2*pi/COUNTS" on its diagonal, where COUNTS are those of a turn of the joint, and as `position_offset` '
+            "what -2*pi*ZERO/COUNTS comes to, where ZERO is counted at the zero of the description."
+        )
 
     def _standstill_remarks(self) -> tuple[str, ...]:
         """Remark on joints that do not move, and on constant torques."""
@@ -267,7 +296,10 @@ class LogSurvey:
         reach = np.abs(self.q).max(axis=0)
         turns = reach > MANY_TURNS
         fast = ~turns & (self.speed > FASTEST_JOINT)
-        if turns.any():
+        counts = self._counts()
+        if counts:
+            remarks.append(capital(counts))
+        elif turns.any():
             j = int(np.argmax(reach))
             names = ", ".join(self.label(i) for i in map(int, np.flatnonzero(turns)))
             degrees = 'in degrees (`position_unit = "deg"` in [log]), or they are ' * bool(
@@ -348,6 +380,8 @@ class LogSurvey:
                 f"and all joints fit theirs as {how}; "
                 f"state `position_unit = {line}` in [log]{others}."
             )
+        if counts := self._counts(usual):
+            raise InputError(f"{self.source}: {counts}")
         remarks = []
         for j in outside:
             partners = [k for k in joints if k != j and fits(j, k) and fits(k, j)]

@@ -90,7 +90,8 @@ def parameters(identification: Identification) -> Markup:
             "dot: value, bar: interval, tick: CAD; an arrow says that the interval goes on. Bars of one table share "
             "their scale, but for that of all links together.</p>"
         )
-    parts = [text, *(f"<p>{escape(sentence)}</p>" for sentence in told.sentences)]
+    caveat = (identification.caveat,) if identification.caveat else ()
+    parts = [text, *(f"<p>{escape(sentence)}</p>" for sentence in (*caveat, *told.sentences))]
     if has_intervals:
         boxes = "".join(
             f'<label><input type="checkbox" checked autocomplete="off" value="{basis}">{basis} '

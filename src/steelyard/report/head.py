@@ -123,7 +123,7 @@ def _figures(identification: Identification) -> list[tuple[str, str, str]]:
         if table.confidence is not None:
             note = total.basis
             if table.has_physics or np.isfinite(total.upper):
-                note += f"; {few_digits(total.lower)} to {few_digits(total.upper)} kg at 95 %"
+                note += f"; {total.interval} at 95 %"
         entries.append(("Total mass", Markup(f"{few_digits(total.value)} <small>kg</small>"), note))
         if table.confidence is not None:
             note = f"of {len(table)} numbers; {table.count('bounded')} bounded, {table.count('assumed')} assumed"
