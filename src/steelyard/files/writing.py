@@ -18,7 +18,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from steelyard.errors import InputError
+from steelyard.errors import InputError, printable
 
 __all__ = [
     "plain",
@@ -365,7 +365,7 @@ def replaced_folder(
     except OSError as error:
         raise refusal(Path(folder), error) from None
     except InputError as error:  # of a file in the folder that is made, of which the user knows nothing
-        raise InputError(str(error).replace(str(part), str(folder))) from None
+        raise InputError(str(error).replace(printable(str(part)), str(folder))) from None
     finally:
         if handle is not None:
             os.close(handle)
