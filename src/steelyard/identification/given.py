@@ -166,11 +166,8 @@ def _expanded(paths: Sequence[str | os.PathLike[str]]) -> list[str | os.PathLike
     texts = [os.fspath(path) for path in paths]
     if not any(map(may_be_several, texts)):
         return list(paths)
-    from steelyard.recording.formats.log_sets import (
-        is_log_set,
-        logs_in,
-        place_of,
-    )  # what is not asked for is not loaded
+    # What is not asked for is not loaded.
+    from steelyard.recording.formats.log_sets import is_log_set, logs_in, place_of
 
     sets = [logs_in(text) if is_log_set(text) else None for text in texts]
     named = {place_of(text) for text, found in zip(texts, sets, strict=True) if found is None}

@@ -19,9 +19,7 @@ __all__ = ["local_copy", "object_address", "object_store", "remote_identity"]
 
 MOST_COPIES = 4
 """Copies that a process keeps beside those that an open log reads: a log is opened several times."""
-_PASSWORD = re.compile(
-    r"(?<![\w+.-])(?!git)[\w+.-]+://[^/@\s]*:([^/\s]*)@"
-)  # github://owner:repository@branch has none
+_PASSWORD = re.compile(r"(?<![\w+.-])(?!git)[\w+.-]+://[^/@\s]*:([^/\s]*)@")  # github://owner:repository@branch is none
 
 
 class _Copies:
