@@ -361,6 +361,14 @@ def test_arrays_of_reduced_logs_have_one_of_a_few_kinds(kind: str) -> None:
         unpacked(b"steelyard-packed-1\n" + hashlib.sha256(content).digest() + content)
 
 
+def test_a_triangle_of_no_numbers_takes_no_memory() -> None:
+    """Before, its order was believed, and the places of a million rows were listed."""
+    head = json.dumps({"a": ["<f8", [0], 1_000_000]}).encode()
+    content = len(head).to_bytes(8, "little") + head
+    array = unpacked(b"steelyard-packed-1\n" + hashlib.sha256(content).digest() + content)
+    assert array.shape == (0, 1_000_000, 1_000_000)
+
+
 def test_endlessly_nested_reduced_logs_are_refused() -> None:
     head = b"[" * 200_000
     content = len(head).to_bytes(8, "little") + head
