@@ -185,7 +185,7 @@ def test_without_packages_the_extra_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "trimesh", None)
     path = tmp_path / "a.stl"
     path.write_text("")
-    with pytest.raises(InputError, match="is empty; export it again"):  # 20 s of waiting for one that the system makes up
+    with pytest.raises(InputError, match="is empty; export it again"):  # /proc/kmsg took 20 s
         read_mesh(path)
     path.write_text("solid")
     with pytest.raises(MissingExtraError, match=r"pip install 'coal>="):
