@@ -7,6 +7,8 @@ from collections.abc import Iterable, Sequence
 from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
 from html import escape
 
+from steelyard.errors import printable
+
 __all__ = [
     "capital",
     "combination",
@@ -31,7 +33,8 @@ def text_table(heads: Sequence[str], rows: Sequence[Sequence[str]], numbers: Seq
     arm       1.5
     fore arm   12
     """
-    table = [[" ".join(cell.splitlines()) for cell in row] for row in (heads, *rows)]  # names of files may be anything
+    # Names of files may be anything.
+    table = [[printable(" ".join(cell.splitlines())) for cell in row] for row in (heads, *rows)]
     widths = [max(len(row[i]) for row in table) for i in range(len(heads))]
     lines = []
     for row in table:
@@ -97,7 +100,7 @@ def _html_row(cells: Sequence[object], tag: str) -> str:
 
 
 def _html_text(value: object, longest: int = LONGEST) -> str:
-    text = str(value)
+    text = printable(str(value))
     return escape(text if len(text) <= longest else f"{text[:longest]}…")
 
 

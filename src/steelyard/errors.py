@@ -7,6 +7,7 @@ import importlib
 import importlib.util
 import re
 import sys
+import unicodedata
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -21,6 +22,7 @@ __all__ = [
     "install_command",
     "is_installed",
     "missing_extra",
+    "printable",
     "require_package",
 ]
 
@@ -29,11 +31,33 @@ LONGEST_MESSAGE, LONGEST_WORD = 1000, 200
 """Characters. The longest sentence of ours has 600, with a path of 150; a name in a damaged file may have a million."""
 
 
+# Control characters, marks that turn the direction of writing, halves of characters, and separators of lines.
+_HIDDEN = ("Cc", "Cf", "Cs", "Zl", "Zp")
+
+
+def printable(text: str) -> str:
+    r"""Return a text whose control characters are written out: names in files may hold any, and speak to terminals.
+
+    Examples
+    --------
+    >>> printable("elbow\x1b[2J"), printable("größe, 20 µm")
+    ('elbow\\x1b[2J', 'größe, 20 µm')
+    """
+    if text.isprintable():
+        return text
+    return "".join(
+        one.encode("unicode_escape").decode("ascii")
+        if one not in "\n\t" and unicodedata.category(one) in _HIDDEN
+        else one
+        for one in text
+    )
+
+
 class SteelyardError(Exception):
     """Base class of all the errors that Steelyard raises on purpose.
 
-    A message stays a sentence, whatever it quotes: above 1000 characters its long words are shortened, and then its
-    middle, because it begins with the place of the fault and ends with the remedy.
+    A message stays a sentence, whatever it quotes: control characters are written out, above 1000 characters its long
+    words are shortened, and then its middle, because it begins with the place of the fault and ends with the remedy.
 
     Examples
     --------
@@ -58,7 +82,8 @@ class SolverError(SteelyardError, RuntimeError):
 
 
 def _sentence(message: str) -> str:
-    """Return a message without the middle of what makes it too long."""
+    """Return a message with control characters written out, without the middle of what makes it too long."""
+    message = printable(message)
     if len(message) > LONGEST_MESSAGE:
         long_word = rf"\S{{{LONGEST_WORD + 1},}}"
         message = re.sub(long_word, lambda found: _without_middle(found[0], LONGEST_WORD), message)

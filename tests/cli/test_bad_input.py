@@ -135,6 +135,36 @@ def test_a_description_in_the_folder_of_the_results_is_not_replaced(run, place):
     assert (place / "robot.urdf").read_text() == text
 
 
+def test_no_input_is_replaced(run, place):
+    """Of each command that writes a file, whatever it is asked to write to."""
+    _, _, err = run("identify", place / "robot.toml", place / "log.csv", "--output", place / "result")
+    (place / "parameters.csv").write_text((place / "log.csv").read_text())
+    robot, log, estimate = place / "robot.toml", place / "log.csv", place / "result" / "estimate.json"
+    (place / "link.csv").symlink_to(log)
+    commands = [
+        ("correct", robot, estimate, "-o", place / "pair.urdf"),
+        ("correct", robot, estimate, "-o", estimate),
+        ("correct", robot, estimate, "-o", robot),
+        ("validate", robot, estimate, place / "link.csv", "-o", log),
+        ("validate", robot, estimate, f"{log}+{place / 'link.csv'}", "-o", log),
+        ("explain", robot, estimate, "-o", estimate),
+        ("compare", estimate, estimate, "-o", estimate),
+        ("compare", estimate, estimate, "--page", estimate),
+        ("payload", robot, log, "--estimate", estimate, "-o", log),
+        ("deflections", robot, estimate, log, "--samples", log),
+        ("inspect", robot, "--repair", "-o", place / "pair.urdf"),
+        ("init", place / "pair.urdf", log, "--force", "-o", log),
+        ("identify", robot, place / "parameters.csv", "-o", place),
+    ]
+    files = [path for path in place.rglob("*") if path.is_file()]
+    before = [path.read_bytes() for path in files]
+    for command in commands:
+        code, _, err = run(*command)
+        assert code == 2, command
+        assert err.strip().endswith(": is read, and the results would replace it; give another --output."), command
+    assert [path.read_bytes() for path in files] == before
+
+
 OPTIONS = {
     "no log": (("identify", "{robot}", "--output", "{out}"), "LOG"),
     "no output": (("identify", "{robot}", "{log}"), "--output"),

@@ -255,7 +255,7 @@ def test_correct_writes_the_nearest_possible_estimate(run, tmp_path):
     assert estimate.read_bytes() == before
     assert run("correct", robot, target, "--output", tmp_path / "again.json", "--metric", "euclidean")[0] == 0
     code, _, err = run("correct", robot, estimate, "--output", estimate)
-    assert (code, "give another file" in err) == (2, True)
+    assert (code, "give another --output" in err) == (2, True)
 
 
 @pytest.mark.parametrize("arguments", [[], ["robot.toml"], ["--certificate", "a.json", "--output", "b.json"]])

@@ -13,7 +13,8 @@ import pytest
 
 import steelyard as sy
 from steelyard.cli import terminal
-from steelyard.cli.terminal import guarded, printable, progress
+from steelyard.cli.terminal import guarded, progress
+from steelyard.errors import printable
 
 SEQUENCES = ("\x1b", "\x9b", "\x07", "\u202e", "\u2066", "\r")
 

@@ -185,6 +185,9 @@ def test_without_packages_the_extra_is_named(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "trimesh", None)
     path = tmp_path / "a.stl"
     path.write_text("")
+    with pytest.raises(InputError, match="is empty; export it again"):  # /proc/kmsg took 20 s
+        read_mesh(path)
+    path.write_text("solid")
     with pytest.raises(MissingExtraError, match=r"pip install 'coal>="):
         read_mesh(path)
     monkeypatch.setattr(shapes, "coal_or_none", lambda: None)

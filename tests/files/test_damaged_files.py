@@ -361,6 +361,14 @@ def test_arrays_of_reduced_logs_have_one_of_a_few_kinds(kind: str) -> None:
         unpacked(b"steelyard-packed-1\n" + hashlib.sha256(content).digest() + content)
 
 
+def test_a_triangle_of_no_numbers_takes_no_memory() -> None:
+    """Before, its order was believed, and the places of a million rows were listed."""
+    head = json.dumps({"a": ["<f8", [0], 1_000_000]}).encode()
+    content = len(head).to_bytes(8, "little") + head
+    array = unpacked(b"steelyard-packed-1\n" + hashlib.sha256(content).digest() + content)
+    assert array.shape == (0, 1_000_000, 1_000_000)
+
+
 def test_endlessly_nested_reduced_logs_are_refused() -> None:
     head = b"[" * 200_000
     content = len(head).to_bytes(8, "little") + head
@@ -375,3 +383,32 @@ def test_keys_of_endlessly_many_parts_are_refused(key: str, between: str, sample
     endless = between.join([key] * 100_000)
     refuse("robot.toml", samples, f"{ROBOT}[x]\n{endless} = 1\n", rf"line {ROBOT.count(chr(10)) + 2} has a key of more")
     refuse("robot.toml", samples, f"{ROBOT}\n[{endless}]\n", "has a key of more than 100 parts")
+
+
+@pytest.mark.parametrize(("name", "phrase"), [("log.bag", "does not begin with #ROSBAG"), ("log.mat", "MATLAB")])
+def test_a_file_of_holes_is_not_read_to_its_end(name: str, phrase: str, tmp_path: Path) -> None:
+    """The library looked for the end of the first line of a bag, 3.8 GB behind its begin, and then broke off."""
+    if name == "log.bag":
+        pytest.importorskip("rosbags")
+    with (tmp_path / name).open("wb") as file:
+        file.truncate(2**41)
+    with pytest.raises(InputError, match=phrase):
+        sy.Recording.read(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    ("moving", "links", "phrase"),
+    [(1000, 1001, "more than 500 joints move; lock some"), (1, 6000, "has 6000 links, more than 5000")],
+)
+def test_a_robot_with_more_joints_than_memory_holds(moving: int, links: int, phrase: str, tmp_path: Path) -> None:
+    """Before, 19 000 joints in 3 MB took all the memory, and `inspect` of 20 000 fixed links hours."""
+    parts = [f'<link name="l{k}"/>' for k in range(links)]
+    for k in range(1, links):
+        kind = "revolute" if k <= moving else "fixed"
+        parts.append(f'<joint name="j{k}" type="{kind}"><parent link="l{k - 1}"/><child link="l{k}"/></joint>')
+    path = tmp_path / "chain.urdf"
+    path.write_text(f'<robot name="chain">{"".join(parts)}</robot>')
+    with pytest.raises(InputError, match=phrase):
+        sy.Robot.from_urdf(path)
+    if moving > 1:
+        assert sy.Robot.from_urdf(path, tip="l3").dof == 3

@@ -59,6 +59,22 @@ def test_a_refusal_names_the_folder_that_was_asked_for(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_folder_in_the_place_of_a_file_is_found_before_anything_is_moved(tmp_path: Path) -> None:
+    """Before, two of five results were moved, and the third was refused."""
+    (tmp_path / "b.html").mkdir()
+    (tmp_path / "a.json").write_text("old")
+
+    def write() -> None:
+        with replaced_folder(tmp_path) as made:
+            for name in ("a.json", "b.html"):
+                (made / name).write_text("new")
+
+    with pytest.raises(InputError, match=r"b.html: cannot be written \(a folder is where a file has to be\)"):
+        write()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.json", "b.html"]
+    assert (tmp_path / "a.json").read_text() == "old"
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems refuse such names")
 def test_a_folder_may_have_a_name_that_is_not_utf_8(tmp_path: Path) -> None:
     target = tmp_path / os.fsdecode(b"\xff\xfe" * 60)

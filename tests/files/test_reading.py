@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from steelyard.errors import InputError
-from steelyard.files import file_hash, read_bytes, read_json, read_text, read_toml, require_file, shown
+from steelyard.files import file_hash, read_bytes, read_json, read_text, read_toml, reading, require_file, shown
 
 posix = pytest.mark.skipif(os.name != "posix", reason="needs pipes and devices")
 READERS: list[Callable[[Any], Any]] = [read_bytes, read_text, read_json, read_toml, require_file, file_hash]
@@ -33,6 +33,19 @@ def test_pipes_devices_and_folders_are_refused_without_waiting(read: Callable[[A
     refused(read, tmp_path, "is a folder")
     refused(read, tmp_path / "none", "No such file")
     refused(read, str(tmp_path / "a\0b"), "not a valid path")
+
+
+@posix
+@pytest.mark.parametrize("read", [read_bytes, file_hash])
+def test_a_file_that_has_nothing_yet_is_not_waited_for(
+    read: Callable[[Any], Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As ``/proc/kmsg``, which calls itself regular: a pipe that is open for writing stands for it."""
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    monkeypatch.setattr(reading, "_require_regular", lambda *_: None)
+    with open(os.open(pipe, os.O_RDWR), "wb"):
+        refused(read, pipe, "cannot be read (Resource temporarily unavailable)")
 
 
 def test_a_file_that_is_too_large_is_refused(tmp_path: Path) -> None:

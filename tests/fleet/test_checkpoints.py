@@ -185,6 +185,26 @@ def test_only_what_is_missing_or_damaged_is_computed(tmp_path: Path) -> None:
         assert DONE == [1, 2, 3, 4, 5, 3]
 
 
+@posix
+@pytest.mark.parametrize("planted", ["pipe", "device", "holes"])
+def test_a_file_that_never_ends_is_no_checkpoint(tmp_path: Path, planted: str) -> None:
+    """Before, a run waited for the pipe, and read the device until the memory was full."""
+    key = sy.fleet.checkpoint_key("log.csv")
+    with sy.fleet.Checkpoints(tmp_path) as kept:
+        kept.put(key, b"what came of it")
+        [name] = kept.names
+        path = tmp_path / name
+        if planted == "holes":
+            os.truncate(path, 2**40)
+        else:
+            path.unlink()
+            if planted == "pipe":
+                os.mkfifo(path)
+            else:
+                path.symlink_to("/dev/zero")
+        assert kept.get(key) is None
+
+
 def test_results_that_come_in_any_order_are_yielded_in_order(tmp_path: Path) -> None:
     class Backwards:
         def run(self, leaf, combine, common, groups):  # type: ignore[no-untyped-def]

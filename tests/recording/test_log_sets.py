@@ -231,6 +231,33 @@ def test_messages_name_the_object(store: str) -> None:
         logs_in("nosuch://bucket/x.csv")
 
 
+def test_one_object_counts_once_whatever_its_address(store: str, tmp_path: Path) -> None:
+    whole, short = logs_in(f"{store}/logs"), f"{store}/logs/run2.parquet"
+    assert whole[0].replace("///", "//") == short != whole[0]
+    assert given_logs([short, f"{store}/logs"], None)[0] == (short, whole[1])
+    assert given_logs([f"{store}/logs", short], None)[0] == tuple(whole)
+    path = tmp_path / "run.csv"
+    path.write_text(LOG)
+    assert given_logs([str(path), f"file://{path}", f"local://{path}"], None)[0] == (str(path),)
+
+
+@pytest.mark.parametrize(
+    ("address", "hidden"),
+    [
+        ("sftp://robot:s3cr3t@host/run.csv", "sftp://robot:…@host/run.csv"),
+        ("zip://*.csv::ftp://robot:s3@cr3t@host/a.zip", "zip://*.csv::ftp://robot:…@host/a.zip"),
+        ("https://:s3cr3t@host/run.csv", "https://:…@host/run.csv"),
+    ],
+)
+def test_passwords_in_addresses_are_refused_and_not_told(address: str, hidden: str) -> None:
+    pytest.importorskip("fsspec")
+    for read in (logs_in, sy.Recording.read, hashed_log):
+        with pytest.raises(sy.InputError) as caught:
+            read(address)
+        assert str(caught.value).startswith(f"{hidden} has a password")
+        assert "cr3t" not in str(caught.value)
+
+
 def test_an_object_that_changes_is_read_again(store: str) -> None:
     fsspec = pytest.importorskip("fsspec")
     address = f"{store}/changing.csv"

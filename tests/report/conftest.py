@@ -70,7 +70,7 @@ def write_robot(folder: Path) -> Path:
     (folder / "arm.urdf").write_text(f'<robot name="arm">{links}{joints}</robot>')
     robot = folder / "robot.toml"
     robot.write_text(
-        'name = "arm <script>alert(3)</script>"\n[description]\nurdf = "arm.urdf"\n'
+        'name = "arm\\u001b[2J\\u202e <script>alert(3)</script>"\n[description]\nurdf = "arm.urdf"\n'
         f'gravity = [0, -{GRAVITY}, 0]\n[[terms]]\nkind = "viscous"\n[[terms]]\nkind = "coulomb"\n'
         '[log]\nposition = "q{}"\ntorque = "tau{}"\n[processing]\ncutoff = "none"\n'
     )

@@ -47,6 +47,15 @@ def test_long_curves_keep_their_peaks_and_text_is_escaped() -> None:
     assert data[1]["yLog"] is True
 
 
+def test_names_are_no_markup_of_plotly() -> None:
+    """Plotly draws links, bold text and breaks that stand in a name."""
+    name = '<a href="https://example.org">elbow</a><br>\u202e &amp;'
+    page = lxml.html.fromstring(charts_markup([Chart("q", "t", "rad", (Curve(name, [0, 1], [0, 1]),))], identifier="a"))
+    [data] = json.loads(page.xpath("//script")[0].text)
+    told = data["curves"][0]["name"]
+    assert told == '&lt;a href="https://example.org"&gt;elbow&lt;/a&gt;&lt;br&gt;\\u202e &amp;amp;'
+
+
 def test_what_cannot_be_drawn_is_refused(tmp_path: Path) -> None:
     with pytest.raises(sy.InputError, match="one shape"):
         Curve("q", [0.0, 1.0], [0.0])

@@ -192,6 +192,29 @@ def test_memory_and_time_are_bounded(arm):
         Robot.from_urdf(arm)
 
 
+@pytest.mark.parametrize(
+    "told",
+    [
+        "$(optenv ROBOT_ACCESS_KEY none)",
+        "${('{0.__globals__[os].environ[ROBOT_ACCESS_KEY]%c' % 125).format(xacro.load_yaml)}",
+        "$(optenv ROBOT_STORE none)",
+    ],
+)
+def test_secrets_of_the_environment_do_not_reach_a_description(arm, monkeypatch, told):
+    """A stranger's file would have them written into all that is made of it."""
+    monkeypatch.setenv("ROBOT_ACCESS_KEY", "s3cr3t")
+    monkeypatch.setenv("ROBOT_STORE", "sftp://robot:s3cr3t@host/logs")
+    monkeypatch.setenv("ROBOT_SIDE", "left")
+    arm.write_text(f'<robot name="arm"><link name="{told}"/><link name="$(env ROBOT_SIDE)"/></robot>')
+    try:
+        said = expand_xacro(arm).decode()
+    except InputError as error:
+        said = str(error)
+    else:
+        assert 'name="left"' in said
+    assert "s3cr3t" not in said
+
+
 def test_the_message_without_the_package(arm, monkeypatch, tmp_path):
     hidden = tmp_path / "hidden" / "xacro"
     hidden.mkdir(parents=True)

@@ -46,10 +46,13 @@ def compare(
       steelyard compare result estimate.json --log run2.csv --output differences.json
       steelyard compare robot.toml result --page comparison.html
     """
+    from steelyard.files.writing import require_unread
     from steelyard.identification import compare_estimates
     from steelyard.robot import RobotFile
 
     file = None if robot is None else RobotFile.load(robot, allow_extensions=allow_extensions)
+    for place in (output, page):
+        require_unread(place, robot, None if file is None else file.robot.source, *results, *(log or ()))
     with progress(quiet=quiet) as say:
         found = compare_estimates(results, robot=file, logs=log or [], seed=seed, progress=say)
     if page is not None:

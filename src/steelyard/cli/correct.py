@@ -31,13 +31,12 @@ def correct(
     Examples:
       steelyard correct robot.toml estimate.json --output corrected.json
     """
-    from steelyard.errors import InputError
+    from steelyard.files.writing import require_unread
     from steelyard.identification import correct_estimate
     from steelyard.robot import RobotFile
 
-    if output.resolve() == estimate.resolve():
-        raise InputError(f"{output}: is the estimate itself, which stays as it is; give another file.")
     file = RobotFile.load(robot, allow_extensions=allow_extensions)
+    require_unread(output, robot, file.robot.source, estimate)
     with progress(quiet=quiet):
         corrected = correct_estimate(file, estimate, consistency, metric)
     corrected.save(output)

@@ -38,11 +38,14 @@ def deflections(
       steelyard deflections robot.toml result run2.csv --samples deflections.csv
     """
     from steelyard.errors import InputError
+    from steelyard.files.writing import require_unread
     from steelyard.identification import predict_deflections
 
     if samples is not None and len(logs) > 1:
         raise InputError(f"{samples}: holds the deflections of one log, got {len(logs)} logs; give one at a time.")
     file = load_robot(robot, lines, topic=topic, allow_extensions=allow_extensions)
+    for place in (output, samples):
+        require_unread(place, robot, file.robot.source, estimate, *logs)
     with progress(quiet=quiet) as say:
         found = predict_deflections(file, estimate, logs, progress=say)
     show(found, output, json=json, quiet=quiet)

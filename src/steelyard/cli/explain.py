@@ -26,10 +26,12 @@ def explain(
       steelyard explain robot.toml estimate.json
       steelyard explain robot.toml estimate.json --json --quiet
     """
+    from steelyard.files.writing import require_unread
     from steelyard.identification import explain_estimate
     from steelyard.robot import RobotFile
 
     file = RobotFile.load(robot, allow_extensions=allow_extensions)
+    require_unread(output, robot, file.robot.source, estimate)
     with progress(quiet=quiet):
         explanation = explain_estimate(file, estimate, consistency)
     show(explanation, output, json=json, quiet=quiet)

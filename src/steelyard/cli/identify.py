@@ -105,7 +105,7 @@ def identify(
 
     require_results_folder(context, output)
     file = load_robot(robot, lines, topic=topic, allow_extensions=allow_extensions)
-    require_apart(output, (file.path, file.robot.source))
+    require_apart(output, (file.path, file.robot.source, *map(Path, (*logs, *(validate or ())))))
     if measured == "positions":
         unused = {
             "--prior": prior != "auto",

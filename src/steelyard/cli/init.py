@@ -38,10 +38,12 @@ def init(
 
     from steelyard.errors import InputError
     from steelyard.files import write_text
+    from steelyard.files.writing import require_unread
     from steelyard.identification import first_robot_file
 
     if os.path.lexists(output) and not force:
         raise InputError(f"{output} exists and is not overwritten; give another place with --output, or --force.")
+    require_unread(output, robot, log)
     require_results_folder(context, output.parent)
     with progress(quiet=quiet) as say:
         made = first_robot_file(

@@ -37,12 +37,14 @@ def inspect(
       steelyard inspect my_robot.urdf --repair --output repaired.urdf
     """
     from steelyard.dynamics import Model
+    from steelyard.files.writing import require_unread
     from steelyard.identification.preflight import preflight
     from steelyard.report.inspection import inspection
 
     model = Model.load(robot, allow_extensions=allow_extensions)
     if repair != (output is not None):
         raise InputError("--repair writes a file: give both --repair and --output FILE, or neither.")
+    require_unread(output, robot, model.robot.source)
     if not json:
         show_model(model, consistency)
     findings = preflight(model.robot)

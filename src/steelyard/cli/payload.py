@@ -67,6 +67,7 @@ def payload(
       steelyard payload robot.toml loaded.csv --estimate estimate.json --json
     """
     from steelyard.errors import InputError
+    from steelyard.files.writing import require_unread
     from steelyard.identification import identify_drive_gains, identify_payload
     from steelyard.recording import LogColumns
 
@@ -78,6 +79,7 @@ def payload(
     if output is not None and output.is_dir():
         raise InputError(f"{output}: is a folder; give the path of a file.")
     file = load_robot(robot, lines, topic=topic, allow_extensions=allow_extensions)
+    require_unread(output, robot, file.robot.source, estimate, *logs)
     gains = LogColumns.from_dict(file.section("log"), f"{file.path}, [log]").finds_gains
     if mass is not None and not gains:
         raise InputError(

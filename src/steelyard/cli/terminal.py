@@ -7,13 +7,14 @@ import os
 import re
 import sys
 import time
-import unicodedata
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Protocol, TextIO
 
 import numpy as np
+
+from steelyard.errors import printable
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -35,7 +36,6 @@ __all__ = [
     "echo",
     "guarded",
     "print_json",
-    "printable",
     "progress",
     "sentence",
     "show",
@@ -49,27 +49,6 @@ __all__ = [
 
 LONGEST_SENTENCE = 1500  # characters of a message; names in files may be of any length, and a screen has about 2000
 _COLOUR = re.compile(r"(\x1b\[[0-9;]*m)")
-# Control characters, marks that turn the direction of writing, halves of characters, and separators of lines.
-_HIDDEN = ("Cc", "Cf", "Cs", "Zl", "Zp")
-
-
-def printable(text: str) -> str:
-    r"""Return a text whose control characters are written out: names in files may hold any.
-
-    Examples
-    --------
-    >>> printable("elbow\x1b[2J"), printable("größe, 20 µm")
-    ('elbow\\x1b[2J', 'größe, 20 µm')
-    """
-    plain = text.replace("\n", " ").replace("\t", " ")
-    if plain.isascii() and plain.isprintable():
-        return text
-    return "".join(
-        one.encode("unicode_escape").decode("ascii")
-        if one not in "\n\t" and unicodedata.category(one) in _HIDDEN
-        else one
-        for one in text
-    )
 
 
 def sentence(text: object) -> str:

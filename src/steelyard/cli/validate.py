@@ -35,9 +35,11 @@ def validate(
       steelyard validate robot.toml result run2.csv
       steelyard validate robot.toml estimate.json run1.csv run2.csv --json
     """
+    from steelyard.files.writing import require_unread
     from steelyard.identification import validate_estimate
 
     file = load_robot(robot, lines, topic=topic, allow_extensions=allow_extensions)
+    require_unread(output, robot, file.robot.source, estimate, *logs)
     with progress(quiet=quiet) as say:
         found = validate_estimate(file, estimate, logs, chunk_rows=chunk_rows, progress=say)
     show(found, output, json=json, quiet=quiet)

@@ -79,7 +79,10 @@ def read_meshes(paths: Iterable[Path], largest: int | None = None) -> dict[Path,
     for path in dict.fromkeys(paths):
         try:
             require_file(path, "give the path of a mesh")
-            if path.stat().st_size > largest:
+            size = path.stat().st_size
+            if not size:  # also what a system makes up, such as /proc/kmsg, which has no end
+                raise InputError(f"{path}: is empty; {REMEDY}.")
+            if size > largest:
                 raise InputError(f"{path}: has more than {largest / 1e6:.0f} MB; simplify the mesh.")
         except InputError as error:
             found[path] = error

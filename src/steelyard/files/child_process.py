@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -15,6 +16,11 @@ from steelyard.errors import InputError
 __all__ = ["ChildLimits", "run_child"]
 
 OUT_OF_TIME = int(getattr(signal, "SIGXCPU", 0))  # where there is no such signal, there is no such limit either
+
+
+_SECRET = re.compile(r"key|token|secret|passw|credential|auth", re.IGNORECASE)
+_PASSWORD = re.compile(r"://[^/\s]*:[^/\s]*@")
+"""What tells variables of the environment that no child needs: xacro may write any of them into a description."""
 
 
 class ChildLimits(NamedTuple):
@@ -78,7 +84,8 @@ def run_child(
     (b'bard', 0)
     """
     paths = os.pathsep.join(os.path.abspath(path) for path in sys.path if path)
-    environment = {**os.environ, "PYTHONPATH": paths, "OPENBLAS_NUM_THREADS": "1"}
+    environment = {name: value for name, value in os.environ.items() if not _is_secret(name, value)}
+    environment |= {"PYTHONPATH": paths, "OPENBLAS_NUM_THREADS": "1"}
     launcher = str(Path(__file__).with_name("child_launcher.py").absolute())
     bounds = (str(limits.memory), str(limits.processor))
     try:
@@ -96,3 +103,7 @@ def run_child(
     except OSError as error:
         raise InputError(f"{what}, which cannot be started ({error}).") from None
     return done.stdout, None if done.returncode == -OUT_OF_TIME else done.returncode
+
+
+def _is_secret(name: str, value: str) -> bool:
+    return bool(_SECRET.search(name) or _PASSWORD.search(value))

@@ -88,14 +88,14 @@ def require_file(path: str | os.PathLike[str], remedy: str = "give the path of a
 
 
 @contextlib.contextmanager
-def _opened(path: str | os.PathLike[str], remedy: str) -> Iterator[io.BufferedReader]:
+def _opened(path: str | os.PathLike[str], remedy: str) -> Iterator[io.BufferedReader[_Ready]]:
     """Open a regular file; refuse what is none, and what cannot be read, also while it is."""
     # Without O_NONBLOCK a pipe that nobody writes to would be waited for in `open`.
     flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)
     try:
         if os.path.isdir(path):
             raise InputError(f"{path}: is a folder; {remedy}.")
-        with open(os.open(path, flags), "rb") as file:
+        with io.BufferedReader(_Ready(os.open(path, flags))) as file:
             _require_regular(os.fstat(file.fileno()).st_mode, path, remedy)
             yield file
     except OSError as error:
@@ -104,6 +104,16 @@ def _opened(path: str | os.PathLike[str], remedy: str) -> Iterator[io.BufferedRe
         raise
     except ValueError:  # the path holds a NUL, or half of a surrogate pair
         raise InputError(f"{shown(os.fspath(path))}: is not a valid path; {remedy}.") from None
+
+
+class _Ready(io.FileIO):
+    """A file that refuses to wait: some that the system makes up, such as ``/proc/kmsg``, call themselves regular."""
+
+    def readinto(self, buffer: Any) -> int:
+        count = super().readinto(buffer)
+        if count is None:
+            raise BlockingIOError(errno.EAGAIN, os.strerror(errno.EAGAIN))
+        return count
 
 
 def file_hash(path: Path, *, remedy: str = "give the path of a file") -> str:

@@ -18,12 +18,13 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from steelyard.errors import InputError
+from steelyard.errors import InputError, printable
 
 __all__ = [
     "plain",
     "replaced_file",
     "replaced_folder",
+    "require_unread",
     "write_bytes",
     "write_json",
     "write_text",
@@ -109,6 +110,33 @@ def write_json(document: Any, path: str | os.PathLike[str], *, indent: int | Non
 
 
 _PLAIN = frozenset([str, int, bool, type(None)])
+
+
+def require_unread(place: Path | None, *inputs: str | Path | None) -> None:
+    """Make sure that what is written replaces nothing of what is read.
+
+    Parameters
+    ----------
+    place : Path or None
+        What is written.
+    *inputs : str, Path or None
+        What is read; logs that belong together are joined by ``+``.
+
+    Raises
+    ------
+    InputError
+        If the place is one of them, also by another name.
+    """
+    if place is None:
+        return
+    for one in inputs:
+        for name in () if one is None else {str(one), *str(one).split("+")}:
+            try:
+                is_read = os.path.samefile(name, place)
+            except (OSError, ValueError):  # there is no such file
+                continue
+            if is_read:
+                raise InputError(f"{place}: is read, and the results would replace it; give another --output.")
 
 
 def plain(value: Any) -> Any:
@@ -365,7 +393,7 @@ def replaced_folder(
     except OSError as error:
         raise refusal(Path(folder), error) from None
     except InputError as error:  # of a file in the folder that is made, of which the user knows nothing
-        raise InputError(str(error).replace(str(part), str(folder))) from None
+        raise InputError(str(error).replace(printable(str(part)), str(folder))) from None
     finally:
         if handle is not None:
             os.close(handle)
@@ -373,11 +401,13 @@ def replaced_folder(
 
 
 def _require_folders(part: Path, target: Path) -> None:
-    """Refuse to put a folder where a file is, which would be lost."""
+    """Refuse folders in the place of files, which would be lost, and files in that of folders, before any is moved."""
     for made in part.iterdir():
         place = target / made.name
         if made.is_dir() and os.path.lexists(place) and not place.is_dir():
             raise InputError(f"{place}: cannot be written (a file is where a folder has to be); give another place.")
+        if not made.is_dir() and place.is_dir() and not place.is_symlink():
+            raise InputError(f"{place}: cannot be written (a folder is where a file has to be); give another place.")
 
 
 def _may_be_exchanged(target: Path) -> bool:

@@ -17,7 +17,7 @@ import scipy
 
 from steelyard import __version__
 from steelyard.errors import InputError
-from steelyard.files import plain, write_bytes
+from steelyard.files import plain, read_bytes, write_bytes
 from steelyard.files.writing import SUFFIX, has_locks, locked, refusal, remove_leftovers
 from steelyard.robot import Robot
 
@@ -26,6 +26,10 @@ __all__ = ["Checkpoints", "checkpoint_key", "has_checkpoints", "robot_content"]
 _PREFIX, _ENDING = "reduced-", ".checkpoint"
 _NAME = re.compile(re.escape(_PREFIX) + "[0-9a-f]{64}" + re.escape(_ENDING))
 _LEFTOVER = re.compile(r"\.(reduced-.*)\.[0-9a-f]{16}" + re.escape(SUFFIX))
+
+
+LARGEST = 500_000_000
+"""Bytes of a file that is read; what came of a log has some MB, and what is larger is computed anew."""
 
 
 def checkpoint_key(*parts: Any) -> str:
@@ -147,10 +151,10 @@ class Checkpoints:
             self._handle = None
 
     def get(self, key: str) -> bytes | None:
-        """Return what was kept under a key; None where nothing was, or where a file was renamed or cut short."""
+        """Return what was kept under a key; None where nothing was, or a file was renamed or cut short, or is none."""
         try:
-            found = self._path(key).read_bytes()
-        except OSError:
+            found = read_bytes(self._path(key), largest=LARGEST)
+        except InputError:
             return None
         own = _heading(key)
         return found[len(own) :] if found.startswith(own) else None

@@ -96,7 +96,8 @@ def unpacked(data: bytes) -> Any:
         if order is not None:
             above = taken(kind, [*shape, order * (order + 1) // 2])
             array = np.zeros((*shape, order * order), dtype)
-            array[..., _triangles(order)[0]] = above
+            if above.size:  # the bytes then hold as many numbers as the triangle has
+                array[..., _triangles(order)[0]] = above
             array = array.reshape(*shape, order, order)
         else:
             count = int(np.prod(shape, dtype=np.int64))

@@ -166,14 +166,15 @@ def _expanded(paths: Sequence[str | os.PathLike[str]]) -> list[str | os.PathLike
     texts = [os.fspath(path) for path in paths]
     if not any(map(may_be_several, texts)):
         return list(paths)
-    from steelyard.recording.formats.log_sets import is_log_set, logs_in  # what is not asked for is not loaded
+    # What is not asked for is not loaded.
+    from steelyard.recording.formats.log_sets import is_log_set, logs_in, place_of
 
     sets = [logs_in(text) if is_log_set(text) else None for text in texts]
-    named = {os.path.realpath(text) for text, found in zip(texts, sets, strict=True) if found is None}
+    named = {place_of(text) for text, found in zip(texts, sets, strict=True) if found is None}
     result: list[str | os.PathLike[str]] = []
     for path, found in zip(paths, sets, strict=True):
         for one in [path] if found is None else found:
-            place = os.path.realpath(one) if "://" not in str(one) else str(one)
+            place = place_of(os.fspath(one))
             if found is None or place not in named:
                 result.append(one)
                 named.add(place)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import permutations
 from pathlib import Path
@@ -253,15 +253,12 @@ def preflight(robot: Robot) -> Preflight:
         for part, body, reference, _ in found
         if reference is not None and body.mass > TINY
     }
-    for part, body, reference, axes in found:
+    copies = _copies([body for _, body, _, _ in found], [reference for _, _, reference, _ in found])
+    for index, (part, body, reference, axes) in enumerate(found):
         others = [value for other, value in densities.items() if other != part.name]
         density = float(np.median(others)) if others else math.log(500.0)
-        copies = [
-            other.name
-            for other, twin, place, _ in found
-            if other.name != part.name and _is_copy(body, twin) and _differ(reference, place)
-        ]
-        reports.append(_judged(part, body, reference, axes, density, copies))
+        alike = [found[other][0].name for other in np.flatnonzero(copies[index])]
+        reports.append(_judged(part, body, reference, axes, density, alike))
     return Preflight(robot, tuple(reports))
 
 
@@ -404,21 +401,22 @@ def _causes(body: _Body, axes: Array) -> Iterator[tuple[str, float, _Body]]:
         yield "inertia in the axes of the base, not of the link", 4.0, _Body(mass, axes.T @ com, axes.T @ tensor @ axes)
 
 
-def _is_copy(one: _Body, other: _Body) -> bool:
-    """Return whether two bodies are the same to the last digit, and not the same by symmetry."""
-    a, b = one.inertia.parameters, other.inertia.parameters
-    if one.mass <= TINY or not np.allclose(a, b, rtol=SAME, atol=0.0):
-        return False
-    return bool(np.abs(one.com).max() > 0.0)
+def _copies(bodies: Sequence[_Body], references: Sequence[tuple[Array, bool] | None]) -> NDArray[np.bool_]:
+    """Tell of each two links, (L, L), whether they have one body to the last digit but look different.
 
-
-def _differ(one: tuple[Array, bool] | None, other: tuple[Array, bool] | None) -> bool:
-    """Return whether two links look different: the legs of a quadruped are alike for a reason."""
-    if one is None or other is None:
-        return False
-    first, second = one[0], other[0]
-    sizes = [float(np.trace(_covariance(moments))) for moments in (first, second)]
-    return abs(math.log(sizes[0] / sizes[1])) > ALIKE or abs(math.log(first[3, 3] / second[3, 3])) > ALIKE
+    Bodies that are the same by symmetry are no copies, and the legs of a quadruped are alike for a reason.
+    """
+    numbers = np.array([body.inertia.parameters for body in bodies])
+    telling = np.array([body.mass > TINY and np.abs(body.com).max() > 0.0 for body in bodies])
+    looks = np.full((len(bodies), 2), np.nan)  # logarithms of size and volume; what is not known does not differ
+    for look, reference in zip(looks, references, strict=True):
+        if reference is not None:
+            look[:] = math.log(np.trace(_covariance(reference[0]))), math.log(reference[0][3, 3])
+    found = np.zeros((len(bodies), len(bodies)), bool)
+    for index in np.flatnonzero(telling):
+        same = (np.abs(numbers - numbers[index]) <= SAME * np.abs(numbers)).all(axis=1)
+        found[index] = same & (np.abs(looks - looks[index]) > ALIKE).any(axis=1)
+    return found
 
 
 def _axes_of_base(robot: Robot) -> list[Array]:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
 
-from .html_document import Markup, escape, script_data
+from .html_document import Markup, escape, plotly_text, script_data
 from .packed_curves import extreme_rows
 
 if TYPE_CHECKING:
@@ -141,7 +141,7 @@ def _data(chart: Chart) -> dict[str, object]:
         "yLog": chart.y_log,
         "curves": [
             {
-                "name": curve.name,
+                "name": plotly_text(curve.name),
                 "style": curve.style,
                 "color": number if curve.color is None else curve.color,
                 **_points(curve),

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 from importlib import resources
 
+from steelyard.errors import printable
+
 __all__ = [
     "Markup",
     "Section",
@@ -23,6 +25,7 @@ __all__ = [
     "number",
     "package_text",
     "percent",
+    "plotly_text",
     "script_data",
     "table",
 ]
@@ -41,8 +44,19 @@ class Markup(str):
 
 
 def escape(text: object) -> Markup:
-    """Return text as it may stand in an element or between the quotes of an attribute."""
-    return text if isinstance(text, Markup) else Markup(html.escape(str(text), quote=True))
+    """Return text as it may stand in an element or between the quotes of an attribute, with nothing in it unseen."""
+    return text if isinstance(text, Markup) else Markup(html.escape(printable(str(text)), quote=True))
+
+
+def plotly_text(text: str) -> str:
+    """Return text as Plotly shows it: links and other markup in it would be drawn as such.
+
+    Examples
+    --------
+    >>> plotly_text('<a href="https://example.org">elbow</a>')
+    '&lt;a href="https://example.org"&gt;elbow&lt;/a&gt;'
+    """
+    return html.escape(printable(text), quote=False)
 
 
 def bullets(sentences: Iterable[str]) -> Markup:

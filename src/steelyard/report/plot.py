@@ -10,7 +10,7 @@ from steelyard.files import listed, suggestion
 from steelyard.identification import Identification, Prediction
 
 from .extent import default_log, short_names
-from .html_document import percent
+from .html_document import percent, plotly_text
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
@@ -62,7 +62,7 @@ def torque_plot(
     robot = identification.model.robot
     indices = [known.index(joint) for joint in shown]
     before, after = prediction.joint_unconstrained_error, prediction.joint_feasible_error
-    titles = [f"{known[k]}: {percent(before[k])} % → {percent(after[k])} %" for k in indices]
+    titles = [f"{plotly_text(known[k])}: {percent(before[k])} % → {percent(after[k])} %" for k in indices]
     figure = make_subplots(
         rows=len(shown), cols=1, shared_xaxes=True, vertical_spacing=0.25 / len(shown), subplot_titles=titles
     )
@@ -82,7 +82,7 @@ def torque_plot(
         figure.update_yaxes(title_text=robot.torque_units[index], row=row, col=1)
     figure.update_xaxes(title_text="time, s", row=len(shown), col=1)
     figure.update_layout(
-        title=f"{robot.name}, {name} ({prediction.role}): relative errors, least squares → answer",
+        title=f"{plotly_text(f'{robot.name}, {name}')} ({prediction.role}): relative errors, least squares → answer",
         height=_ROW * len(shown) + _MARGIN,
         hovermode="x unified",
         paper_bgcolor="rgba(0,0,0,0)",

@@ -10,6 +10,7 @@ from typing import Any
 
 from steelyard.errors import InputError
 from steelyard.files import read_json, replaced_folder, write_json, write_text
+from steelyard.files.writing import require_unread
 from steelyard.identification import Identification
 from steelyard.identification.saved_result import RECORD, RECORD_FORMAT
 from steelyard.recording.formats import hashed_log
@@ -71,9 +72,7 @@ def require_apart(folder: Path, inputs: Iterable[Path | None], names: Sequence[s
     given = [one for one in inputs if one is not None]
     descriptions = [name for one in given if re.fullmatch(DESCRIPTION, name := f"robot{one.suffix.lower()}")]
     for name in (*names, *descriptions):
-        place = folder / name
-        if place.exists() and any(one.exists() and place.samefile(one) for one in given):
-            raise InputError(f"{place}: is read, and the results would replace it; give another --output.")
+        require_unread(folder / name, *given)
 
 
 def save_results(

@@ -38,6 +38,9 @@ REFUSED = {
 ENDLESS = 1e4
 """rad or m. Some descriptions write ±999999 where a joint has no limit; taken for a stroke, a slide would be as long,
 and so would bodies that are guessed by it."""
+MOST_JOINTS, MOST_LINKS = 500, 5000
+"""Joints that move, and links. The time and the memory that a model takes grow with their square or cube: a chain of
+500 moving joints takes half a minute and 0.8 GB."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,6 +175,8 @@ def robot_parts(tree: DescribedTree, tip: str | None, locked: Iterable[str] | Ma
     InputError
         If there is no such link or joint, links and joints form no tree, or nothing moves.
     """
+    if len(tree.links) > MOST_LINKS:
+        raise InputError(f"{tree.where}: has {len(tree.links)} links, more than {MOST_LINKS}; remove some")
     positions = _positions(tree, locked)
     root, children = _tree(tree)
     chain = None if tip is None else _chain(tree, tip)
@@ -269,6 +274,8 @@ class _Assembly:
         while pending:
             place, joint = pending.pop()
             self._cross(place, joint, pending)
+        if len(self.joints) > MOST_JOINTS:
+            raise InputError(f"{self.tree.where}: more than {MOST_JOINTS} joints move; lock some, or give a tip")
         if not self.joints:
             where = "" if self.chain is None else " between the root and the tip"
             raise InputError(f"{self.tree.where}: no joint moves{where}; unlock a joint or choose another file")

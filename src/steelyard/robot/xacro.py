@@ -17,7 +17,7 @@ from .references import search_folders
 __all__ = ["expand_xacro"]
 
 # The largest xacro that was tried takes 0.8 s and 80 MB.
-LIMITS = ChildLimits(wait=60.0, processor=30, memory=2**30)
+LIMITS = ChildLimits(wait=30.0, processor=10, memory=2**30)
 MOST_KEPT = 16
 
 
@@ -76,7 +76,9 @@ def _expanded(path: Path, arguments: Mapping[str, str]) -> _Expansion:
     program = Path(__file__).with_name("xacro_child.py")
     written, code = run_child(program, request, LIMITS, f"{path}: xacro is expanded by another process")
     if code is None:
-        answer = {"problem": f"it takes longer than {LIMITS.wait:.0f} s"}
+        answer = {
+            "problem": f"it takes longer than {LIMITS.processor} s of the processor or {LIMITS.wait:.0f} s in all"
+        }
     else:
         answer = json.loads(written) if written else {"problem": "it takes too much time or memory"}
     if "missing" in answer:

@@ -11,9 +11,9 @@ from pathlib import Path
 from steelyard.errors import InputError
 
 from .registry import COMPRESSED, LOG_FORMATS, TEXTS
-from .remote import object_store
+from .remote import object_address, object_store
 
-__all__ = ["is_log_set", "logs_in"]
+__all__ = ["is_log_set", "logs_in", "place_of"]
 
 _ADDRESS = re.compile(r"([a-z][a-z0-9+.-]*)://(.*)", re.DOTALL)
 _MAGIC = re.compile(r"[*?\[]")
@@ -73,6 +73,14 @@ def logs_in(text: str) -> list[str]:
         known = ", ".join(f".{suffix}" for suffix in LOG_FORMATS.names())
         raise InputError(f"{text} stands for no log; give a folder with logs, or a pattern that finds some ({known}).")
     return sorted(found, key=_by_name)
+
+
+def place_of(log: str) -> str:
+    """Return the real path of a log, or the address that its object has by itself: one log has one."""
+    if not _ADDRESS.match(log):
+        return os.path.realpath(log)
+    place = object_address(*object_store(log), log)
+    return os.path.realpath(place.removeprefix("file://")) if place.startswith("file:///") else place
 
 
 def _files_in(text: str) -> list[str]:
@@ -167,8 +175,7 @@ def _objects_in(text: str) -> list[str]:
     except Exception as error:
         reason = " ".join(str(error).split())[:200] or type(error).__name__
         raise InputError(f"{text} cannot be listed ({reason}); check the address and who may read it.") from None
-    _, chained, outer = text.partition("::")  # such as an archive, zip://run*.csv::file:///logs.zip
-    return [f"{system.unstrip_protocol(name)}{chained}{outer}" for name in names if _is_log(str(name), below)]
+    return [object_address(system, name, text) for name in names if _is_log(str(name), below)]
 
 
 def _fixed(pattern: str) -> str:

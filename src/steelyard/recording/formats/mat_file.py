@@ -27,8 +27,9 @@ __all__ = ["MatFile"]
 MEMORY, MEMORY_PER_BYTE = 2**31, 100
 """Limit of the address space, bytes: a constant, and a multiple of the file. Compressed logs grow by a factor of two to
 ten, and SciPy holds what it reads twice."""
-TIME, TIME_PER_BYTE = 60, 1e-6
-"""Limit of the processor time, s; a compressed file of 100 MB takes 2 s."""
+TIME, TIME_PER_BYTE, LONGEST_TIME = 60, 1e-6, 3600
+"""Limit of the processor time, s; a compressed file of 100 MB takes 2 s.
+A file of holes may have terabytes."""
 
 
 class MatFile(ArrayLog):
@@ -95,7 +96,7 @@ def _part(array: ArrayInFile, start: int, stop: int, axis: int) -> NDArray[np.fl
 def _read(path: Path, folder: Path) -> dict[str, Any]:
     """Read a file in another process, and return what it says of it."""
     size = path.stat().st_size
-    seconds = TIME + TIME_PER_BYTE * size
+    seconds = min(TIME + TIME_PER_BYTE * size, LONGEST_TIME)
     limits = ChildLimits(3.0 * seconds, int(seconds), MEMORY + MEMORY_PER_BYTE * size)
     program = Path(__file__).with_name("mat_child.py")
     arguments = [str(path.absolute()), str(folder)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import tempfile
 import weakref
@@ -14,10 +15,11 @@ from steelyard.errors import InputError, require_package
 from steelyard.files import file_hash
 from steelyard.files.writing import temporary_folder
 
-__all__ = ["local_copy", "object_store", "remote_identity"]
+__all__ = ["local_copy", "object_address", "object_store", "remote_identity"]
 
 MOST_COPIES = 4
 """Copies that a process keeps beside those that an open log reads: a log is opened several times."""
+_PASSWORD = re.compile(r"(?<![\w+.-])(?!git)[\w+.-]+://[^/@\s]*:([^/\s]*)@")  # github://owner:repository@branch is none
 
 
 class _Copies:
@@ -40,8 +42,15 @@ def object_store(address: str) -> tuple[Any, str]:
     Raises
     ------
     InputError
-        Where fsspec, or what it needs for such addresses, is not installed.
+        Where fsspec, or what it needs for such addresses, is not installed; and for an address with a password, which
+        would stand in messages and results.
     """
+    if found := _PASSWORD.search(address):
+        hidden = f"{address[: found.start(1)]}…{address[found.end(1) :]}"
+        raise InputError(
+            f"{hidden} has a password, which would stand in all that is written; keep it in the settings of fsspec, as "
+            "FSSPEC_SFTP_PASSWORD in the environment is for sftp://."
+        )
     fsspec = require_package("fsspec", "Addresses of object stores need", "remote")
     try:
         system, path = fsspec.core.url_to_fs(address)
@@ -52,6 +61,12 @@ def object_store(address: str) -> tuple[Any, str]:
         reason = " ".join(str(error).split())[:200] or type(error).__name__
         raise InputError(f"{address} cannot be opened ({reason}); check the address.") from None
     return system, str(path)
+
+
+def object_address(system: Any, path: str, address: str) -> str:
+    """Return the address of an object in a store that was reached by another address: one object has one."""
+    _, chained, outer = address.partition("::")  # such as an archive, zip://run*.csv::file:///logs.zip
+    return f"{system.unstrip_protocol(path)}{chained}{outer}"
 
 
 def local_copy(address: str, holder: object = None) -> Path:

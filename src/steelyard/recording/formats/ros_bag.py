@@ -23,8 +23,12 @@ class _Bag(MessageLog):
     @contextlib.contextmanager
     def _opened(self) -> Iterator[list[Topic]]:
         library = require_package(f"rosbags.rosbag{self.version}", "Bags are read with the module", BAGS)
+        self._require_begin()
         with library.Reader(self.path) as reader:
             yield _topics(reader, ros1=self.version == 1)
+
+    def _require_begin(self) -> None:
+        """Refuse what the library would search for the end of its first line."""
 
 
 class Ros1Bag(_Bag):
@@ -33,6 +37,12 @@ class Ros1Bag(_Bag):
     version = 1
     kind = "a bag of ROS 1"
     remedy = "mend it with `rosbag reindex`, or record it again"
+    _BEGIN = b"#ROSBAG V2.0\n"
+
+    def _require_begin(self) -> None:
+        with self.path.open("rb") as file:
+            if file.read(len(self._BEGIN)) != self._BEGIN:
+                raise ValueError("it does not begin with #ROSBAG V2.0")
 
 
 class Ros2Bag(_Bag):
