@@ -22,7 +22,6 @@ __all__ = [
     "install_command",
     "is_installed",
     "missing_extra",
-    "printable",
     "require_package",
 ]
 

@@ -175,10 +175,10 @@ def test_files_of_points(tmp_path):
         ("a.csv", b"\xff\xfe\x00", "is not UTF-8"),
         ("a.npy", b"no array", "is no array of numbers"),
         ("a.npy", b"", "is no array of numbers"),
-        ("a.stl", b"", "the mesh cannot be read|has no vertices"),
+        ("a.stl", b"", "is empty; export it again"),
         pytest.param("a.obj", b"# nothing", "the mesh cannot be read|has no vertices", marks=pytest.mark.slow),
-        pytest.param("a.step", b"", "the mesh cannot be read|has no vertices", marks=pytest.mark.slow),
-        ("a", b"", "the mesh cannot be read|has no vertices"),
+        pytest.param("a.step", b"step", "the mesh cannot be read|has no vertices", marks=pytest.mark.slow),
+        ("a", b"a", "the mesh cannot be read|has no vertices"),
     ],
 )
 @pytest.mark.usefixtures("meshes_in_this_process")
@@ -206,7 +206,7 @@ def test_missing_and_strange_files_are_refused(tmp_path):
 
 
 def test_meshes_need_a_package(tmp_path, monkeypatch):
-    (tmp_path / "link.stl").write_bytes(b"")
+    (tmp_path / "link.stl").write_bytes(b"solid")
     monkeypatch.setitem(sys.modules, "trimesh", None)
     monkeypatch.setattr("steelyard.collision.mesh_files.coal_or_none", lambda: None)
     with pytest.raises(MissingExtraError, match=r"coal>="):
