@@ -10,7 +10,13 @@ import pytest
 
 import steelyard as sy
 from steelyard.dynamics import ByJoint, PiecewiseFriction
-from steelyard.estimators.marginal_likelihood import body_priors, likeliest_factors, moments
+from steelyard.estimators.marginal_likelihood import (
+    body_priors,
+    gains_of_factors,
+    likeliest_factors,
+    likeliest_robot,
+    moments,
+)
 from steelyard.identification.mistakes import exact_scale, find_mistakes
 from steelyard.recording import LogColumns
 from steelyard.recording.correction import Correction, correction_settings, toml_inline, toml_text
@@ -581,6 +587,47 @@ def test_the_tilt_of_a_base_is_that_of_the_rows_and_not_of_cad(planted, arms, li
     first, *_ = find_mistakes(light, samples)
     assert first.kind == "gravity"
     assert np.linalg.norm(first.correction.gravity - gravity) < 9.81 * np.radians(0.3)
+
+
+@pytest.mark.parametrize("factor", [1.0, 0.6, pytest.param(1.4, marks=pytest.mark.slow)])
+def test_identify_tells_a_factor_that_the_bodies_of_a_good_prediction_follow(planted, arms, light, factor):
+    """Errors stay small; what speaks against the factor is the CAD, whose masses are themselves too small by 30 %."""
+    samples, _ = planted.log(arms[False], np.random.default_rng(7), "rich")
+    log = sy.Recording(t=samples.t, q=samples.q, torque=samples.torque * [1, 1, factor, 1], source="log")
+    result = sy.identify(light, [log])
+    assert result.prediction.word == "good"
+    assert result.predictions[0].feasible_error < 0.05
+    if factor == 1.0:
+        assert not result.mistakes
+        return
+    (found,) = result.mistakes.values()
+    assert found[0].kind == "torque scale"
+    np.testing.assert_allclose(np.diag(found[0].correction.torques) * [1, 1, factor, 1], 1.0, rtol=0.02)
+
+
+def test_what_a_factor_would_gain_is_that_of_dense_least_squares(planted, arms):
+    """By finite differences of the least cost, of rows and prior stacked, in the size of what a joint needs."""
+    arm, model = arms[False], sy.Model(arms[False].robot)
+    samples, _ = planted.log(arm, np.random.default_rng(7), "rich")
+    torque = arm.torque(samples.q, samples.dq, samples.ddq) * [1, 1.3, 1, 1]
+    given = moments(model, replace(samples, torque=torque))
+    (prior,) = body_priors(model)
+    fit = likeliest_robot(given, prior, np.zeros(model.parameter_count, dtype=bool))
+    rows = model.regressor(samples.q, samples.dq, samples.ddq)
+    weights = np.sqrt(60.0 / samples.count) / (np.maximum(fit.errors, 0.02) * np.sqrt((torque**2).mean(axis=0)))
+    root = np.linalg.cholesky(prior.precision).T
+    right = np.concatenate([(weights * torque).ravel(), root @ prior.mean])
+
+    def cost(log, joint):
+        sizes = weights * np.exp(log * (np.arange(4) == joint))
+        stacked = np.concatenate([(sizes[:, None] * rows).reshape(-1, rows.shape[2]), root])
+        return 0.5 * np.sum((right - stacked @ np.linalg.lstsq(stacked, right)[0]) ** 2)
+
+    told, step = gains_of_factors(given, prior, fit), 1e-3
+    below, here, above = (cost(log, 1) for log in (-step, 0.0, step))
+    slope, bend = (above - below) / (2.0 * step), (above - 2.0 * here + below) / step**2
+    assert np.argmax(told) == 1
+    assert told[1] == pytest.approx(0.5 * slope**2 / bend, rel=0.2)
 
 
 def test_nothing_tells_the_factor_of_a_joint_that_stands_alone(tmp_path, planted):

@@ -19,6 +19,7 @@ from steelyard.estimators.marginal_likelihood import (
     Moments,
     believable_bodies,
     body_priors,
+    gains_of_factors,
     likeliest_factors,
     likeliest_robot,
     moments,
@@ -193,7 +194,7 @@ def find_mistakes(
     *,
     dense: Callable[[], Samples | None] | None = None,
     known: Sequence[Hypothesis] = (),
-    begin: Callable[[], bool] | None = None,
+    begin: Callable[[bool], bool] | None = None,
     priors: tuple[BodyPrior, ...] | None = None,
 ) -> tuple[Hypothesis, ...]:
     """Try what may be wrong with a log, and return what would explain its torques far better.
@@ -213,7 +214,8 @@ def find_mistakes(
     known : sequence of Hypothesis
         Found in other logs of the robot; tried first, and nothing else where one of them explains this log.
     begin : callable, optional
-        Called before everything is tried; nothing is where it returns False.
+        Called before everything is tried, with whether the factor of a joint's torques seems wrong, which errors hardly
+        show; nothing is tried where it returns False.
     priors : tuple of BodyPrior, optional
         What `body_priors` returned of the model, for several logs.
 
@@ -255,7 +257,7 @@ def find_mistakes(
         return ()
     search.try_known(known)
     found = search.hypotheses()
-    if not (found and search.explained()) and (begin is None or begin()):
+    if not (found and search.explained()) and (begin is None or begin(search.strained)):
         search.try_everything()
         found = search.hypotheses()
     return found
@@ -357,6 +359,7 @@ class _Search:
         self.base = self._fit(self.given)
         self.scale = self.priors.index(self.base.prior)
         self.best = self.base.cost
+        self.strained = bool(gains_of_factors(self.given, self.base.prior, self.base.fit).max() > GAIN)
 
     # Fits
 
@@ -455,7 +458,7 @@ class _Search:
     def is_poor(self) -> bool:
         """Return whether the log as it is leaves something to be explained; what costs little is tried in any case."""
         base = self.base.fit
-        poor = base.error > DOUBTFUL or bool(np.any(base.errors > DOUBTFUL_JOINT))
+        poor = self.strained or base.error > DOUBTFUL or bool(np.any(base.errors > DOUBTFUL_JOINT))
         poor = poor or self.strangeness > 0.5 * GAIN or base.torque_surprise.max() > 0.5 * GAIN
         for attempt in (self._whole_scales, self._payloads, *([self._delays] if poor else [])):
             self._once(attempt)
