@@ -144,9 +144,8 @@ def test_a_light_robot_is_caught(model: sy.Model, part: float, swings: bool) -> 
     assert bool(excitation.taken_back) == swings
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["panda", "ur5"])
-def test_arms_of_a_third_of_the_masses_keep_their_limits(name: str) -> None:
+def unknown_arm(name: str) -> tuple[sy.Model, MotionLimits, np.ndarray]:
+    """Return the kinematics of an arm, its limits, and the parameters that its description has."""
     try:
         robot = EXAMPLES[name].robot()
     except sy.InputError as error:
@@ -154,14 +153,34 @@ def test_arms_of_a_third_of_the_masses_keep_their_limits(name: str) -> None:
     whole = model_of_estimate(None, RobotFile.of(robot)).without_channels
     limits = MotionLimits.from_robot(whole.robot).updated({"velocity": 2.5, "acceleration": 8.0})
     links = tuple(replace(link, inertia=None, own_inertia=None) for link in whole.robot.links)
-    unknown = sy.Model(replace(whole.robot, links=links))
-    excitation = ActiveExcitation(unknown, limits, longest=6.0, starts=1)
-    truth, begin = parameters_of_description(whole) / 3.0, 0.5 * np.add(*limits.ranges)
+    return sy.Model(replace(whole.robot, links=links)), limits, parameters_of_description(whole)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["panda", "ur5"])
+def test_arms_of_a_third_of_the_masses_keep_their_limits(name: str) -> None:
+    model, limits, truth = unknown_arm(name)
+    excitation = ActiveExcitation(model, limits, longest=6.0, starts=1)
     sensors = Sensors(encoder_resolution=2.0 * np.pi / 2**17, velocity="none")
-    result = simulate(unknown, truth, begin, np.zeros(unknown.dof), 8.0, excitation, sensors=sensors)
+    begin = 0.5 * np.add(*limits.ranges)
+    result = simulate(model, truth / 3.0, begin, np.zeros(model.dof), 8.0, excitation, sensors=sensors)
     assert np.all(np.abs(result.dq) <= limits.velocity)
     assert np.all((result.q >= limits.lower) & (result.q <= limits.upper))
     assert excitation.estimate is not None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["panda", "ur5"])
+def test_arms_are_held_by_slower_loops(name: str) -> None:
+    """At 250 Hz they passed their limits of velocity up to six times over, with the whole feedback at once."""
+    model, limits, truth = unknown_arm(name)
+    excitation = ActiveExcitation(model, limits, longest=1e-9, sample_time=0.004)
+    sensors = Sensors(encoder_resolution=2.0 * np.pi / 2**17, velocity="none")
+    begin = 0.5 * np.add(*limits.ranges)
+    result = simulate(model, truth, begin, np.zeros(model.dof), 1.0, excitation, sensors=sensors)
+    assert np.all(np.abs(result.dq) <= limits.velocity)
+    assert np.all(np.abs(result.q - begin) <= 0.1)
+    assert np.all(np.abs(result.dq[-100:]) <= 0.2 * limits.velocity)
 
 
 @pytest.mark.slow
