@@ -11,7 +11,7 @@ Array = NDArray[np.float64]
 
 FIRST = 1.0 / 64.0
 """With which all joints begin. With the whole feedback at once, robots of a thirtieth of the credible masses passed
-their limits of velocity 20 to 60 times over, since their swing grows tenfold within a few samples."""
+their limits of velocity 30 to 170 times over, since their swing grows tenfold within a few samples."""
 RISE = 0.004
 """s in which a share doubles. The robot falls for some 20 ms meanwhile, to a quarter of the limits of velocity of
 simulated arms."""
@@ -23,7 +23,7 @@ SWING = 0.03
 """Of the limit of velocity, by which a velocity must turn back to count: a reference turns ten times more slowly than
 `WITHIN`, and a loop that is stable swings less."""
 READINGS = 1.0  # of the encoder within a sample, which a swing must exceed, too: coarse ones jump by a third of it
-TURNS, WITHIN = 2, 0.02  # so many turns within s are a swing, if the damping drove the joint between them
+WITHIN = 0.02  # s from one turn to the next, which are a swing if the damping drove the joint between them
 
 
 class FeedbackShare:
@@ -67,7 +67,7 @@ class FeedbackShare:
         self._least = SWING * velocity
         self._most, self._doubling = np.ones(size), np.full(size, RISE)
         self._direction, self._extreme = np.zeros(size), np.zeros(size)  # no direction before a joint moves
-        self._turns: list[list[float]] = [[] for _ in range(size)]
+        self._turned = np.full(size, -np.inf)
         self._work, self._reading = np.zeros(size), np.full(size, np.inf)
         self._last: tuple[float, Array] | None = None
 
@@ -102,15 +102,14 @@ class FeedbackShare:
         self._most[:] = 1.0
 
     def _turn(self, t: float, joint: int, speed: float) -> None:
-        starts, turns = self._direction[joint] == 0.0, self._turns[joint]
+        starts = self._direction[joint] == 0.0
         self._direction[joint], self._extreme[joint] = np.sign(speed - self._extreme[joint]), speed
-        if not starts:
-            turns.append(t)
         driven, self._work[joint] = self._work[joint] > 0.0, 0.0
-        if driven and len(turns) >= TURNS and t - turns[-TURNS] <= WITHIN:
+        swings = driven and t - self._turned[joint] <= WITHIN
+        # A start is no turn, and a swing is counted once.
+        self._turned[joint] = -np.inf if starts or swings else t
+        if swings:
             self._most[joint] = max(CEILING * self.values[joint], LEAST)
             self.values[joint] = max(TAKEN_BACK * self.values[joint], LEAST)
             self._doubling[joint] = AGAIN
             self.taken_back.append((t, joint))
-            turns.clear()
-        del turns[:-TURNS]
