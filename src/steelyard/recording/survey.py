@@ -37,7 +37,8 @@ times."""
 FULL_TURN = 2.2 * pi
 """rad up to which positions in degrees reach once they are converted; those of motors reach any number of turns."""
 MOSTLY = 0.9
-"""Share of the rows whose positions are whole numbers in a log of counts: in some they may be filled in."""
+"""Share of the rows, in parts of a log that reach beyond a turn in degrees, whose positions are whole numbers in a log
+of counts: in some they may be filled in."""
 MOST_NAMED = 3
 FASTEST_JOINT = 40.0
 """rad/s, or m/s: legs reach 30, arms 3 to 10; motors run at 100 to 600, and arms at 40 to 200 degrees per s."""
@@ -45,7 +46,7 @@ MOVING = 5e-3
 """Root mean square velocity (rad/s or m/s) from which a joint counts as moving."""
 
 
-_SUMS = ("count", "_whole", "_filled", "_blocks", "_products", "_derived", "_averaged")
+_SUMS = ("count", "_far", "_whole", "_filled", "_blocks", "_products", "_derived", "_averaged")
 """The attributes of a survey that are added where another one of the rows that follow joins it."""
 
 
@@ -68,7 +69,7 @@ class LogSurvey:
         self._log: Measurements | None = None
         self._rate = float("nan")
         self._filled = np.zeros(2, dtype=int)
-        self._whole = np.empty(0, dtype=int)
+        self._far, self._whole = 0, np.empty(0, dtype=int)
         self._blocks = 0
         self._products = self._derived = self._averaged = np.empty(0)
 
@@ -92,15 +93,20 @@ class LogSurvey:
             self._whole = np.zeros(width, dtype=int)
             self._products = np.zeros((width, width))
         self.count += stop - start
-        for name in ("q", "torque"):
-            self._widen(name, *column_extremes(getattr(recording, name)[rows]))
-        self._whole = self._whole + np.count_nonzero(recording.q[rows] == np.rint(recording.q[rows]), axis=0)
+        q = recording.q[rows]
+        extremes = column_extremes(q)
+        self._widen("q", *extremes)
+        self._widen("torque", *column_extremes(recording.torque[rows]))
+        # Where positions reach no further than a turn in degrees, none is told as a count, and rounding them is spared.
+        if np.abs(extremes).max(initial=0.0) * DEGREE > FULL_TURN:
+            self._far += stop - start
+            self._whole = self._whole + np.count_nonzero(q == np.rint(q), axis=0)
         for index, flags in enumerate((recording.position_missing, recording.torque_missing)):
             self._filled[index] += 0 if flags is None else int(flags[rows].sum())
         if stop - start > 2:
-            self._see_speeds(recording.t[rows], recording.q[rows], recording.rate)
+            self._see_speeds(recording.t[rows], q, recording.rate)
             if recording.velocity is not None:
-                self._compare(recording.t[rows], recording.q[rows], recording.velocity[rows], recording.rate)
+                self._compare(recording.t[rows], q, recording.velocity[rows], recording.rate)
 
     @property
     def state(self) -> dict[str, NDArray[Any]]:
@@ -242,7 +248,7 @@ class LogSurvey:
         `units` are "m" where a joint slides, if that is known: it may be in whole millimetres.
         """
         turning = np.array([unit != "m" for unit in units or ["rad"] * len(self.travel)])
-        whole = turning & (self._whole >= MOSTLY * self.count) & (self.travel > 0.0)
+        whole = turning & (self._whole >= MOSTLY * self._far) & (self.travel > 0.0)
         reach = np.where(whole, np.abs(self.q).max(axis=0), 0.0)
         j = int(np.argmax(reach))
         if reach[j] * DEGREE <= FULL_TURN:
