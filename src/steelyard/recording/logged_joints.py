@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -12,7 +11,6 @@ import numpy as np
 from steelyard.errors import InputError
 from steelyard.files import listed
 from steelyard.robot import Robot
-from steelyard.robot.description import read_description
 
 from .columns import POSITION_UNITS, LogColumns
 from .diagnosis.rest import MOST_TRAVEL
@@ -118,19 +116,12 @@ def locked_that_move(log: Source, columns: LogColumns, layout: Layout, robot: Ro
         Of the joints that move.
     robot : Robot
     """
-    locked = robot.read_with.get("locked", {})
-    if not locked or layout.has_matrix:
+    everything = robot.described_joints  # in the order of numbers of columns
+    if not everything or layout.has_matrix:
         return ""
     files = LogFiles(log, columns)
-    # Joints of Denavit-Hartenberg rows have their numbers in their names.
-    everything = tuple(
-        sorted((*robot.joint_names, *locked), key=lambda name: list(map(int, re.findall("[0-9]+", name))))
-    )
     of_others: dict[str, Any] = {key: None for key in OF_JOINTS if not isinstance(getattr(files.columns, key), str)}
     try:
-        if robot.source is not None:  # which tells their order, for numbers of columns
-            tip, given = robot.read_with.get("tip"), robot.xacro_arguments
-            everything = read_description(robot.source, tip, xacro_arguments=given or None).joint_names
         found = find_columns(
             files.names,
             replace(files.columns, **of_others),
@@ -142,12 +133,12 @@ def locked_that_move(log: Source, columns: LogColumns, layout: Layout, robot: Ro
     except InputError:  # the log has no such columns, or not of all joints
         return ""
     at = dict(zip(everything, zip(found.position, found.units["position"], strict=True), strict=True))
-    if any(at.get(name, ("",))[0] != column for name, column in zip(robot.joint_names, layout.position, strict=True)):
+    if any(at.pop(name)[0] != column for name, column in zip(robot.joint_names, layout.position, strict=True)):
         return ""
-    held = {name: at[name] for name in locked if name in at}
-    block = next(files.blocks(list(dict.fromkeys(column for column, _ in held.values())), FIRST_ROWS), {})
+    # What is left are those that are held.
+    block = next(files.blocks(list(dict.fromkeys(column for column, _ in at.values())), FIRST_ROWS), {})
     moving = []
-    for name, (column, unit) in held.items():
+    for name, (column, unit) in at.items():
         known = block[column][np.isfinite(block[column])] * POSITION_UNITS[unit]
         low, high = np.quantile(known, [TAIL, 1.0 - TAIL]) if len(known) else (0.0, 0.0)
         if high - low > MOST_TRAVEL:

@@ -264,6 +264,7 @@ class _Assembly:
         self.chain = chain
         self.joints: list[Joint] = []
         self.names: list[str] = []
+        self.described_joints: list[str] = []
         self.attachments: dict[int, list[Attachment]] = {-1: []}
 
     def parts(self, root: str) -> dict[str, Any]:
@@ -283,6 +284,7 @@ class _Assembly:
             "name": self.tree.name,
             "joints": self._numbered(),
             "links": self._links(),
+            "described_joints": tuple(self.described_joints) if self.positions else (),
             "base_link": root,
             "base_attachments": tuple(self.attachments[-1]),
             "source": self.tree.source,
@@ -295,6 +297,9 @@ class _Assembly:
     def _cross(self, place: _Place, joint: DescribedJoint, pending: list[tuple[_Place, DescribedJoint]]) -> None:
         drive = self._drive(joint)
         child = self.tree.links[joint.child]
+        is_within = self.chain is None or joint.name in self.chain
+        if is_within and joint.mimic is None and joint.kind in ONE_DOF:
+            self.described_joints.append(joint.name)
         if drive is None or drive.driver is None:
             held = joint.origin
             if drive is not None and joint.kind in ONE_DOF:
@@ -307,7 +312,7 @@ class _Assembly:
             self.attachments[place.carrier].append(attachment)
             self._push(merged, pending)
             return
-        if self.chain is not None and joint.name not in self.chain:
+        if not is_within:
             return
         index = len(self.joints)
         self.joints.append(self._moving(place, joint, drive))

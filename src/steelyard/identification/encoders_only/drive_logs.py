@@ -132,7 +132,7 @@ def _read(
     columns = {**section, "torque": list(command), "torque_unit": "N·m", "velocity": "none", "acceleration": "none"}
     read = LogColumns.from_dict(columns, f"{file.path}, [log]").of_joints(robot.position_units)
     try:
-        recording = Recording.read(log, read, robot.joint_names)
+        recording = Recording.read(log, read, robot)
     except InputError:
         _refuse_uncommanded(robot, files, command, name)
         raise
