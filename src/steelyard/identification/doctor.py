@@ -267,8 +267,7 @@ class _Patient:
         if self.model is not None:
             moving = locked_that_move(self.log, self.columns, layout, self.model.robot)
             if moving:
-                statement, _, advice = moving.rpartition(". ")
-                self.add(Finding("locked joint", f"{statement}.", "wrong", 1.0, advice=advice))
+                self.add(Finding("locked joint", moving.statement, "wrong", 1.0, advice=moving.advice))
         if self.sample is not None:
             self.log = self.sample.middle
             self._elsewhere(self.sample)

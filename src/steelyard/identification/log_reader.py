@@ -548,7 +548,7 @@ class LogReader:
             from steelyard.recording.logged_joints import locked_that_move  # few robots have such joints
 
             moving = locked_that_move(log, self.columns, recording.layout, self.model.robot)
-            self.remarks.extend([f"{log}: {moving}"] if moving else [])
+            self.remarks.extend([f"{log}: {moving.statement} {moving.advice}"] if moving else [])
         against_limits(LogSurvey.of(recording), self.model.robot)  # what is sure to be wrong is refused at once
 
     def _samples(self, log: str | Path | LogFile, survey: LogSurvey, model: Model) -> Iterator[Samples]:
