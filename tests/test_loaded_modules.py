@@ -61,8 +61,9 @@ def test_an_identification_loads_few_files(folder, description):
     (folder / "robot.toml").write_text(description)
     done = subprocess.run([sys.executable, "-c", COUNT], cwd=folder, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    # What writes loops is loaded where they are compiled, once on a machine.
-    unusual = {"steelyard.graph.loops"}
+    # What writes loops is loaded where they are compiled, once on a machine, and what tells the size of a mistake where
+    # there may be one, as here, where the URDF has half of the masses.
+    unusual = {"steelyard.graph.loops", "steelyard.identification.mistake_sizes"}
     loaded = [name for name in done.stdout.split() if name.startswith("steelyard") and name not in unusual]
     assert "steelyard.estimators.fit" in loaded
     assert len(loaded) <= MOST, loaded

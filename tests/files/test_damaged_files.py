@@ -298,6 +298,32 @@ def test_names_that_no_robot_has_do_not_fill_a_message(old: str, new: str, tmp_p
     assert "\n" not in str(caught.value)
 
 
+BODY = '<mujoco model="{}"><worldbody><body name="{}"><joint name="{}"/><geom size="1"/></body></worldbody></mujoco>'
+NAMED = {
+    "robot.urdf": '<robot name="{}"><link name="b"/><link name="l"/>'
+    '<joint name="j" type="continuous"><parent link="b"/><child link="l"/></joint></robot>',
+    "robot.xml": BODY.format("{}", "b", "j"),
+    "link.xml": BODY.format("arm", "{}", "j"),
+    "joint.xml": BODY.format("arm", "b", "{}"),
+    "robot.toml": 'name = "{}"\n[description]\nrows = [[0, 0, 0, "q"]]\n',
+}
+
+
+@pytest.mark.parametrize("file", NAMED)
+def test_names_of_a_million_letters_are_refused(file: str, tmp_path: Path) -> None:
+    path = tmp_path / file
+    path.write_text(NAMED[file].format("elbow"))
+    assert sy.Model.load(path).dof == 1
+    path.write_text(NAMED[file].format("x" * 1_000_000))
+    with pytest.raises(
+        InputError, match=rf"name (of a {path.stem} is 'xx|must be a string of one line, got 'xx)"
+    ) as told:
+        sy.Model.load(path)
+    assert len(str(told.value)) < 600
+    with pytest.raises(InputError, match="the name of a robot is 'xx"):
+        sy.Robot.from_dh([(0, 0, 0, "q")], name="x" * 1_000_000)
+
+
 def test_a_trajectory_with_infinite_numbers_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "trajectory.csv"
     path.write_text("t,q1,dq1,ddq1\n-inf,0,0,0\n1,1,0,0\n")

@@ -17,7 +17,8 @@ from steelyard.estimators.marginal_likelihood import (
     likeliest_robot,
     moments,
 )
-from steelyard.identification.mistakes import exact_scale, find_mistakes
+from steelyard.identification.mistake_sizes import exact_scale
+from steelyard.identification.mistakes import find_mistakes
 from steelyard.recording import LogColumns
 from steelyard.recording.correction import Correction, correction_settings, toml_inline, toml_text
 from steelyard.robot import RobotFile

@@ -13,7 +13,9 @@ from steelyard.errors import InputError
 from steelyard.identification import examine
 from steelyard.identification.doubts import heavy_ends
 from steelyard.identification.first_robot_file import first_robot_file
+from steelyard.identification.log_reader import against_limits
 from steelyard.identification.next_steps import found, next_steps
+from steelyard.recording.survey import LogSurvey
 
 COUNT, RATE = 6000, 500.0
 CHAIN = '<robot name="chain"><link name="l0"/>' + "".join(
@@ -97,6 +99,74 @@ def test_counts_of_encoders_are_refused_and_the_lines_that_are_named_mend_it(arm
     assert result.prediction.word == "good"
     truth = dict(zip(result.parameter_names, simulation.true_parameters(arm[1]), strict=True))
     assert result.parameters["Fcj2"].lower <= truth["Fcj2"] <= result.parameters["Fcj2"].upper
+
+
+LIMITED = CHAIN.replace("continuous", "revolute").replace(
+    "</joint>", '<limit lower="-6" upper="6" effort="9" velocity="6"/></joint>'
+)
+
+
+@pytest.mark.parametrize("described", [CHAIN, LIMITED], ids=["continuous", "limited"])
+@pytest.mark.parametrize("turn", [36_000, 360_000, 1_000_000, 2**31], ids=str)
+def test_positions_in_a_unit_of_their_own_are_refused_and_the_line_that_is_named_mends_it(
+    arm, simulation, tmp_path, described, turn
+):
+    path, _, log = arm
+    (tmp_path / "chain.urdf").write_text(described)
+    q = log.q / (2.0 * np.pi) * turn + 0.37
+    given = {
+        "t": log.t,
+        **{f"q{j + 1}": q[:, j] for j in range(3)},
+        **{f"tau{j + 1}": log.torque[:, j] for j in range(3)},
+    }
+    np.savez(tmp_path / "log.npz", **given)
+    told = r"positions of .*joint.*, taken in rad, are those of no robot: .* revolutions .*`position_matrix` in \[log\]"
+    speeds = given | {f"dq{j + 1}": log.velocity[:, j] for j in range(3)}
+    for use in (
+        lambda: examine(tmp_path / "log.npz", tmp_path / "chain.urdf"),
+        lambda: sy.identify(tmp_path / "chain.urdf", tmp_path / "log.npz"),
+        lambda: sy.identify(tmp_path / "chain.urdf", speeds),
+        lambda: first_robot_file(tmp_path / "chain.urdf", tmp_path / "log.npz"),
+    ):
+        with pytest.raises(InputError, match=told):
+            use()
+    (alone,) = [one for one in examine(tmp_path / "log.npz").findings if one.harm == "wrong"]
+    assert re.search(told, f"the {alone.statement.removeprefix('The ')}")
+    matrix = [[f"2*pi/{turn}" if i == j else 0 for j in range(3)] for i in range(3)]
+    offset = [-0.37 * 2.0 * np.pi / turn] * 3
+    mended = sy.identify(path, given, columns={"position_matrix": matrix, "position_offset": offset})
+    assert mended.prediction.word == "good"
+    truth = dict(zip(mended.parameter_names, simulation.true_parameters(arm[1]), strict=True))
+    assert mended.parameters["Fcj2"].lower <= truth["Fcj2"] <= mended.parameters["Fcj2"].upper
+
+
+def test_slides_in_micrometres_are_refused(tmp_path):
+    (tmp_path / "chain.urdf").write_text(CHAIN.replace("continuous", "prismatic"))
+    t = np.arange(3000) * 0.01
+    log = {"t": t} | {f"q{k}": 1e5 * np.sin(k * t) for k in (1, 2, 3)} | {f"tau{k}": np.cos(k * t) for k in (1, 2, 3)}
+    with pytest.raises(InputError, match=r"taken in m, are those of no robot: .*`position_matrix` in \[log\].*1e-6"):
+        sy.identify(tmp_path / "chain.urdf", log)
+
+
+@pytest.mark.parametrize(
+    ("described", "q"),
+    [
+        (CHAIN, lambda t: 80.0 * t + np.sin(t)),  # a wheel, 5 minutes long
+        (LIMITED, lambda t: 80.0 * t + np.sin(t)),  # and one with the limits of an arm
+        (LIMITED, lambda t: 160.0 * 3.0 * np.sin(3.0 * t)),  # of motors in front of gears
+        (CHAIN, lambda t: 3e6 + np.sin(3.0 * t)),  # far from zero
+        (CHAIN, lambda t: np.where(np.arange(len(t)) % 1000 < 20, 1e6, np.sin(3.0 * t))),  # wild readings
+        (CHAIN, lambda t: np.sin(3e4 * t)),  # an alias, or another unit of time
+        (CHAIN.replace("continuous", "prismatic"), lambda t: 900.0 * np.sin(3.0 * t)),  # millimetres
+    ],
+)
+def test_joints_that_turn_many_times_are_not_refused(tmp_path, described, q):
+    (tmp_path / "chain.urdf").write_text(described)
+    t = np.arange(30_000) * 0.01
+    log = sy.Recording(t=t, q=np.column_stack([q(t)] * 3), torque=np.cos(t)[:, None] * np.ones(3), source="log")
+    robot = sy.Robot.from_urdf(tmp_path / "chain.urdf")
+    found = (*log.checked().remarks, *against_limits(LogSurvey.of(log), robot))
+    assert not any("no robot" in one for one in found)
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,8 @@
 """Logs with numbered columns of more joints than move: those of joints that are locked, or beyond the tip."""
 
+import tempfile
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -8,7 +11,7 @@ from steelyard.errors import InputError
 from steelyard.recording import LogColumns
 from steelyard.recording.formats import LogFiles
 from steelyard.recording.logged_joints import locked_that_move
-from steelyard.recording.recognition import find_columns
+from steelyard.recording.recognition import find_columns, numbered_columns
 
 
 def columns(kind, numbers, pattern="{}_{}"):
@@ -83,6 +86,109 @@ def test_rows_with_a_locked_and_an_excluded_joint(tmp_path):
     assert error < 0.01
 
 
+def chain(count, locked=(), names=None):
+    """Return a robot of so many joints, some of which are locked."""
+    names = names or [f"part_{'abcdefgh'[k]}" for k in range(count)]
+    links = "".join(f'<link name="l{k}"/>' for k in range(count + 1))
+    joints = "".join(
+        f'<joint name="{name}" type="continuous"><parent link="l{k}"/><child link="l{k + 1}"/></joint>'
+        for k, name in enumerate(names)
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "chain.urdf"
+        path.write_text(f'<robot name="chain">{links}{joints}</robot>')
+        return sy.Robot.from_urdf(path, locked=locked)
+
+
+@pytest.mark.parametrize("stated", [{}, {"position": "q_{}", "torque": "tau_{}"}], ids=["found", "patterns"])
+@pytest.mark.parametrize("first", [0, 1])
+@pytest.mark.parametrize("locked", ["part_a", "part_b", "part_c"])
+def test_numbers_of_columns_count_the_joints_that_are_locked(stated, first, locked):
+    robot = chain(3, [locked])
+    numbers = range(first, first + 3)
+    names = ["time", *columns("q", numbers), *columns("tau", numbers)]
+    found = find_columns(names, LogColumns.from_dict(stated), robot)
+    moving = [k + first for k in range(3) if robot.described_joints[k] != locked]
+    assert found.position == tuple(columns("q", moving))
+    assert found.torque == tuple(columns("tau", moving))
+    if not stated or found.position != numbered_columns("q_{}", 2, names):
+        assert f"of 3 numbered columns, which count joints that are locked, too ({locked})" in found.guesses[0]
+
+
+def test_numbers_of_columns_count_the_joints_that_move_where_there_are_no_others():
+    stated = LogColumns.from_dict({"position": "q_{}", "torque": "tau_{}"})
+    for first in (0, 1):
+        numbers = range(first, first + 2)
+        names = ["time", *columns("q", numbers), *columns("tau", numbers)]
+        for locked in ("part_a", "part_b", "part_c"):
+            for one in (stated, None):
+                found = find_columns(names, one, chain(3, [locked]))
+                assert found.position == tuple(columns("q", numbers))
+                assert not found.guesses
+
+
+def test_a_pattern_that_may_count_either_is_a_question():
+    robot = chain(5, ["part_a", "part_b"])  # wheels, of which the log says nothing, before an arm with a gripper
+    names = ["time", *columns("q", (1, 2, 3, 4)), *columns("tau", (1, 2, 3, 4))]
+    stated = {"position": "q_{}", "torque": "tau_{}"}
+    with pytest.raises(
+        InputError, match=r"4 columns 'q_\{\}', which may count the 3 joints that move or all 5 .* list of"
+    ):
+        find_columns(names, LogColumns.from_dict(stated), robot)
+    with pytest.raises(InputError, match=r"positions of 4 joints .* name the right columns with `position` in"):
+        find_columns(names, None, robot)
+    lists = {"position": columns("q", (1, 2, 3)), "torque": columns("tau", (1, 2, 3))}
+    assert find_columns(names, LogColumns.from_dict(lists), robot).position == ("q_1", "q_2", "q_3")
+    # Fingers behind the arm take no columns from it, whatever is logged of them.
+    behind = chain(5, ["part_d", "part_e"])
+    for many in (3, 4, 5):
+        names = ["time", *columns("q", range(1, many + 1)), *columns("tau", range(1, many + 1))]
+        found = find_columns(names, LogColumns.from_dict(stated), behind)
+        assert found.position == ("q_1", "q_2", "q_3")
+
+
+def test_which_joints_a_description_counts(tmp_path):
+    path = tmp_path / "hand.urdf"
+    joints = (
+        ("turn", "continuous", "base", "a", ""),
+        ("weld", "fixed", "a", "b", ""),
+        ("free", "floating", "b", "c", ""),
+        ("bend", "revolute", "c", "d", '<limit lower="-1" upper="1" effort="1" velocity="1"/>'),
+        ("twin", "continuous", "c", "e", '<mimic joint="bend"/>'),
+        ("tool", "continuous", "d", "f", ""),
+    )
+    links = "".join(f'<link name="{name}"/>' for name in ("base", *"abcdef"))
+    path.write_text(
+        f'<robot name="hand">{links}'
+        + "".join(
+            f'<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>{more}</joint>'
+            for name, kind, parent, child, more in joints
+        )
+        + "</robot>"
+    )
+    assert sy.Robot.from_urdf(path, locked=["free", "bend"]).described_joints == ("turn", "bend", "tool")
+    assert sy.Robot.from_urdf(path, locked=["free"], tip="d").described_joints == ("turn", "bend")
+    rows = [(0, 1, 0, "q")] * 3
+    assert sy.Robot.from_dh(rows, locked=["joint2"]).described_joints == ("joint1", "joint2", "joint3")
+    assert sy.Robot.from_dh(rows).described_joints == ()
+
+
+def test_an_answer_is_the_same_by_patterns_and_by_lists(tmp_path):
+    t = np.arange(0.0, 8.0, 0.01)
+    table = {"t": t}
+    for k, numbers in enumerate((0.4 * np.sin(t), np.full(len(t), 0.4), 0.6 * np.cos(2.3 * t)), start=1):
+        table |= {f"q{k}": numbers, f"tau{k}": np.cos(k * t + k)}
+    path = tmp_path / "robot.toml"
+    description = (
+        f"[description]\nrows = {[[0, 0.3, 0, 'q']] * 3}\nlocked = {{ joint2 = 0.4 }}\n[processing]\ncutoff = 8\n"
+    )
+    answers = []
+    for position, torque in (('"q{}"', '"tau{}"'), ('["q1", "q3"]', '["tau1", "tau3"]')):
+        path.write_text(f"{description}[log]\nposition = {position}\ntorque = {torque}\n")
+        answers.append(sy.identify(path, table).estimate.parameters)
+    np.testing.assert_array_equal(*answers)
+
+
 CHAIN = '<robot name="chain"><link name="l0"/>' + "".join(
     f'<link name="l{k}"><inertial><mass value="1"/>'
     '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
@@ -97,6 +203,7 @@ LISTS = {"position": ["q1", "q3"], "torque": ["tau1", "tau3"]}
     ("names", "stated", "scale", "told"),
     [
         (("1", "2", "3"), LISTS, 1.0, "(from -0.4 to 0.4, 'q2')"),
+        (("1", "2", "3"), {"position": "q{}", "torque": "tau{}"}, 1.0, "(from -0.4 to 0.4, 'q2')"),
         (("1", "2", "3"), LISTS | {"position_unit": "deg"}, 180.0 / np.pi, "(from -0.4 to 0.4, 'q2')"),
         (("_waist", "_elbow", "_wrist"), {}, 1.0, "(from -0.4 to 0.4, 'q_elbow')"),
         (("1", "2", "3"), LISTS, 0.0, None),  # it stands still
@@ -120,5 +227,10 @@ def test_a_locked_joint_that_moves_is_told_where_its_column_is_sure(names, state
     table |= {f"q{name}": SWING * (scale if k == 1 else turns) for k, name in enumerate(names)}
     table |= {f"tau{name}": np.cos(5.0 * SWING) for name in names}
     columns = LogColumns.from_dict(stated, "[log]")
-    said = locked_that_move(table, columns, LogFiles(table, columns).layout(list(robot.joint_names)), robot)
-    assert said == "" if told is None else told in said
+    said = locked_that_move(table, columns, LogFiles(table, columns).layout(robot), robot)
+    if told is None:
+        assert said is None
+    else:
+        assert told in said.statement
+        assert said.statement.endswith(".")
+        assert said.advice.startswith("Take them out of `locked`")

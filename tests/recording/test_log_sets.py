@@ -245,6 +245,8 @@ def test_one_object_counts_once_whatever_its_address(store: str, tmp_path: Path)
     ("address", "hidden"),
     [
         ("sftp://robot:s3cr3t@host/run.csv", "sftp://robot:…@host/run.csv"),
+        ("sftp://robot:pa:s3cr3t@host/run.csv", "sftp://robot:…@host/run.csv"),
+        ("sftp://robot@arm:s3cr3t@host/run.csv", "sftp://robot@arm:…@host/run.csv"),
         ("zip://*.csv::ftp://robot:s3@cr3t@host/a.zip", "zip://*.csv::ftp://robot:…@host/a.zip"),
         ("https://:s3cr3t@host/run.csv", "https://:…@host/run.csv"),
     ],

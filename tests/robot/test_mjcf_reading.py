@@ -1,6 +1,7 @@
 """Our own reading of MJCF, without MuJoCo, beside what MuJoCo compiles."""
 
 import sys
+import time
 
 import pytest
 from mjcf_readings import EXACT, differences, readings
@@ -171,3 +172,48 @@ def test_many_bodies_are_read(tmp_path, without_mujoco):
     from steelyard.robot.mjcf_tree import read_mjcf_tree
 
     assert len(read_mjcf_tree(written(tmp_path, text)).tree.joints) == 5_000
+
+
+BODY = '<body name="a"><joint/><geom size="0.1"/>{}</body>'
+MANY = {
+    "replicate": BODY.format('<replicate count="1000000000" offset="0 0 1"><geom size="0.1"/></replicate>'),
+    "an empty one": BODY.format('<replicate count="1000000000" offset="0 0 1"/>'),
+    "replicates in each other": BODY.format(
+        6 * '<replicate count="100" offset="0 0 1">' + '<geom size="0.1"/>' + 6 * "</replicate>"
+    ),
+    "many replicates": BODY.format(300 * '<replicate count="100" offset="0 0 1"><geom size="0.1"/></replicate>'),
+    "composite": BODY.format("")
+    + '<composite type="cable" curve="s" count="1000000000 1 1" size="1"><geom type="capsule" size=".01"/></composite>',
+    "flexcomp": BODY.format(
+        '<flexcomp type="grid" name="f" count="1000 1000 1000" spacing=".1 .1 .1" dim="3" mass="1"/>'
+    ),
+}
+
+
+@pytest.mark.parametrize("bodies", MANY.values(), ids=MANY)
+def test_more_copies_than_a_robot_has_are_refused_before_they_are_made(tmp_path, bodies):
+    pytest.importorskip("mujoco", reason="MuJoCo is not installed")
+    begin = time.perf_counter()
+    with pytest.raises(InputError, match=r"line 1: with <\w+> the elements of the file become more than 20000 copies"):
+        read(tmp_path, f"<mujoco><worldbody>{bodies}</worldbody></mujoco>")
+    assert time.perf_counter() - begin < 5.0  # MuJoCo takes 60 s, after which it is stopped
+
+
+def test_models_that_attach_each_other_many_times_are_refused_before_they_are_made(tmp_path):
+    pytest.importorskip("mujoco", reason="MuJoCo is not installed")
+    for k in range(8):
+        attached = "".join(f'<attach model="m{k + 1}" body="a" prefix="p{n}_"/>' for n in range(10))
+        (tmp_path / f"m{k}.xml").write_text(
+            f'<mujoco model="m{k}"><asset><model name="m{k + 1}" file="m{k + 1}.xml"/></asset>'
+            f"<worldbody>{BODY.format(attached)}</worldbody></mujoco>"
+        )
+    (tmp_path / "m8.xml").write_text(f'<mujoco model="m8"><worldbody>{BODY.format("")}</worldbody></mujoco>')
+    with pytest.raises(InputError, match=r"m[34].xml, line 1: with <attach> the elements of the file become more than"):
+        Robot.from_mjcf(tmp_path / "m0.xml")
+    assert Robot.from_mjcf(tmp_path / "m7.xml").dof == 11
+
+
+def test_copies_that_a_robot_has_are_read(tmp_path):
+    pytest.importorskip("mujoco", reason="MuJoCo is not installed")
+    fingers = '<replicate count="5" euler="0 0 1"><body><joint axis="0 1 0"/><geom size="0.1"/></body></replicate>'
+    assert read(tmp_path, f"<mujoco><worldbody>{BODY.format(fingers)}</worldbody></mujoco>").dof == 6

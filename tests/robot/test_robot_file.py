@@ -139,7 +139,7 @@ BROKEN = {
         "'tipp' does not belong to a URDF; did you mean",
     ),
     "tip with rows": (ROWS + 'tip = "c"', "'tip' does not belong to DH rows"),
-    "name is a number": ("name = 3\n" + ROWS, "name must be a string, got 3"),
+    "name is a number": ("name = 3\n" + ROWS, "name must be a string of one line, got 3"),
     "urdf is a number": ("[description]\nurdf = 3", "urdf must be a path, got 3"),
     "absent urdf": ('[description]\nurdf = "none.urdf"', r"none\.urdf: cannot be read"),
     "tip is a list": ('[description]\nurdf = "robots/arm.urdf"\ntip = ["c"]', "tip must be the name of a link"),

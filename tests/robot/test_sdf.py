@@ -132,6 +132,19 @@ def test_files_that_include_each_other(tmp_path):
         Robot.from_sdf(tmp_path / "m0.sdf")
 
 
+def test_a_large_file_is_not_included_many_times(tmp_path):
+    """A hundred times eight megabytes took minutes."""
+    frames = "".join(f'<frame name="f{k}"/>' for k in range(20_000))
+    (tmp_path / "part.sdf").write_text(
+        f'<sdf version="1.9"><model name="part"><link name="l"/><!-- {"x" * 3_000_000} -->{frames}</model></sdf>'
+    )
+    for count, told in ((2, "no model with a joint that moves"), (4, r"that are included have more than 10 MB")):
+        parts = "".join(f"<include><uri>part.sdf</uri><name>p{k}</name></include>" for k in range(count))
+        (tmp_path / "all.sdf").write_text(f'<sdf version="1.9"><model name="m"><link name="l"/>{parts}</model></sdf>')
+        with pytest.raises(InputError, match=told):
+            Robot.from_sdf(tmp_path / "all.sdf")
+
+
 def test_bombs_of_entities(tmp_path):
     path = tmp_path / "bomb.sdf"
     path.write_text('<!DOCTYPE sdf [<!ENTITY a "aaaa"><!ENTITY b "&a;&a;">]><sdf version="1.9">&b;</sdf>')

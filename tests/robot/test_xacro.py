@@ -198,12 +198,14 @@ def test_memory_and_time_are_bounded(arm):
         "$(optenv ROBOT_ACCESS_KEY none)",
         "${('{0.__globals__[os].environ[ROBOT_ACCESS_KEY]%c' % 125).format(xacro.load_yaml)}",
         "$(optenv ROBOT_STORE none)",
+        "$(optenv ROBOT_SOURCE none)",
     ],
 )
 def test_secrets_of_the_environment_do_not_reach_a_description(arm, monkeypatch, told):
     """A stranger's file would have them written into all that is made of it."""
     monkeypatch.setenv("ROBOT_ACCESS_KEY", "s3cr3t")
     monkeypatch.setenv("ROBOT_STORE", "sftp://robot:s3cr3t@host/logs")
+    monkeypatch.setenv("ROBOT_SOURCE", "git+https://robot:s3cr3t@host/arm.git")
     monkeypatch.setenv("ROBOT_SIDE", "left")
     arm.write_text(f'<robot name="arm"><link name="{told}"/><link name="$(env ROBOT_SIDE)"/></robot>')
     try:

@@ -367,7 +367,13 @@ def elastic_robot(robot: Robot, joints: Sequence[str | int]) -> Robot:
         terms.append(AtCoordinates(RotorInertia(), at_motors))
     terms.append(Transmission([place + 1 for place in places], [motors[place] + 1 for place in places]))
     whole = replace(
-        robot, joints=(*robot.joints, *rotors), links=(*robot.links, *links), terms=(), source=None, read_with={}
+        robot,
+        joints=(*robot.joints, *rotors),
+        links=(*robot.links, *links),
+        terms=(),
+        source=None,
+        read_with={},
+        described_joints=(),
     )
     return whole.with_terms(*terms)
 

@@ -18,6 +18,7 @@ from .reading import shown
 __all__ = [
     "LARGEST",
     "closest",
+    "is_name",
     "is_number",
     "is_real",
     "listed",
@@ -33,6 +34,13 @@ Array = NDArray[np.float64]
 
 LARGEST = 1e15
 """In SI units; no robot has anything larger, and squares of larger numbers lose digits that others need."""
+LONGEST_NAME = 200
+"""Characters, so that a message with two names stays a sentence."""
+
+
+def is_name(value: object) -> bool:
+    """Tell whether a value is a text that fits into a message, as the name of every robot, link and joint does."""
+    return isinstance(value, str) and 0 < len(value) <= LONGEST_NAME and "\n" not in value
 
 
 def is_real(value: object) -> TypeGuard[float]:

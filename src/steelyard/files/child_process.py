@@ -13,13 +13,14 @@ from typing import NamedTuple
 
 from steelyard.errors import InputError
 
+from .reading import find_password
+
 __all__ = ["ChildLimits", "run_child"]
 
 OUT_OF_TIME = int(getattr(signal, "SIGXCPU", 0))  # where there is no such signal, there is no such limit either
 
 
 _SECRET = re.compile(r"key|token|secret|passw|credential|auth", re.IGNORECASE)
-_PASSWORD = re.compile(r"://[^/\s]*:[^/\s]*@")
 """What tells variables of the environment that no child needs: xacro may write any of them into a description."""
 
 
@@ -106,4 +107,4 @@ def run_child(
 
 
 def _is_secret(name: str, value: str) -> bool:
-    return bool(_SECRET.search(name) or _PASSWORD.search(value))
+    return bool(_SECRET.search(name) or find_password(value) is not None)

@@ -23,6 +23,7 @@ __all__ = [
     "LARGEST_JSON",
     "LARGEST_TEXT",
     "file_hash",
+    "find_password",
     "parse_json",
     "read_bytes",
     "read_json",
@@ -41,10 +42,27 @@ LARGEST_TOML = 2_000_000
 _PART = r"""(?:[\w-]++|"[^"\n]*+"|'[^'\n]*+')[ \t]*+"""
 _ENDLESS_KEY = re.compile(rf"(?<![\w.-])(?:{_PART}\.[ \t]*+){{100}}")
 
+# In addresses of repositories, github://owner:repository@branch, what stands there is none.
+_PASSWORD = re.compile(r"(?<![\w+.-])(?!git(?:hub)?://)[\w+.-]+://[^/:\s]*:([^/\s]*)@")
+
 # Nothing that is saved here is nested more than ten times; a message that quotes a value must be able to print it.
 DEEPEST = 50
 LARGEST_INTEGER = 2**63
 LONGEST_QUOTE = 200  # characters, so that a message stays a sentence
+
+
+def find_password(text: str) -> slice | None:
+    """Return where a text, such as an address, holds the password of an address; None where it holds none.
+
+    Examples
+    --------
+    >>> address = "sftp://robot:pass:word@host/run.csv"
+    >>> address[find_password(address)]
+    'pass:word'
+    >>> find_password("github://owner:repository@main/run.csv")
+    """
+    found = _PASSWORD.search(text)
+    return None if found is None else slice(*found.span(1))
 
 
 def shown(value: object) -> str:

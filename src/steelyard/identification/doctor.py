@@ -44,7 +44,7 @@ from steelyard.regression.body_change import BodyChange
 from steelyard.regression.drift import FrictionDrift, drift_sentence, friction_drifts
 from steelyard.regression.reduction import empty_factors, errors_of
 from steelyard.regression.time_blocks import TimeBlocks
-from steelyard.robot import RobotFile
+from steelyard.robot import Robot, RobotFile
 from steelyard.robot.description import read_description
 
 from .doubts import mistakes_in_logs
@@ -216,6 +216,11 @@ class _Patient:
         self.late: list[LateLog] = []
 
     @property
+    def _robot(self) -> Robot | None:
+        """The robot that was logged, where it is known."""
+        return None if self.model is None else self.model.robot
+
+    @property
     def columns(self) -> LogColumns:
         """[log] with the remedies so far."""
         columns = LogColumns.from_dict(self.settings.get("log", {}), "[log]")
@@ -262,8 +267,7 @@ class _Patient:
         if self.model is not None:
             moving = locked_that_move(self.log, self.columns, layout, self.model.robot)
             if moving:
-                statement, _, advice = moving.rpartition(". ")
-                self.add(Finding("locked joint", f"{statement}.", "wrong", 1.0, advice=advice))
+                self.add(Finding("locked joint", moving.statement, "wrong", 1.0, advice=moving.advice))
         if self.sample is not None:
             self.log = self.sample.middle
             self._elsewhere(self.sample)
@@ -293,7 +297,7 @@ class _Patient:
     def _layout(self, files: LogFiles) -> Layout:
         """Find the columns; joints of a bare description of which the log has none are taken to be held."""
         try:
-            return files.layout(self.joints)
+            return files.layout(self._robot)
         except InputError:
             if self.file is None or self.joints is None or not self.file.robot.source or "tip" in self.file.description:
                 raise
@@ -307,7 +311,7 @@ class _Patient:
             robot = read_description(self.file.path, None, locked)
             self.file = replace(self.file, robot=robot, description={**self.file.description, "locked": locked})
             self.model, self.joints = Model.from_file(self.file), list(robot.joint_names)
-            return files.layout(self.joints)
+            return files.layout(self._robot)
 
     def _result(
         self,
@@ -387,7 +391,7 @@ class _Patient:
         """Read the log; what it would be refused for becomes findings, as long as a line of robot.toml mends it."""
         for _ in range(MOST_REMEDIES):
             try:
-                recording = Recording.read(self.log, self.columns, self.joints)
+                recording = Recording.read(self.log, self.columns, self._robot)
                 if self.model is not None:
                     against_limits(LogSurvey.of(recording), self.model.robot)
                 travel = np.ptp(recording.q, axis=0)
@@ -399,7 +403,7 @@ class _Patient:
                 if not remedy or merged(self.settings, remedy) == self.settings:
                     raise
                 self.add(Finding(_kind_of(remedy), str(error), "refused", 1.0, remedy))
-        return Recording.read(self.log, self.columns, self.joints)
+        return Recording.read(self.log, self.columns, self._robot)
 
     # What needs nothing but the log
 
@@ -470,7 +474,7 @@ class _Patient:
             self.add(Finding("missing values", statement, "refused", share, {"log": {"missing": "fill"}}))
         for stretch in sample.others:
             try:
-                recording = Recording.read(stretch, self.columns, self.joints)
+                recording = Recording.read(stretch, self.columns, self._robot)
             except InputError:  # what the middle shows, too, is found there
                 continue
             self._faulty_rows(recording.diagnose(), f" (Seen in rows {stretch.rows}.)")

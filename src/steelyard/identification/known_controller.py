@@ -206,15 +206,15 @@ def _motion_of_log(
         raise InputError(
             f"{log} is samples, which hold no reference; give the log itself, or call steelyard.instrumental_variables."
         )
-    joints, processing = list(model.robot.joint_names), reader.processing
-    measured = _whole(Recording.read(log, reader.columns, joints), processing, log)
+    robot, processing = model.robot, reader.processing
+    measured = _whole(Recording.read(log, reader.columns, robot), processing, log)
     samples = measured.process(processing, model)
     if settings.reference == SMOOTH:
         wanted = _smooth(measured, processing, model, settings.reference_cutoff)
     else:
         columns = replace(reader.columns, position=settings.reference, velocity="none", acceleration="none")
         try:
-            wanted = _whole(Recording.read(log, columns, joints), processing, log)
+            wanted = _whole(Recording.read(log, columns, robot), processing, log)
         except InputError as error:
             raise InputError(f"{error} These are the columns that `reference` in [controller] names.") from None
     # Nothing in a simulation is late, clipped or stuck.

@@ -507,7 +507,7 @@ class LogReader:
         """Open a log whose rows are counted and timed, once for all that is read of it; the last few stay open."""
         found = self._streams.pop(id(log) if isinstance(log, LogFile) else str(log), None)
         if found is None:
-            found = chunks.LogStream(log, self.columns, list(self.model.robot.joint_names))
+            found = chunks.LogStream(log, self.columns, self.model.robot)
         while len(self._streams) >= _DECIDING_LOGS:
             del self._streams[next(iter(self._streams))]
         self._streams[id(log) if isinstance(log, LogFile) else str(log)] = found
@@ -544,16 +544,15 @@ class LogReader:
         handled = [option for option in DETECTORS if getattr(self.processing, option) is not False]
         part = f" (Seen in the first {recording.count} rows.)" if recording.count == chunks.CHOICE_ROWS else ""
         self.remarks.extend(f"{log}: {sentence}{part}" for sentence in faulty_rows(recording, handled))
-        if recording.layout is not None and self.model.robot.read_with.get("locked"):
+        if recording.layout is not None and self.model.robot.described_joints:
             from steelyard.recording.logged_joints import locked_that_move  # few robots have such joints
 
             moving = locked_that_move(log, self.columns, recording.layout, self.model.robot)
-            self.remarks.extend([f"{log}: {moving}"] if moving else [])
+            self.remarks.extend([f"{log}: {moving.statement} {moving.advice}"] if moving else [])
         against_limits(LogSurvey.of(recording), self.model.robot)  # what is sure to be wrong is refused at once
 
     def _samples(self, log: str | Path | LogFile, survey: LogSurvey, model: Model) -> Iterator[Samples]:
-        joints = list(self.model.robot.joint_names)
-
+        joints = self.model.robot
         look = partial(self._look, log)
         if self.processing.needs_whole_log:
             recording = Recording.read(log, self.columns, joints)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,7 +24,7 @@ from .clock import (
     with_evidence,
 )
 from .columns import LogColumns
-from .conversion import Signals, clock_at, convert, log_columns, names_of, require_numbers, signals_fields, times
+from .conversion import Signals, clock_at, convert, log_columns, require_numbers, signals_fields, times
 from .even import EvenClock, Part
 from .filters.zero_phase import decimation_padding
 from .formats import BLOCK_ROWS, Columns, LogFiles, Source
@@ -32,6 +32,7 @@ from .formats.registry import split_source
 from .measurements import check_order, check_period
 from .options import Processing
 from .plan import KnownBristles, masking_remarks
+from .recognition import Joints, names_of
 from .recording import Recording
 from .samples import Samples, regrouped
 from .survey import LogSurvey
@@ -89,9 +90,7 @@ class Chunk:
 class LogStream:
     """A log whose length and clock are known, read in overlapping spans with one pass over its files."""
 
-    def __init__(
-        self, source: Source, columns: LogColumns | dict[str, Any] | None, joints: int | Sequence[str] | None
-    ) -> None:
+    def __init__(self, source: Source, columns: LogColumns | dict[str, Any] | None, joints: Joints) -> None:
         self.source = source
         self.files = LogFiles(source, log_columns(columns))
         self.columns = self.files.columns
@@ -213,7 +212,7 @@ def read_chunks(
     source: Source,
     columns: LogColumns | dict[str, Any] | None = None,
     rows: int = CHUNK_ROWS,
-    joints: int | Sequence[str] | None = None,
+    joints: Joints = None,
     padding_seconds: float = 0.0,
 ) -> Iterator[Chunk]:
     """Read a log chunk by chunk, as `Recording.read` would read it whole.
@@ -265,7 +264,7 @@ def read_middle(
     columns: LogColumns | dict[str, Any] | None = None,
     processing: Processing | None = None,
     rows: int = DECISION_ROWS,
-    joints: int | Sequence[str] | None = None,
+    joints: Joints = None,
 ) -> Recording:
     """Read the rows in the middle of a log by which its processing is decided (see `decide`).
 
@@ -297,7 +296,7 @@ def process_chunks(
     columns: LogColumns | dict[str, Any] | None = None,
     processing: Processing | None = None,
     rows: int = CHUNK_ROWS,
-    joints: int | Sequence[str] | None = None,
+    joints: Joints = None,
     model: Model | None = None,
     look: Callable[[Recording], object] | None = None,
     survey: LogSurvey | None = None,

@@ -26,7 +26,6 @@ __all__ = [
     "clock_at",
     "convert",
     "log_columns",
-    "names_of",
     "require_numbers",
     "signals_fields",
     "times",
@@ -201,11 +200,6 @@ def log_columns(columns: LogColumns | dict[str, Any] | None) -> LogColumns:
     if columns is None:
         return LogColumns()
     return columns if isinstance(columns, LogColumns) else LogColumns.from_dict(columns)
-
-
-def names_of(joints: int | Sequence[str] | None) -> tuple[str, ...] | None:
-    """Return the names of the joints where `joints` are names and no number."""
-    return None if joints is None or isinstance(joints, int) else tuple(joints)
 
 
 def signals_fields(signals: Signals, t: NDArray[np.float64], source: str) -> dict[str, Any]:

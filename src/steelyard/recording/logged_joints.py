@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from steelyard.errors import InputError
 from steelyard.files import listed
 from steelyard.robot import Robot
-from steelyard.robot.description import read_description
 
 from .columns import POSITION_UNITS, LogColumns
 from .diagnosis.rest import MOST_TRAVEL
 from .formats import LogFiles, Source
 from .recognition import Layout, find_columns
 
-__all__ = ["LoggedJoints", "locked_that_move", "logged_joints"]
+__all__ = ["LockedThatMove", "LoggedJoints", "locked_that_move", "logged_joints"]
 
 FIRST_ROWS = 200_000
 """Rows in which a joint that is locked is looked at."""
@@ -105,8 +103,15 @@ def logged_joints(files: LogFiles, joints: Sequence[str]) -> LoggedJoints:
     return LoggedJoints(tuple(named), others, reason)
 
 
-def locked_that_move(log: Source, columns: LogColumns, layout: Layout, robot: Robot) -> str:
-    """Say which joints that a robot holds still move in a log; empty where none does, or their columns are not sure.
+class LockedThatMove(NamedTuple):
+    """What is said of joints that a robot holds still and that move in a log, and what mends it, a sentence each."""
+
+    statement: str
+    advice: str
+
+
+def locked_that_move(log: Source, columns: LogColumns, layout: Layout, robot: Robot) -> LockedThatMove | None:
+    """Say which joints that a robot holds still move in a log; None where none does, or their columns are not sure.
 
     Their columns are those which the log has for them if none is locked, and for all the others as they were read.
 
@@ -118,19 +123,12 @@ def locked_that_move(log: Source, columns: LogColumns, layout: Layout, robot: Ro
         Of the joints that move.
     robot : Robot
     """
-    locked = robot.read_with.get("locked", {})
-    if not locked or layout.has_matrix:
-        return ""
+    everything = robot.described_joints  # in the order of numbers of columns
+    if not everything or layout.has_matrix:
+        return None
     files = LogFiles(log, columns)
-    # Joints of Denavit-Hartenberg rows have their numbers in their names.
-    everything = tuple(
-        sorted((*robot.joint_names, *locked), key=lambda name: list(map(int, re.findall("[0-9]+", name))))
-    )
     of_others: dict[str, Any] = {key: None for key in OF_JOINTS if not isinstance(getattr(files.columns, key), str)}
     try:
-        if robot.source is not None:  # which tells their order, for numbers of columns
-            tip, given = robot.read_with.get("tip"), robot.xacro_arguments
-            everything = read_description(robot.source, tip, xacro_arguments=given or None).joint_names
         found = find_columns(
             files.names,
             replace(files.columns, **of_others),
@@ -140,21 +138,22 @@ def locked_that_move(log: Source, columns: LogColumns, layout: Layout, robot: Ro
             log=files.name,
         )
     except InputError:  # the log has no such columns, or not of all joints
-        return ""
+        return None
     at = dict(zip(everything, zip(found.position, found.units["position"], strict=True), strict=True))
-    if any(at.get(name, ("",))[0] != column for name, column in zip(robot.joint_names, layout.position, strict=True)):
-        return ""
-    held = {name: at[name] for name in locked if name in at}
-    block = next(files.blocks(list(dict.fromkeys(column for column, _ in held.values())), FIRST_ROWS), {})
+    if any(at.pop(name)[0] != column for name, column in zip(robot.joint_names, layout.position, strict=True)):
+        return None
+    # What is left are those that are held.
+    block = next(files.blocks(list(dict.fromkeys(column for column, _ in at.values())), FIRST_ROWS), {})
     moving = []
-    for name, (column, unit) in held.items():
+    for name, (column, unit) in at.items():
         known = block[column][np.isfinite(block[column])] * POSITION_UNITS[unit]
         low, high = np.quantile(known, [TAIL, 1.0 - TAIL]) if len(known) else (0.0, 0.0)
         if high - low > MOST_TRAVEL:
             moving.append(f"{name} (from {low:.3g} to {high:.3g}, {column!r})")
     if not moving:
-        return ""
-    return (
+        return None
+    return LockedThatMove(
         "Joints that are locked in the robot file move in this log, so that the model has what they carry in another "
-        f"place: {listed(moving)}. Take them out of `locked` in [description], or give a log where they stand still."
+        f"place: {listed(moving)}.",
+        "Take them out of `locked` in [description], or give a log where they stand still.",
     )

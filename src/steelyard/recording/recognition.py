@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from steelyard.display import html_table, text_table
 from steelyard.errors import InputError
 from steelyard.files import suggestion
+from steelyard.robot import Robot
 
 from .column_styles import (
     BY_SIZE,
@@ -35,8 +36,10 @@ from .column_styles import (
 )
 from .columns import CURRENT_UNITS, PER_SECOND, TIME_UNITS, LogColumns
 
-__all__ = ["ColumnMeaning", "Layout", "find_columns", "label_columns", "numbered_columns"]
+__all__ = ["ColumnMeaning", "Joints", "Layout", "find_columns", "label_columns", "names_of", "numbered_columns"]
 
+Joints = int | Sequence[str] | Robot | None
+"""How many joints a log must have, their names, or the robot that was logged; None where any are right."""
 Values = Callable[[str], Iterable[NDArray[np.float64]]]
 _OF_SLIDES = {"rad": "m", "rad/s": "m/s", "rad/s²": "m/s²", "N·m": "N"}
 """Units of joints that slide by those of joints that turn; a name does not tell which it is."""
@@ -204,8 +207,8 @@ class _Group:
     """Columns of one quantity that one way of naming finds, in the order of the joints.
 
     `units` are those that the columns say, `by` is what tells whose they are, `first` the number of the first one,
-    `labels` the names that the log has for them, `fault` why they cannot be used, and `chosen_of` how many numbered
-    columns there are where not all of them are of joints that move; otherwise 0.
+    `labels` the names that the log has for them, `fault` why they cannot be used, and `chosen_by` what tells which of
+    numbered columns are those of joints that move, where not all are.
     """
 
     columns: tuple[str, ...]
@@ -217,7 +220,7 @@ class _Group:
     first: int = 1
     labels: tuple[str, ...] = ()
     fault: str = ""
-    chosen_of: int = 0
+    chosen_by: str = ""
 
     def told(self) -> str:
         """Say what tells whose the columns are."""
@@ -237,22 +240,55 @@ def label_columns(names: Sequence[str]) -> tuple[str, ...]:
     return groups[0].columns if groups else ()
 
 
-def numbered_columns(pattern: str, count: int, names: Sequence[str]) -> tuple[str, ...]:
+def names_of(joints: Joints) -> tuple[str, ...] | None:
+    """Return the names of the joints where `joints` is no number."""
+    if joints is None or isinstance(joints, int):
+        return None
+    return joints.joint_names if isinstance(joints, Robot) else tuple(joints)
+
+
+def numbered_columns(pattern: str, joints: int | Robot, names: Sequence[str], log: str = "the log") -> tuple[str, ...]:
     """Return the columns that a pattern with ``{}`` stands for: numbered from 1, or from 0 where a log has those.
+
+    Of a robot that holds joints still, all joints of the description are counted where the log has columns of them all,
+    and those that move where it has no further ones.
+
+    Raises
+    ------
+    InputError
+        Where the log has some further columns, so that either may be meant.
 
     Examples
     --------
     >>> numbered_columns("q{}", 2, ["t", "q0", "q1"])
     ('q0', 'q1')
     """
-    from_0, from_1 = (tuple(pattern.replace("{}", str(first + k)) for k in range(count)) for first in (0, 1))
-    return from_0 if from_1[-1] not in names and all(name in names for name in from_0) else from_1
+
+    def counted(count: int) -> tuple[str, ...]:
+        from_0, from_1 = (tuple(pattern.replace("{}", str(first + k)) for k in range(count)) for first in (0, 1))
+        return from_0 if from_1[-1] not in names and all(name in names for name in from_0) else from_1
+
+    if isinstance(joints, int):
+        return counted(joints)
+    moving, described = counted(joints.dof), joints.described_joints or joints.joint_names
+    everything = counted(len(described))
+    chosen = tuple(everything[described.index(name)] for name in joints.joint_names)
+    there = {pattern.replace("{}", str(k)) for k in range(len(described) + 1)}.intersection(names)
+    if there.issuperset(everything) or chosen == moving:
+        return chosen
+    if len(there) > len(moving):
+        raise InputError(
+            f"{log} has {len(there)} columns {pattern!r}, which may count the {len(moving)} joints that move or all "
+            f"{len(described)} of the description; give a list of columns in the place of the pattern, for "
+            f"{_listing(joints.joint_names)}, such as {_toml(moving)}."
+        )
+    return moving
 
 
 def find_columns(
     names: Sequence[str],
     columns: LogColumns | None = None,
-    joints: int | Sequence[str] | None = None,
+    joints: Joints = None,
     *,
     values: Values | None = None,
     labels: Sequence[str] = (),
@@ -271,8 +307,9 @@ def find_columns(
         Of all columns.
     columns : LogColumns, optional
         What is stated.
-    joints : int or sequence of str, optional
-        How many joints the robot has, or their names.
+    joints : int, sequence of str or Robot, optional
+        How many joints the robot has, their names, or the robot. Of a robot that holds joints still, numbered columns
+        may be those of all joints of the description.
     values : callable, optional
         ``values(name)`` returns the values of a column, in blocks; it is called where a name does not tell the unit.
     labels : sequence of str
@@ -307,14 +344,16 @@ class _Search:
     def __init__(
         self,
         names: Sequence[str],
-        joints: int | Sequence[str] | None,
+        joints: Joints,
         columns: LogColumns,
         values: Values | None,
         labels: Sequence[str],
         source: str,
     ) -> None:
         self.names, self.columns, self.values, self.source = names, columns, values, source
-        self.joint_names = () if joints is None or isinstance(joints, int) else tuple(joints)
+        self.robot = joints if isinstance(joints, Robot) else None
+        self.joint_names = names_of(joints) or ()
+        self.described = (self.robot and self.robot.described_joints) or self.joint_names
         self.joint_count = joints if joints is None or isinstance(joints, int) else len(self.joint_names)
         self.labels = tuple(labels)
         self.called = self.joint_names or self.labels
@@ -442,14 +481,32 @@ class _Search:
             )
             return replace(group, by=_LABEL, fault=fault)
         places = [labels.index(joint) for joint in joints]
-        chosen = tuple(group.columns[place] for place in places)
-        return replace(group, columns=chosen, units=tuple(group.units[place] for place in places), by=_LABEL)
+        return replace(self._at(group, places), by=_LABEL)
 
     def _numbered(self, kind: str, group: _Group) -> _Group:
         """Choose, of numbered columns of more joints than move, those with the numbers in the joints' names.
 
-        A joint that is locked, or beyond the tip, has a column but is no joint of the robot.
+        A joint that is locked, or beyond the tip, has a column but is no joint of the robot. Where the numbers do not
+        tell, as many columns as the description has joints are theirs.
         """
+        chosen = self._by_numbers_in_names(kind, group)
+        count = len(group.columns)
+        if chosen is not group or not len(self.joint_names) < len(self.described) == count or self._matrix(kind):
+            return chosen
+        return self._at(group, [self.described.index(name) for name in self.joint_names], self._count_of_all())
+
+    @staticmethod
+    def _at(group: _Group, places: Sequence[int], chosen_by: str = "") -> _Group:
+        """Return the columns at some places of a group."""
+        columns = tuple(group.columns[place] for place in places)
+        return replace(group, columns=columns, units=tuple(group.units[place] for place in places), chosen_by=chosen_by)
+
+    def _count_of_all(self) -> str:
+        """Say why numbers of columns are those of all joints of the description."""
+        held = [name for name in self.described if name not in self.joint_names]
+        return f"of {len(self.described)} numbered columns, which count joints that are locked, too ({_listing(held)})"
+
+    def _by_numbers_in_names(self, kind: str, group: _Group) -> _Group:
         found = [re.findall(r"[0-9]+", name) for name in self.joint_names]
         if not 0 < len(found) < len(group.columns) or not all(found) or self._matrix(kind) is not None:
             return group
@@ -468,9 +525,8 @@ class _Search:
         fit = len(set(places)) == len(places) and all(0 <= place < len(labels) for place in places)
         if not fit or not (from_0 or from_1):
             return group
-        chosen = tuple(group.columns[place] for place in places)
-        units = tuple(group.units[place] for place in places)
-        return replace(group, columns=chosen, units=units, chosen_of=len(group.columns))
+        why = f"of {len(labels)} numbered columns, by the numbers in the names of the joints that move"
+        return self._at(group, places, why)
 
     def _tier(self, kind: str, group: _Group) -> tuple[bool, ...]:
         """Return what is the smaller the better a group fits."""
@@ -495,7 +551,7 @@ class _Search:
         (group,) = best
         if group.fault:
             raise InputError(group.fault)
-        if group.by == _NUMBER and self._matrix(kind) is None and not group.chosen_of:
+        if group.by == _NUMBER and self._matrix(kind) is None and not group.chosen_by:
             self._require_order(kind, group)
         others = [
             other
@@ -507,11 +563,8 @@ class _Search:
                 f"The {kind} is read from {_ends(group.columns)} and not from {_ends(other.columns)}, which "
                 f"`{self._line(kind, other)}` in [log] would choose."
             )
-        if group.chosen_of:
-            self.guesses.append(
-                f"The {kind} is read from {_listing(group.columns)} of {group.chosen_of} numbered columns, "
-                "by the numbers in the names of the joints that move."
-            )
+        if group.chosen_by:
+            self.guesses.append(f"The {kind} is read from {_listing(group.columns)} {group.chosen_by}.")
         if group.style.note and group.style.quantity != "position":
             self.guesses.append(f"The {kind} is read from {_ends(group.columns)}: {group.style.note}.")
         return group
@@ -620,7 +673,12 @@ class _Search:
             while pattern.replace("{}", str(count + 1)) in self.names:
                 count += 1
             count = max(count, 1)
-        return numbered_columns(pattern, count, self.names)
+        if self.robot is None or count != self.robot.dof or self._matrix(kind) is not None:
+            return numbered_columns(pattern, count, self.names)
+        columns = numbered_columns(pattern, self.robot, self.names, self.source)
+        if columns != numbered_columns(pattern, count, self.names):
+            self.guesses.append(f"The {kind} is read from {_listing(columns)} {self._count_of_all()}.")
+        return columns
 
     def _check_counts(self, found: Mapping[str, _Group | None]) -> None:
         position = found["position"]
@@ -630,7 +688,7 @@ class _Search:
         if self.joint_count is not None and count != self.joint_count:
             how = f"({_listing(position.columns)})" if plain else "(rows of position_matrix)"
             line = "`position`"
-            if plain and self.joint_count and count > self.joint_count:
+            if plain and self.joint_count and count > self.joint_count and self.described == self.joint_names:
                 line = f"`position` (the first ones: `position = {_toml(position.columns[: self.joint_count])}`)"
             held = ""
             if self.joint_count is not None and count < self.joint_count:

@@ -18,13 +18,14 @@ from . import diagnosis  # as are these
 from .automatic import decide, settle
 from .clock import CLOCK_ROWS, FEWEST_ROWS
 from .columns import LogColumns
-from .conversion import clock_at, convert, log_columns, names_of, signals_fields, times, turn_remarks
+from .conversion import clock_at, convert, log_columns, signals_fields, times, turn_remarks
 from .cutoff import CutoffChoice
 from .diagnosis import find_missing
 from .even import evened
 from .formats import LogFiles, Source, write_log
 from .measurements import Measurements, check_period
 from .options import Processing
+from .recognition import Joints, names_of
 from .samples import Samples
 from .survey import LogSurvey
 
@@ -85,7 +86,7 @@ class Recording(Measurements):
         cls,
         source: Source,
         columns: LogColumns | dict[str, Any] | None = None,
-        joints: int | Sequence[str] | None = None,
+        joints: Joints = None,
     ) -> Self:
         """Read a log: CSV, Parquet or NPZ, several files recorded side by side, or what is in memory.
 
@@ -98,7 +99,7 @@ class Recording(Measurements):
         columns
             Which columns are what (`LogColumns` or its dictionary); None goes by the header.
         joints
-            The number of joints, or their names, that the log must have; None accepts any.
+            The number of joints that the log must have, their names, or the robot that was logged; None accepts any.
 
         Raises
         ------

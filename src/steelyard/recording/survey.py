@@ -1,4 +1,4 @@
-"""Faults that only the numbers of a log show: degrees, signs, swapped joints, joints at rest, limits."""
+"""Faults that only the numbers of a log show: units, signs, swapped joints, joints at rest, limits."""
 
 from __future__ import annotations
 
@@ -42,11 +42,23 @@ of counts: in some they may be filled in."""
 MOST_NAMED = 3
 FASTEST_JOINT = 40.0
 """rad/s, or m/s: legs reach 30, arms 3 to 10; motors run at 100 to 600, and arms at 40 to 200 degrees per s."""
+FASTEST_MOTOR = 3e3
+"""rad/s, some 30 000 rpm: motors in front of gears stay below, and a joint of 1 rad/s in millidegrees has 57 300."""
+FASTEST_SLIDE = 3e4
+"""m/s, which no slide reaches in millimetres either."""
+FASTEST_WHEEL = 100.0
+"""rad/s, or m/s, below which positions far beyond the limits of a description may be those of a wheel."""
+SWIFT = 0.05
+"""Share of the blocks in which a joint outruns all motors, from which that is no wild reading."""
+BEYOND_GEARS = {"rad": 1e3, "m": 3e3}
+"""Travel over the range of a description that is more than that of a motor in front of any gear, or of millimetres."""
+NARROW = 0.1
+"""rad or m: a range that is narrower may stand for none."""
 MOVING = 5e-3
 """Root mean square velocity (rad/s or m/s) from which a joint counts as moving."""
 
 
-_SUMS = ("count", "_far", "_whole", "_filled", "_blocks", "_products", "_derived", "_averaged")
+_SUMS = ("count", "_far", "_whole", "_filled", "_steps", "_swift", "_blocks", "_products", "_derived", "_averaged")
 """The attributes of a survey that are added where another one of the rows that follow joins it."""
 
 
@@ -70,6 +82,7 @@ class LogSurvey:
         self._rate = float("nan")
         self._filled = np.zeros(2, dtype=int)
         self._far, self._whole = 0, np.empty(0, dtype=int)
+        self._steps, self._swift = 0, np.empty(0, dtype=int)
         self._blocks = 0
         self._products = self._derived = self._averaged = np.empty(0)
 
@@ -90,7 +103,7 @@ class LogSurvey:
             self._rate = recording.rate
             self.q = self.torque = np.array([[np.inf], [-np.inf]]) * np.ones(width)
             self.speed = self._derived = self._averaged = np.zeros(width)
-            self._whole = np.zeros(width, dtype=int)
+            self._whole = self._swift = np.zeros(width, dtype=int)
             self._products = np.zeros((width, width))
         self.count += stop - start
         q = recording.q[rows]
@@ -137,6 +150,8 @@ class LogSurvey:
         if stamps.size > 1:
             speed = np.abs(np.diff(coarse, axis=0) / np.diff(stamps)[:, None])
             self.speed = np.maximum(self.speed, speed.max(axis=0))
+            self._steps += len(speed)
+            self._swift = self._swift + np.count_nonzero(speed > FASTEST_MOTOR, axis=0)
 
     def _compare(self, t: Array, q: Array, measured: Array, rate: float) -> None:
         """Sum positions' derivatives and measured velocities block by block."""
@@ -195,9 +210,9 @@ class LogSurvey:
     def velocity_remarks(self) -> tuple[str, ...]:
         """Compare the measured velocities with the derivative of the positions, block by block.
 
-        Faults that are certain raise InputError: positions that are counts of encoders; a ratio of 57.3 (degrees), -1
-        (sign) or another far from 1 at near perfect correlation, a velocity that stands still while the joint moves,
-        and a joint whose velocity is that of another. Lesser disagreement is a remark.
+        Faults that are certain raise InputError: positions that are counts of encoders or those of no robot; a ratio of
+        57.3 (degrees), -1 (sign) or another far from 1 at near perfect correlation, a velocity that stands still while
+        the joint moves, and a joint whose velocity is that of another. Lesser disagreement is a remark.
         """
         blocks = self._blocks
         if blocks < 20:
@@ -213,8 +228,8 @@ class LogSurvey:
             label = self.label(i)
             ratio = size_derived[i] / max(size_measured[i], 1e-300)
             is_unit = ratio * DEGREE < 2.0 or abs(ratio / 1e3 - 1.0) < 0.05  # degrees, millimetres
-            if not is_unit and (counts := self._counts()):
-                raise InputError(f"{source}: {counts}")
+            if not is_unit and (strange := self._counts() or self._no_angles()):
+                raise InputError(f"{source}: {strange}")
             if size_measured[i] < 1e-3 * size_derived[i]:
                 raise InputError(
                     f"{source}: the measured velocity of {label} stands still while its position moves; "
@@ -261,6 +276,36 @@ class LogSurvey:
             "what -2*pi*ZERO/COUNTS comes to, where ZERO is counted at the zero of the description."
         )
 
+    def _no_angles(self, ranges: Array | None = None, units: Sequence[str] | None = None) -> str:
+        """Say which positions can be in no unit that is known: no joint goes so far or so fast, nor a motor before it.
+
+        `ranges` are what the limits of the description leave a joint, inf where there are none, and `units` as in
+        `_counts`. A joint without limits may turn as often as it likes, but not faster than any motor.
+        """
+        usual = units or ["rad"] * len(self.travel)
+        far = np.zeros(len(usual), dtype=bool)
+        if ranges is not None:
+            most = ranges * np.array([BEYOND_GEARS[unit] for unit in usual])
+            far = (ranges > NARROW) & (self.travel > most) & (self.speed > FASTEST_WHEEL)
+        outrun = self.speed > np.array([FASTEST_MOTOR if unit == "rad" else FASTEST_SLIDE for unit in usual])
+        found = far | (outrun & (self._swift > SWIFT * self._steps) & (self.travel > MANY_TURNS))
+        if not found.any():
+            return ""
+        names = listed([self.label(i) for i in map(int, np.flatnonzero(found))], MOST_NAMED)
+        j = int(np.argmax(np.where(found, self.travel, 0.0)))
+        unit, travel = usual[j], float(self.travel[j])
+        turns = f"{travel / (2.0 * pi):,.0f} revolutions".replace(",", " ") if unit == "rad" else f"{travel:.4g} m"
+        why = "faster than any motor"
+        if ranges is not None and far[j]:
+            why = f"where its limits leave it {ranges[j]:.4g} {unit}"
+        own = '"pi/180000" for millidegrees, "2*pi/1000000" for micro-revolutions' if unit == "rad" else "1e-6 for µm"
+        return (
+            f"the positions of {names}, taken in {unit}, are those of no robot: {self.label(j)} goes through {turns} "
+            f"(from {self.q[0, j]:.6g} to {self.q[1, j]:.6g}) at up to {self.speed[j]:.4g} {unit}/s, {why}. Where they "
+            "are in a unit of their own, state `position_matrix` in [log] with what one of it is on the diagonal "
+            f"({own}); where the times are too short, `time_unit` or `rate`."
+        )
+
     def _standstill_remarks(self) -> tuple[str, ...]:
         """Remark on joints that do not move, and on constant torques."""
         remarks = []
@@ -302,9 +347,9 @@ class LogSurvey:
         reach = np.abs(self.q).max(axis=0)
         turns = reach > MANY_TURNS
         fast = ~turns & (self.speed > FASTEST_JOINT)
-        counts = self._counts()
-        if counts:
-            remarks.append(capital(counts))
+        strange = self._counts() or self._no_angles()
+        if strange:
+            remarks.append(capital(strange))
         elif turns.any():
             j = int(np.argmax(reach))
             names = ", ".join(self.label(i) for i in map(int, np.flatnonzero(turns)))
@@ -313,8 +358,8 @@ class LogSurvey:
             )
             remarks.append(
                 f"Positions go through many turns of a joint ({names}; the farthest from {self.q[0, j]:.5g} to "
-                f"{self.q[1, j]:.5g}); it may be that they are {degrees}those of the motors, in front of gears "
-                "(`position_matrix` in [log] divides by their ratios)."
+                f"{self.q[1, j]:.5g}); it may be that they are {degrees}those of the motors, in front of gears, "
+                "or in a unit of their own (`position_matrix` in [log] makes radians of either)."
             )
         if fast.any():
             j = int(np.argmax(np.where(fast, self.speed, 0.0)))
@@ -386,8 +431,8 @@ class LogSurvey:
                 f"and all joints fit theirs as {how}; "
                 f"state `position_unit = {line}` in [log]{others}."
             )
-        if counts := self._counts(usual):
-            raise InputError(f"{self.source}: {counts}")
+        if strange := self._counts(usual) or self._no_angles(high - low, usual):
+            raise InputError(f"{self.source}: {strange}")
         remarks = []
         for j in outside:
             partners = [k for k in joints if k != j and fits(j, k) and fits(k, j)]

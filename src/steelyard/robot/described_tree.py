@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
-from steelyard.files import is_real, suggestion
-from steelyard.files.arguments import LARGEST
+from steelyard.files import is_real, shown, suggestion
+from steelyard.files.arguments import LARGEST, is_name
 
 from .inertia import Inertia
 from .joint import Attachment, Joint, JointKind, Link
@@ -177,6 +177,10 @@ def robot_parts(tree: DescribedTree, tip: str | None, locked: Iterable[str] | Ma
     """
     if len(tree.links) > MOST_LINKS:
         raise InputError(f"{tree.where}: has {len(tree.links)} links, more than {MOST_LINKS}; remove some")
+    names = (("robot", [tree.name]), ("link", tree.links), ("joint", tree.joints))
+    long = next(((kind, name) for kind, found in names for name in found if not is_name(name)), None)
+    if long is not None:
+        raise InputError(f"{tree.where}: the name of a {long[0]} is {shown(long[1])}; give a name of one line")
     positions = _positions(tree, locked)
     root, children = _tree(tree)
     chain = None if tip is None else _chain(tree, tip)
@@ -264,6 +268,7 @@ class _Assembly:
         self.chain = chain
         self.joints: list[Joint] = []
         self.names: list[str] = []
+        self.described_joints: list[str] = []
         self.attachments: dict[int, list[Attachment]] = {-1: []}
 
     def parts(self, root: str) -> dict[str, Any]:
@@ -283,6 +288,7 @@ class _Assembly:
             "name": self.tree.name,
             "joints": self._numbered(),
             "links": self._links(),
+            "described_joints": tuple(self.described_joints) if self.positions else (),
             "base_link": root,
             "base_attachments": tuple(self.attachments[-1]),
             "source": self.tree.source,
@@ -295,6 +301,9 @@ class _Assembly:
     def _cross(self, place: _Place, joint: DescribedJoint, pending: list[tuple[_Place, DescribedJoint]]) -> None:
         drive = self._drive(joint)
         child = self.tree.links[joint.child]
+        is_within = self.chain is None or joint.name in self.chain
+        if is_within and joint.mimic is None and joint.kind in ONE_DOF:
+            self.described_joints.append(joint.name)
         if drive is None or drive.driver is None:
             held = joint.origin
             if drive is not None and joint.kind in ONE_DOF:
@@ -307,7 +316,7 @@ class _Assembly:
             self.attachments[place.carrier].append(attachment)
             self._push(merged, pending)
             return
-        if self.chain is not None and joint.name not in self.chain:
+        if not is_within:
             return
         index = len(self.joints)
         self.joints.append(self._moving(place, joint, drive))

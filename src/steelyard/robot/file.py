@@ -15,6 +15,7 @@ import numpy as np
 
 from steelyard.errors import InputError
 from steelyard.files import TomlTable, is_number, listed, read_toml, shown, suggestion
+from steelyard.files.arguments import is_name
 
 from .description import STANDARD_GRAVITY, URDF, read_description
 from .robot import Robot
@@ -167,8 +168,8 @@ class RobotFile:
             raise InputError(f"{path}: it has no table [description]; add one with urdf = ... or rows = ...")
         robot = _describe(path, description)
         if "name" in content:
-            if not isinstance(content["name"], str) or not content["name"]:
-                raise InputError(f"{path}: name must be a string, got {shown(content['name'])}")
+            if not is_name(content["name"]):
+                raise InputError(f"{path}: name must be a string of one line, got {shown(content['name'])}")
             robot = replace(robot, name=content["name"])
         robot = _with_limits(robot, sections["limits"], f"{path}, [limits]")
         kept = {key: description[key] for key in ("tip", "locked") if key in description}

@@ -24,7 +24,7 @@ from steelyard.files import shown
 from steelyard.files.child_process import ChildLimits, run_child
 
 from .inertia import Inertia
-from .mjcf_document import JOINTS, MjcfDocument, MjcfElement, asset_name, in_body
+from .mjcf_document import JOINTS, MjcfDocument, MjcfElement, asset_name, in_body, require_few_copies
 from .placement import quaternion_rotation, snapped
 from .references import find_reference
 
@@ -136,12 +136,14 @@ def compiled(document: MjcfDocument, reason: str = "MJCF") -> CompiledMjcf:
     Raises
     ------
     InputError
-        If MuJoCo refuses the description, or a mesh that a body takes its inertia from is missing.
+        If MuJoCo refuses the description, a mesh that a body takes its inertia from is missing, or elements make far
+        too many copies.
     MissingExtraError
         If MuJoCo is not installed (extra ``mjcf``).
     """
     if not is_installed("mujoco"):
         raise missing_extra(f"{reason} is read with the package mujoco, which is not installed", "mjcf")
+    require_few_copies(document)
     excerpt = _Excerpt(document)
     found = _asked({"xml": excerpt.text(), "files": {name: str(path) for name, path in excerpt.files.items()}})
     if "problem" in found:

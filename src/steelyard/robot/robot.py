@@ -249,6 +249,9 @@ class Robot:
         What the description holds that the robot does not, and how it was read.
     read_with : mapping
         What of the description was read: its `tip` and its `locked` joints, where there are any.
+    described_joints : tuple of str
+        Where joints are locked, the names of these and of the driving joints, in the order of the description, in which
+        a controller numbers them; empty where none are.
     xacro_arguments : mapping
         With which the description was expanded.
 
@@ -279,6 +282,7 @@ class Robot:
     source: Path | None = None
     remarks: tuple[str, ...] = ()
     read_with: Mapping[str, Any] = field(default_factory=dict)
+    described_joints: tuple[str, ...] = ()
     xacro_arguments: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:

@@ -33,6 +33,8 @@ ENDLESS = 1e16
 
 MOST_INCLUDES = 200
 """Files that include each other twice would be exponentially many."""
+LARGEST_INCLUDES = 10_000_000
+"""Bytes of all included files together, each as often as it is included; they take 2.5 s and 600 MB."""
 
 TENSOR = {"ixx": 1.0, "ixy": 0.0, "ixz": 0.0, "iyy": 1.0, "iyz": 0.0, "izz": 1.0}
 """What the format gives to elements that are not written; the mass is 1 kg."""
@@ -150,7 +152,7 @@ class SdfReader(XmlReader):
         self.world = _Scope(self, "", None).origin
         self.files = [path]
         self.origins: dict[etree._Element, Path] = {}
-        self.include_count = 0
+        self.include_count = self.include_size = 0
         self.version = NEWEST
         self.links: list[SdfFrame] = []
         self.joints: list[SdfFrame] = []
@@ -301,6 +303,11 @@ class SdfReader(XmlReader):
         if path.resolve() in known:
             way = " -> ".join(one.name for one in (*self.files, path))
             raise self.error(element, f"the file includes itself ({way}); remove the <include>")
+        self.include_size += path.stat().st_size if path.is_file() else 0
+        if self.include_size > LARGEST_INCLUDES:
+            raise self.error(
+                element, f"the files that are included have more than {LARGEST_INCLUDES / 1e6:.0f} MB; keep one robot"
+            )
         before = self.version
         root = self._parsed(path)
         self.files.append(path)

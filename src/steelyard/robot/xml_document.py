@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, cast
 
 from steelyard.errors import InputError
 from steelyard.files import read_bytes, shown
-from steelyard.files.arguments import LARGEST
+from steelyard.files.arguments import LARGEST, is_name
 
 if TYPE_CHECKING:
     from lxml import etree
@@ -22,7 +22,6 @@ DRIVES_NAMESPACE = "urn:steelyard:drives:1"
 DRIVES = f"{{{DRIVES_NAMESPACE}}}drives"
 """The extension for what formats have no place for, see `drive_extension`."""
 
-LONGEST_NAME = 200  # characters, so that a message with two of them stays a sentence
 # The length below which an axis is taken for a zero vector, whose direction would be rounding error.
 SHORTEST_AXIS = 1e-9
 
@@ -125,7 +124,7 @@ class XmlReader:
 
     def one_line(self, element: etree._Element, text: str, what: str) -> str:
         """Return a name that fits into a message, as that of every robot does."""
-        if len(text) > LONGEST_NAME or "\n" in text:
+        if not is_name(text):
             raise self.error(element, f"{what} is {shown(text)}; give a name of one line")
         return text
 

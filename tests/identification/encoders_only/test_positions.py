@@ -273,6 +273,34 @@ def test_positions_and_commands_in_degrees_are_told(arm, tmp_path):
         read_drive_logs(file, settings, degrees, ())
 
 
+@pytest.mark.parametrize("law", ["position", "signal"])
+def test_the_lines_that_counts_are_refused_with_mend_them(arm, tmp_path, law):
+    """Commands are in counts as positions are, but not the signals of drives."""
+    t = np.arange(100) * 0.005
+    command = commands(t)
+    path, turn, zero = tmp_path / "arm.toml", 4096, np.array([2048.0, 1000.0])
+    drive = '[drive]\ncommand = "target{}"\n' + ("kp = 20.0\n" if law == "position" else 'law = "signal"\ngain = 1.0\n')
+    counted = np.rint((command - 0.1) / (2.0 * np.pi) * turn + zero)
+    told = command / (2.0 * np.pi) * turn + zero if law == "position" else command
+    log = log_of(t, counted, told)
+
+    def read(lines=""):
+        path.write_text(f'[description]\nfile = "arm.xml"\n[log]\n{lines}{drive}')
+        file, _ = given_robot(path)
+        return read_drive_logs(file, DriveSettings.from_dict(file.section("drive")), log, ())
+
+    with pytest.raises(InputError, match=r'State `position_matrix` .* with "2\*pi/COUNTS".*`position_offset`'):
+        read()
+    turns = f"2*pi/{turn}"
+    offset = f'position_offset = ["-pi", {-2.0 * np.pi * 1000 / turn}]\n'
+    (one,), _, remarks = read(f'position_matrix = [["{turns}", 0], [0, "{turns}"]]\n{offset}')
+    assert not remarks
+    np.testing.assert_allclose(one.q, command - 0.1, atol=np.pi / turn)
+    np.testing.assert_allclose(one.command, command, atol=1e-12)
+    with pytest.raises(InputError, match="makes joints of several motors"):
+        read(f'position_matrix = [["{turns}", 0], ["{turns}", "{turns}"]]\n')
+
+
 def test_noise_of_an_encoder_is_no_motion(arm):
     noise = 4e-4 * np.random.default_rng(4).normal(size=(2000, 2))
     t = np.arange(2000) * 0.005

@@ -218,7 +218,7 @@ def read_two_encoders(
     columns = log_columns(file)
     there = names_in(log, columns)
     source: Source = log  # type: ignore[assignment]
-    recording = Recording.read(source, columns, joints=names)
+    recording = Recording.read(source, columns, joints=model.robot)
     if processing is None:
         processing = Processing.from_dict(file.section("processing"), f"{file.path}, [processing]")
     settled = decide(processing, [recording], model).processing
@@ -238,7 +238,7 @@ def read_two_encoders(
         )
     places = settings.indices(names, where)
     others = with_positions(columns, layout, dict(zip(places, own, strict=True)), settings.position_unit)
-    beside = Recording.read(source, others, joints=names)
+    beside = Recording.read(source, others, joints=model.robot)
     if settings.scale is not None:
         scaled = beside.q.copy()
         scaled[:, list(places)] *= settings.scale

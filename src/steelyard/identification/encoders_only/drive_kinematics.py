@@ -15,7 +15,7 @@ from steelyard.recording.correction import Settings
 from steelyard.recording.diagnosis.transmission import ALIKE, Transmission, diagnose_transmission
 from steelyard.recording.even import longest_part
 from steelyard.recording.formats import LogFiles
-from steelyard.robot import RobotFile
+from steelyard.robot import Robot, RobotFile
 
 from ..elastic.second_encoders import SecondEncoders, with_positions
 from .drive_settings import DriveSettings
@@ -81,7 +81,7 @@ def _second_encoders(
         findings.append({"kind": "second encoder", "statement": statement, "harm": "refused", "advice": advice})
         return
     others = dict(zip(places, own, strict=True))
-    recording, beside = _beside(log, columns, recording, names, others, settings.position_unit)
+    recording, beside = _beside(log, columns, recording, file.robot, others, settings.position_unit)
     scales = list(settings.scale or [1.0] * len(own))
     told: list[tuple[int, Transmission]] = []
     for order, place in enumerate(places):
@@ -184,7 +184,7 @@ def _commands(
     own = settings.command_columns(file.robot, files.names)
     if not set(files.names).issuperset(own):
         return  # which `identify --from positions` refuses
-    recording, beside = _beside(log, columns, recording, names, dict(enumerate(own)), None)
+    recording, beside = _beside(log, columns, recording, file.robot, dict(enumerate(own)), None)
     for j, name in enumerate(own):
         found = diagnose_transmission(beside.q[:, j], recording.q[:, j], recording.torque[:, j], recording.rate)
         if not abs(found.correlation) >= ALIKE or not found.ratio_is_wrong or abs(found.ratio - 1.0) < OFF:
@@ -206,7 +206,7 @@ def _beside(
     log: Any,
     columns: LogColumns,
     recording: Recording,
-    names: Sequence[str],
+    robot: Robot,
     own: dict[int, str],
     unit: str | None,
 ) -> tuple[Recording, Recording]:
@@ -214,7 +214,7 @@ def _beside(
     layout = recording.layout
     assert layout is not None
     others = replace(with_positions(columns, layout, own, unit), position_offset=None)
-    first, second = longest_part(recording), longest_part(Recording.read(log, others, list(names)))
+    first, second = longest_part(recording), longest_part(Recording.read(log, others, robot))
     if first.count != second.count:
         raise InputError("The two encoders have values in other rows; record both in the same rows.")
     return first, second

@@ -114,12 +114,15 @@ def _read(
     section = file.section("log")
     for key in ("torque", "torque_unit", "torque_matrix", "torque_sign", "gain", "velocity", "acceleration"):
         section.pop(key, None)
-    if "position_matrix" in section:
-        raise InputError(
-            f"{file.path}, [log]: position_matrix makes joints of motors, which the gains of drives do not follow; "
-            "give positions and commands of the joints themselves."
-        )
     files = LogFiles(log, LogColumns.from_dict(section, f"{file.path}, [log]"))
+    matrix = np.eye(robot.dof) if files.columns.position_matrix is None else np.array(files.columns.position_matrix)
+    factors = np.diag(matrix)
+    if not np.array_equal(matrix, np.diag(factors)):
+        raise InputError(
+            f"{file.path}, [log]: position_matrix makes joints of several motors, which the gains of drives do not "
+            "follow; give positions and commands of the joints themselves, or a matrix with nothing beside its "
+            "diagonal where they are in a unit of their own."
+        )
     name = files.name if isinstance(log, str | Path) else f"log {number + 1}"
     command = settings.command_columns(robot, files.names)
     scale = () if settings.scale is None else (settings.scale,)
@@ -132,7 +135,7 @@ def _read(
     columns = {**section, "torque": list(command), "torque_unit": "N·m", "velocity": "none", "acceleration": "none"}
     read = LogColumns.from_dict(columns, f"{file.path}, [log]").of_joints(robot.position_units)
     try:
-        recording = Recording.read(log, read, robot.joint_names)
+        recording = Recording.read(log, read, robot)
     except InputError:
         _refuse_uncommanded(robot, files, command, name)
         raise
@@ -146,8 +149,8 @@ def _read(
         layout = recording.layout
         units = () if layout is None else layout.units["position"]
         if units:
-            told *= np.array([POSITION_UNITS[unit] for unit in units])
-        told += np.array(section.get("position_offset", 0.0), dtype=float)
+            told *= factors * [POSITION_UNITS[unit] for unit in units]
+        told += 0.0 if files.columns.position_offset is None else np.array(files.columns.position_offset)
     if scale:
         factor = np.asarray(files.read(list(scale))[scale[0]])
         bad = np.flatnonzero(~np.isfinite(factor))

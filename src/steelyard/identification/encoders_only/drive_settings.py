@@ -151,7 +151,7 @@ class DriveSettings(TomlSection):
         if isinstance(self.command, str) and "{name}" in self.command:
             return tuple(self.command.replace("{name}", joint) for joint in robot.joint_names)
         if isinstance(self.command, str) and "{}" in self.command:
-            return numbered_columns(self.command, robot.dof, names)
+            return numbered_columns(self.command, robot, names)
         listed = (self.command,) if isinstance(self.command, str) else self.command
         if len(listed) != robot.dof:
             raise InputError(

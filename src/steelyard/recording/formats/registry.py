@@ -18,7 +18,7 @@ from steelyard.files import replaced_file, require_file, shown, tell
 from steelyard.files.arguments import closest
 
 from ..columns import LogColumns
-from ..recognition import Layout, find_columns
+from ..recognition import Joints, Layout, find_columns
 from .log_file import Columns, DataFrame, LogFile, column_length
 
 __all__ = [
@@ -166,7 +166,7 @@ class LogFiles:
         """Return the joints that the first file which does so names its numbered columns by."""
         return next((labels for file in self.files if (labels := file.joint_labels())), ())
 
-    def layout(self, joints: int | Sequence[str] | None) -> Layout:
+    def layout(self, joints: Joints) -> Layout:
         """Find the columns that hold the motion and the torques of a robot, and read no others from now on."""
         labels = self.joint_labels()
         found = find_columns(self.names, self.columns, joints, values=self.values, labels=labels, log=self.name)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 import shutil
 import tempfile
 import weakref
@@ -13,13 +12,13 @@ from typing import Any
 
 from steelyard.errors import InputError, require_package
 from steelyard.files import file_hash
+from steelyard.files.reading import find_password
 from steelyard.files.writing import temporary_folder
 
 __all__ = ["local_copy", "object_address", "object_store", "remote_identity"]
 
 MOST_COPIES = 4
 """Copies that a process keeps beside those that an open log reads: a log is opened several times."""
-_PASSWORD = re.compile(r"(?<![\w+.-])(?!git)[\w+.-]+://[^/@\s]*:([^/\s]*)@")  # github://owner:repository@branch is none
 
 
 class _Copies:
@@ -45,8 +44,8 @@ def object_store(address: str) -> tuple[Any, str]:
         Where fsspec, or what it needs for such addresses, is not installed; and for an address with a password, which
         would stand in messages and results.
     """
-    if found := _PASSWORD.search(address):
-        hidden = f"{address[: found.start(1)]}…{address[found.end(1) :]}"
+    if found := find_password(address):
+        hidden = f"{address[: found.start]}…{address[found.stop :]}"
         raise InputError(
             f"{hidden} has a password, which would stand in all that is written; keep it in the settings of fsspec, as "
             "FSSPEC_SFTP_PASSWORD in the environment is for sftp://."
