@@ -17,6 +17,7 @@ from .reading import shown
 
 __all__ = [
     "LARGEST",
+    "LONGEST_NAME",
     "closest",
     "is_name",
     "is_number",

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from steelyard.errors import InputError
 from steelyard.files import is_real, shown, suggestion
-from steelyard.files.arguments import LARGEST, is_name
+from steelyard.files.arguments import LARGEST, LONGEST_NAME
 
 from .inertia import Inertia
 from .joint import Attachment, Joint, JointKind, Link
@@ -178,9 +178,9 @@ def robot_parts(tree: DescribedTree, tip: str | None, locked: Iterable[str] | Ma
     if len(tree.links) > MOST_LINKS:
         raise InputError(f"{tree.where}: has {len(tree.links)} links, more than {MOST_LINKS}; remove some")
     names = (("robot", [tree.name]), ("link", tree.links), ("joint", tree.joints))
-    long = next(((kind, name) for kind, found in names for name in found if not is_name(name)), None)
+    long = next(((kind, name) for kind, found in names for name in found if len(name) > LONGEST_NAME), None)
     if long is not None:
-        raise InputError(f"{tree.where}: the name of a {long[0]} is {shown(long[1])}; give a name of one line")
+        raise InputError(f"{tree.where}: the name of a {long[0]} is {shown(long[1])}; give a shorter one")
     positions = _positions(tree, locked)
     root, children = _tree(tree)
     chain = None if tip is None else _chain(tree, tip)
