@@ -48,13 +48,14 @@ def test_the_spread_of_siblings_is_that_with_which_they_were_made() -> None:
 def test_robots_that_are_out_of_order_do_not_hide_each_other() -> None:
     random = np.random.default_rng(3)
     bases = random.normal(size=(40, 2)) * 0.1
-    bases[:6, 0] += 1.5
+    bases[:6, 0] += [1.0, 1.4, 1.9, 2.5, 3.2, 4.0]
     covariances = np.broadcast_to(np.diag([0.01, 0.01]), (40, 2, 2))
     found = compare_siblings(bases, covariances, (ONE, OTHER), np.eye(2))
+    assert found.batches == ()
     assert set(range(6)) <= set(found.differs)
     surest = {one.robot: one.cause.name for one in reversed(found.deviations)}
     assert {surest[robot] for robot in range(6)} == {"Fc1"}
-    assert found.spread[0] < 0.25  # with the six in it, it would be 0.55
+    assert found.spread[0] < 0.25  # with the six in it, it would be 1.0
 
 
 def test_correlations_tell_what_no_parameter_by_itself_does() -> None:

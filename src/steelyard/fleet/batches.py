@@ -121,16 +121,20 @@ def two_heaps(amplitudes: Array, causes: int = 1) -> tuple[float, Numbers, float
     middle = float(np.median(values))
     size = 1.4826 * float(np.median(np.abs(values - middle)))
     values = (values - middle) / max(size, 1e-9 * float(np.max(np.abs(values - middle))), 1e-300)
-    # Of two normal heaps, the sums of squares tell the best place at once, and whether it is worth while to go on.
-    near = np.clip(values, -WIDE, WIDE)  # one far out is no heap
-    sizes = np.arange(1, count)
-    sums = np.cumsum(near)[:-1]
-    apart = (near.sum() - sums) / (count - sizes) - sums / sizes
-    whole = max(float(np.sum((near - near.mean()) ** 2)), 1e-300)
-    within = np.maximum(whole - sizes * (count - sizes) / count * apart**2, 1e-12 * whole)
+    # Distances from medians tell the best place at once, and whether it is worth while to go on; those of two heaps of
+    # Laplace's distribution, which a few robots that are far out do not draw.
+    near = np.clip(values, -WIDE, WIDE)
+    sums, sizes = np.concatenate([[0.0], np.cumsum(near)]), np.arange(1, count)
+
+    def away(begin: Numbers | int, end: Numbers | int) -> Array:
+        half = (np.asarray(end) - begin) // 2
+        return np.asarray(sums[end] - sums[end - half] - sums[begin + half] + sums[begin])
+
+    whole = max(float(away(0, count)), 1e-300)
+    within = np.maximum(away(0, sizes) + away(sizes, count), 1e-9 * whole)
     share = sizes / count
     unsure = -share * np.log(share) - (1.0 - share) * np.log(1.0 - share)
-    gains = count * (0.5 * np.log(whole / within) - unsure)
+    gains = count * (np.log(whole / within) - unsure)
     gains[(sizes < least) | (count - sizes < least)] = -np.inf
     best = int(np.argmax(gains))
     if not gains[best] > log(count):
@@ -171,11 +175,15 @@ def _most(negative: Callable[[Array], float], start: Sequence[float]) -> float:
 
 
 def _of_one(values: Array) -> float:
-    """The largest logarithm of the likelihood of one heap, from three starts, of which two are skewed."""
+    """The largest logarithm of the likelihood of one heap, from three starts, of which two are skewed.
+
+    One that has no tails at all, as where parts are sorted by size, is as likely all over.
+    """
+    without_tails = -len(values) * log(max(float(np.ptp(values)), 1e-300))
     starts = [
         (float(np.quantile(values, where)), 0.0, skew, 1.5) for where, skew in ((0.5, 0.0), (0.3, 0.7), (0.7, -0.7))
     ]
-    return max(_most(lambda p: -_log_likelihood(values - p[0], *p[1:]), start) for start in starts)
+    return max(without_tails, *(_most(lambda p: -_log_likelihood(values - p[0], *p[1:]), one) for one in starts))
 
 
 def _of_two(lower: Array, upper: Array) -> float:
@@ -191,7 +199,7 @@ def _of_two(lower: Array, upper: Array) -> float:
 
 def find_heap(
     variation: SiblingVariation,
-    amplitudes: Array,
+    amplitudes: Sequence[tuple[int, Array]],
     causes: Sequence[Cause],
     directions: Directions,
     beside: Callable[[int, int, float], float],
@@ -203,8 +211,8 @@ def find_heap(
     ----------
     variation : SiblingVariation
         Settled.
-    amplitudes : (R, len(causes))
-        Of each robot, each cause by itself; NaN for causes with several amplitudes.
+    amplitudes : sequence of (int, (R,))
+        Of each robot, each cause by itself, with the number of the cause.
     causes : sequence of Cause
     directions : callable
         How base parameters of robots change with a cause, (len(robots), n_b, k), by the numbers of both.
@@ -217,8 +225,7 @@ def find_heap(
     -------
     Heap or None
     """
-    single = np.flatnonzero(np.isfinite(amplitudes).any(axis=0))
-    splits = [(two_heaps(amplitudes[:, k], len(single)), int(k)) for k in single]
+    splits = [(two_heaps(values, len(amplitudes)), cause) for cause, values in amplitudes]
     told = [(*split, k) for split, k in splits if split is not None]
     for odds, robots, apart, cause in sorted(told, key=lambda one: -one[0]):
         change = apart * directions(robots, cause)[:, :, 0]

@@ -471,7 +471,9 @@ class _Tests:
 
     def heap(self) -> Heap | None:
         """Find robots that all have another amount of something, see `find_heap`."""
-        return find_heap(self.problem, self.amplitude, self.causes, self.directions_of, self.beside, LIKELY)
+        tried = [(k, self.amplitude[:, k]) for k in self.single]
+        tried += [(k, self.problem.amplitudes_of(own)) for k, own in self.own.items()]
+        return find_heap(self.problem, tried, self.causes, self.directions_of, self.beside, LIKELY)
 
     def take_off(self, heap: Heap) -> None:
         """Take what robots have in common off their base parameters, and hold all robots against each other anew."""
@@ -740,12 +742,12 @@ def _batch(heap: Heap, tests: _Tests, confidence: float) -> Batch:
     amplitude, weights = float(heap.amplitudes[0]), heap.weights[:, 0]
     noise = float(np.mean(np.einsum("i,rij,j->r", weights, problem.errors[heap.robots], weights)))
     among = float(weights @ problem.spread_matrix @ weights)
-    # Siblings vary by factors: those that all have more vary by as much more, and what both heaps together vary by was
-    # found as one.
+    # Siblings vary by factors. Those that all have more vary by as much more, and so does the ratio with what the
+    # others have; what robots of both heaps vary by was found as one variance.
     wider = 1.0
     if cause.has_ratio and cause.kind != "gain":
         squared = (1.0 + amplitude) ** 2
-        wider = (squared * (count - many) + many) / (squared * many + count - many)
+        wider = squared * count / (squared * many + count - many)
     error = float(np.sqrt((noise + wider * among) / (noise + among) / heap.information[0, 0]))
     freedom = min(freedom, problem.freedom_of_interval(first, weights, float(np.sqrt(noise + among))))
     reach = float(stdtrit(freedom, 0.5 + 0.5 * confidence)) * error

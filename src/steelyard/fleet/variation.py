@@ -11,6 +11,8 @@ usual.
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -39,6 +41,9 @@ WHOLE = 0.99
 ITERATIONS, SETTLED = 60, 0.02
 """The most iterations for the variances, and the relative change of the spread of every cause below which they have
 settled."""
+
+FEW, FEW_ITERATIONS = 100, 15
+"""Siblings from which the variances beside one cause are found, and iterations; they need not be exact."""
 
 SUBSET = 200
 """Siblings from which the variances are begun; all of them settle them afterwards."""
@@ -161,6 +166,24 @@ class SiblingVariation:
         self._iterate(np.arange(self.count))
         self._means(np.arange(self.count))
 
+    def amplitudes_of(self, own: Array) -> Array:
+        """Amplitudes of a cause with a direction of its own in each robot, (R, n_b), whatever siblings vary by in it.
+
+        Where many robots have it, what siblings vary by in all of these directions counts as theirs: of 20 fleets, in
+        which 35 robots of 100 had a torque of 1.1 times the scale, batches were told in two. So the variances are those
+        of what is left when each robot tells nothing along its own direction. Up to a constant, since no mean is known
+        along it.
+        """
+        chosen = np.unique(np.linspace(0, self.count - 1, min(self.count, FEW)).round().astype(int))
+        beside = copy(self)
+        beside.weights, beside.taken = self.weights.copy(), {int(robot): own[robot][:, None] for robot in chosen}
+        beside._iterate(chosen, FEW_ITERATIONS)
+        inverses = np.linalg.inv(self.errors + beside.spread_matrix)
+        weights = np.einsum("rij,rj->ri", inverses, own)
+        told = np.einsum("ri,ri->r", weights, own)
+        found = np.einsum("ri,ri->r", weights, self.bases - beside.mean) / np.maximum(told, 1e-300)
+        return np.where(told > 0.0, found, np.nan)
+
     def _means(self, chosen: NDArray[np.intp]) -> tuple[Array, Array]:
         """Find the mean of some siblings; return the inverses of their covariances and their deviations from it."""
         from scipy.special import chdtri
@@ -186,8 +209,8 @@ class SiblingVariation:
             self.precision, self.mean_weights = precision, weighted
         return inverses, away
 
-    def _iterate(self, chosen: NDArray[np.intp]) -> None:
-        for _ in range(ITERATIONS):
+    def _iterate(self, chosen: NDArray[np.intp], most: int = ITERATIONS) -> None:
+        for _ in range(most):
             inverses, away = self._means(chosen)
             shown = inverses @ self.directions  # (R, n_b, c)
             told = np.sum(self.directions * shown, axis=1)
