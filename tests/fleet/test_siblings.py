@@ -353,6 +353,23 @@ def test_intervals_of_faults_hold_what_was_planted(count: int, tmp_path: Path) -
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("count", [5, 6, 8])
+def test_intervals_hold_in_small_fleets(count: int, tmp_path: Path) -> None:
+    """A robot is named where chance made the others look alike: before, 8 of 10 intervals of gearboxes held."""
+    faults = [(kind, part, factor) for kind, factor in (("link", 1.4), ("joint", 2.0)) for part in (2, 3)]
+    held = []
+    for fleet in range(40):
+        compared = Compared(tmp_path, count, 1000 + 10 * fleet)
+        for kind, part, factor in faults:
+            found = compared.with_fault(1, f"{kind}{part}", factor)
+            surest = next((one for one in found.deviations if one.robot == 1), None)
+            if surest is not None and surest.cause.kind == {"link": "mass", "joint": "friction"}[kind]:
+                held.append(surest.lower <= factor - 1.0 <= surest.upper)
+    assert len(held) > 40
+    assert np.mean(held) > 0.90
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("first", [0, 100, 200])
 def test_gains_links_and_friction_are_told_apart_or_told_together(tmp_path: Path, first: int) -> None:
     """The torque of a joint is scaled by 3, 5 and 10 %, a link is heavier, or a joint runs hard, one at a time."""

@@ -38,9 +38,9 @@ Kind = Literal["batch", "siblings", "drift"]
 KINDS = ("batch", "siblings", "drift")  # in the order in which they are told
 MOST_SENTENCES = 40
 """The most sentences that are printed; the tables have all findings."""
-ROUGH = 7
-"""Robots of a group below which intervals hold less than they say: of gearboxes that were named in simulated fleets of
-four and five, which are those that chance made look larger, 6 of 10 intervals held the truth; of seven, 95 of 100."""
+ROUGH = 5
+"""Robots of a group below which intervals hold less than they say: of links that were named in simulated fleets of
+four, which are those where chance made the others look alike, 6 of 10 held the truth; of five, 9 of 10."""
 LINES = 20
 """The most lines of progress that are printed while robots are estimated."""
 SURE = 0.05
