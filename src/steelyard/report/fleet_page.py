@@ -109,9 +109,9 @@ def _batches(fleet: Fleet) -> Markup:
 def _heaps(group: RobotGroup, compared: SiblingComparison, batch: Batch) -> Markup:
     """The robots along what a batch has in common, in bars of those that are alike."""
     number = compared.causes.index(batch.deviation.cause)
-    scores = compared.amplitude[:, number] / np.nanmedian(compared.error[:, number])
-    if not np.isfinite(scores).any():  # a link as a whole has no single amplitude
+    if not np.isfinite(batch.deviation.amplitude):  # a link as a whole has no single amplitude
         return Markup("")
+    scores = compared.amplitude[:, number] / np.nanmedian(compared.error[:, number])
     inside = np.isin(np.arange(len(scores)), batch.robots)
     usual = scores[np.isfinite(scores) & ~np.isin(np.arange(len(scores)), compared.differs)]
     low, high = float(usual.min(initial=-1.0)), float(usual.max(initial=1.0))
