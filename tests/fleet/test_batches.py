@@ -161,6 +161,15 @@ def test_what_a_batch_has_in_common_is_named(fault: str, factor: float, name: st
     assert len(set(surest) & set(robots)) <= 1  # nearly none of a batch is named for what all of it has
 
 
+def test_the_heap_is_told_whose_torque_reads_wrong(tmp_path: Path) -> None:
+    """It is the larger one here: what a wrong scale does depends on each robot's motion, and the others are alike."""
+    robots = tuple(number for number in range(40) if number % 10 > 2)
+    [batch] = compared(Arms(tmp_path), 40, dict.fromkeys(robots, ("gain2", 1.1))).batches
+    assert batch.robots == robots
+    assert batch.deviation.cause.name == "torque gain of joint2"
+    assert batch.deviation.lower < 0.1 < batch.deviation.upper
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Forty arms, of which half have a second joint of 1.5 times the friction, and one of these twice that."""

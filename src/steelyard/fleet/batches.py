@@ -204,8 +204,8 @@ def find_heap(
     directions: Directions,
     beside: Callable[[int, int, float], float],
     likely: float,
-) -> Heap | None:
-    """Find robots that all have another amount of something; `variation` then is that within both heaps.
+) -> tuple[Heap, SiblingVariation] | None:
+    """Find robots that all have another amount of something, and how siblings vary within both heaps.
 
     Parameters
     ----------
@@ -223,29 +223,37 @@ def find_heap(
 
     Returns
     -------
-    Heap or None
+    tuple or None
     """
     splits = [(two_heaps(values, len(amplitudes)), cause) for cause, values in amplitudes]
     told = [(*split, k) for split, k in splits if split is not None]
     for odds, robots, apart, cause in sorted(told, key=lambda one: -one[0]):
-        change = apart * directions(robots, cause)[:, :, 0]
-        for _ in range(STEPS):
-            moved = variation.bases.copy()
-            moved[robots] -= change
-            variation.begin(moved)
-            # How siblings vary within a heap tells causes apart, and not how they vary in both.
-            variation.settle(moved, {})
-            found = _common(variation, robots, causes, directions, beside, likely, odds)
-            again = _sorted(variation, found, directions)
-            if np.array_equal(again, robots) or len(again) < _least(variation.count):
-                break
-            robots, change = again, directions(again, found.cause) @ found.amplitudes
+        sides = [(robots, apart)]
+        if causes[cause].kind == "gain":
+            # What a torque that reads wrong does to the base parameters depends on each robot's motion; those that read
+            # right are alike. So which heap reads wrong is known, however large it is.
+            sides.append((np.setdiff1d(np.arange(variation.count), robots), -apart))
+        tried = []
+        for side, distance in sides:
+            within = variation.copied()
+            change = distance * directions(side, cause)[:, :, 0]
+            for _ in range(STEPS):
+                moved = within.bases.copy()
+                moved[side] -= change
+                within.begin(moved)
+                # How siblings vary within a heap tells causes apart, and not how they vary in both.
+                within.settle(moved, {})
+                found = _common(within, side, causes, directions, beside, likely, odds)
+                again = _sorted(within, found, directions)
+                if np.array_equal(again, side) or not _least(within.count) <= len(again) < within.count:
+                    break
+                side, change = again, directions(again, found.cause) @ found.amplitudes
+            left = float(np.linalg.slogdet(np.mean(within.errors, axis=0) + within.spread_matrix)[1])
+            tried.append((left, found, within))
+        _, found, within = min(tried, key=lambda one: one[0])
         # Robots that are out of order in several ways may look alike in one; what they have in common is not all.
-        if np.sum(variation.weights[found.robots] >= 1.0) >= _least(variation.count):
-            return found
-    if told:
-        variation.begin(variation.bases)
-        variation.settle(variation.bases, {})
+        if np.sum(within.weights[found.robots] >= 1.0) >= _least(within.count):
+            return found, within
     return None
 
 

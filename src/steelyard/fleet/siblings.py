@@ -122,7 +122,7 @@ class Batch:
     Attributes
     ----------
     robots : tuple of int
-        Their numbers, in ascending order: the smaller of two heaps.
+        Their numbers, in ascending order: the smaller of two heaps, or the one whose torque reads wrong.
     deviation : Deviation
         Of what they have in common, from the mean of the others; its `robot` is the first of them.
     apart : float
@@ -343,8 +343,8 @@ def compare_siblings(
     batches: list[Batch] = []
     # What has changed is told robot by robot, and as the change of all.
     while before is None and len(batches) < MOST_BATCHES and (heap := tests.heap()) is not None:
-        batches.append(_batch(heap, tests, confidence))
-        tests.take_off(heap)
+        batches.append(_batch(*heap, tests, confidence))
+        tests.take_off(heap[0])
     moved = problem.bases
     found: list[_Found] = []
     for number in range(ROUNDS):
@@ -474,7 +474,7 @@ class _Tests:
         self.threshold = self.rate * max(int(named.sum()), 1) / max(count, 1) / max(causes, 1)
         return [one for robot in np.nonzero(named)[0] for one in self.parts_of(int(robot))]
 
-    def heap(self) -> Heap | None:
+    def heap(self) -> tuple[Heap, SiblingVariation] | None:
         """Find robots that all have another amount of something, see `find_heap`."""
         tried = [(k, self.amplitude[:, k]) for k in self.single]
         tried += [(k, self.problem.amplitudes_of(own)) for k, own in self.own.items()]
@@ -485,6 +485,7 @@ class _Tests:
         self.taken_off[heap.robots] += heap.change
         self.problem.bases = self.problem.bases.copy()
         self.problem.bases[heap.robots] -= heap.change
+        self.problem.begin(self.problem.bases)
         self.problem.settle(self.problem.bases, {})
         self.measure()
 
@@ -735,11 +736,11 @@ def _beside(part: float) -> float:
     return part / (1.0 - part) if part != 1.0 else np.inf
 
 
-def _batch(heap: Heap, tests: _Tests, confidence: float) -> Batch:
+def _batch(heap: Heap, problem: SiblingVariation, tests: _Tests, confidence: float) -> Batch:
     """Tell what robots have in common; the size has the interval of a difference of the means of two heaps."""
     from scipy.special import fdtrc, stdtr, stdtrit
 
-    problem, cause, first = tests.problem, tests.causes[heap.cause], int(heap.robots[0])
+    cause, first = tests.causes[heap.cause], int(heap.robots[0])
     count, many = problem.count, len(heap.robots)
     freedom, size = max(count - 2.0, 1.0), float(np.sqrt(heap.explained))
     alternatives = tuple(tests.causes[k] for k in heap.near)

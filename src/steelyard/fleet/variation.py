@@ -145,6 +145,12 @@ class SiblingVariation:
         self.taken: dict[int, Array] = {}
         self.information: Array | None = None
 
+    def copied(self) -> SiblingVariation:
+        """Return another one, which may be settled by itself."""
+        other = copy(self)
+        other.weights = self.weights.copy()
+        return other
+
     def begin(self, moved: Array) -> None:
         """Guess how siblings vary, and their mean, from bases from which unusual parts were taken away."""
         noise = median_of_shown(np.diagonal(self.errors, axis1=1, axis2=2), self.shown)
@@ -175,8 +181,8 @@ class SiblingVariation:
         along it.
         """
         chosen = np.unique(np.linspace(0, self.count - 1, min(self.count, FEW)).round().astype(int))
-        beside = copy(self)
-        beside.weights, beside.taken = self.weights.copy(), {int(robot): own[robot][:, None] for robot in chosen}
+        beside = self.copied()
+        beside.taken = {int(robot): own[robot][:, None] for robot in chosen}
         beside._iterate(chosen, FEW_ITERATIONS)
         inverses = np.linalg.inv(self.errors + beside.spread_matrix)
         weights = np.einsum("rij,rj->ri", inverses, own)
