@@ -344,7 +344,7 @@ def compare_siblings(
     # What has changed is told robot by robot, and as the change of all.
     while before is None and len(batches) < MOST_BATCHES and (heap := tests.heap()) is not None:
         batches.append(_batch(*heap, tests, confidence))
-        tests.take_off(heap[0])
+        tests.take_off(*heap)
     moved = problem.bases
     found: list[_Found] = []
     for number in range(ROUNDS):
@@ -480,13 +480,14 @@ class _Tests:
         tried += [(k, self.problem.amplitudes_of(own)) for k, own in self.own.items()]
         return find_heap(self.problem, tried, self.causes, self.directions_of, self.beside, LIKELY)
 
-    def take_off(self, heap: Heap) -> None:
+    def take_off(self, heap: Heap, within: SiblingVariation) -> None:
         """Take what robots have in common off their base parameters, and hold all robots against each other anew."""
         self.taken_off[heap.robots] += heap.change
-        self.problem.bases = self.problem.bases.copy()
-        self.problem.bases[heap.robots] -= heap.change
-        self.problem.begin(self.problem.bases)
-        self.problem.settle(self.problem.bases, {})
+        problem = self.problem
+        problem.bases = problem.bases.copy()
+        problem.bases[heap.robots] -= heap.change
+        problem.variances, problem.spread_matrix, problem.mean = within.variances, within.spread_matrix, within.mean
+        problem.settle(problem.bases, {})
         self.measure()
 
     def against_others(self, robot: int) -> tuple[Array, Array]:
