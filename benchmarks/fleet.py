@@ -16,6 +16,8 @@ second to the fifth of the UR5. The first turns about the vertical, and a tenth 
     python benchmarks/fleet.py --sizes --robots 300             # how detection falls with the size of the fault
     python benchmarks/fleet.py --gains --robots 100 --each 6    # torque gains of all joints in turn, of six sizes
     python benchmarks/fleet.py --drift --robots 100             # two dates; some robots change between them
+    python benchmarks/fleet.py --batches --robots 100 --seeds 1 2 3    # a part of the robots has something in common
+    python benchmarks/fleet.py --batch 350                      # by the command, 350 of 1000 with another gearbox
 """
 
 import argparse
@@ -47,6 +49,8 @@ STANDSTILL, STANDSTILL_SPEED = 0.05, 0.03
 """Friction that falls off with speed: part of the Coulomb friction, and rad/s."""
 
 
+BATCH = ("gearbox", 2), 0.3
+BATCHES = {"gearbox": 0.3, "rotor": 0.3, "link": 0.1, "gain": 0.1}
 LINKS_THAT_SHOW = (2, 3, 4, 5)
 DATES = ("2026-01-01", "2026-07-01")
 
@@ -103,6 +107,8 @@ class SimulatedFleet:
         if fault is not None and fault[0] == "gearbox":
             for symbol in ("Fcj", "Fvj"):
                 values[names.index(f"{symbol}{fault[1]}")] *= 1.0 + size
+        elif fault is not None and fault[0] == "rotor":
+            values[names.index(f"Ia{fault[1]}")] *= 1.0 + size
         elif fault is not None and fault[0] == "link":
             values[model.link_columns[fault[1] - 1]] *= 1.0 + size
         return values, standstill, random
@@ -110,7 +116,7 @@ class SimulatedFleet:
     def robot(self, number, fault=None, size=0.0, epoch=0):
         """The Information of a robot's minute.
 
-        `fault` is None or ("gearbox", joint), ("link", link) or ("gain", joint), from one.
+        `fault` is None or ("gearbox", joint), ("rotor", joint), ("link", link) or ("gain", joint), from one.
         """
         model, names = self.model, self.names
         values, standstill, random = self.parameters(number, fault, size)
@@ -178,6 +184,7 @@ def by_command(arguments, seed, folder):
     """Write the fleet, call `steelyard fleet`, and judge its findings."""
     fleet = SimulatedFleet(arguments.arm, seed)
     planted = fleet.planted(arguments.robots, arguments.each)
+    batch = [number for number in range(arguments.robots) if number not in planted][: arguments.batch]
     shutil.copy(description(arguments.arm), folder / "robot.urdf")
     terms = "".join(f'\n[[terms]]\nkind = "{term.kind}"\n' for term in fleet.model.robot.terms)
     (folder / "robot.toml").write_text(f'[description]\nurdf = "robot.urdf"\ntip = "{ARMS[arguments.arm][1]}"\n{terms}')
@@ -187,6 +194,8 @@ def by_command(arguments, seed, folder):
         for epoch, date in enumerate(DATES if arguments.drift else DATES[:1]):
             planted_now = fault if epoch == int(arguments.drift) else None
             size = 0.0 if fault is None else arguments.friction if fault[0] == "gearbox" else arguments.link
+            if number in batch:
+                planted_now, size = BATCH
             fleet.robot(number, planted_now, size, epoch).save(folder / f"{number}-{epoch}.json")
             rows.append(f"{number},{number}-{epoch}.json,{date}")
     (folder / "robots.csv").write_text("\n".join(rows) + "\n")
@@ -208,11 +217,15 @@ def by_command(arguments, seed, folder):
         if one["kind"] == kind
     ]
     told, false = judged(fleet, planted, found)
+    for one in document["findings"]:
+        if one["kind"] == "batch":
+            strayed = len(set(map(int, one["robots"])) ^ set(batch))
+            print(f"a batch, with {strayed} robots of the wrong one: {one['sentence']}")
     page = (folder / "result" / "fleet.html").stat().st_size
     print(f"exit {done.returncode}, {seconds:.0f} s with {arguments.workers} workers, page {page / 1e3:.0f} kB")
     print(f"seed {seed}, {kind}: {line(told, false)}", flush=True)
     for one in document["findings"]:
-        fault = planted.get(int(one["robot"]))
+        fault = planted.get(int(one["robot"] or -1))
         if one["kind"] == kind and (fault is None or arguments.verbose):
             print(f"    {one['robot']} {fault or 'nothing planted'}: {one['sentence']}")
 
@@ -247,6 +260,48 @@ def by_comparison(arguments, seed, **sizes):
     return judged(fleet, planted, findings)
 
 
+def batches(arguments, seed):
+    """How a part of the robots is told that has another gearbox, rotor, link or gain: cause, robots and size."""
+    fleet, count = fleets(arguments.arm, seed), arguments.robots
+    order = np.random.default_rng([seed, 4]).permutation(count)
+    for share in (0.05, 0.1, 0.2, 0.35, 0.5):
+        for kind, size in BATCHES.items():
+            places = LINKS_THAT_SHOW if kind == "link" else range(1, 1 + fleet.model.dof)
+            results = []
+            for place in places:
+                inside = {*map(int, order[: round(share * count)])}
+                faults = {number: ((kind, place), size) if number in inside else (None, 0.0) for number in range(count)}
+                told = [simulated(arguments.arm, seed, number, *faults[number]) for number in range(count)]
+                results.append(told_batch(fleet, told, inside, (kind, place), size))
+            told, right, strayed, held = map(sum, zip(*results, strict=True))
+            print(
+                f"seed {seed}, {share:.0%} with {kind} {size:+.0%}: {told} of {len(results)} told, {right} by the "
+                f"right cause, {strayed} robots in the wrong heap, {held} of {right} in the interval",
+                flush=True,
+            )
+
+
+def told_batch(fleet, told, inside, fault, size):
+    """Whether a batch is told, and by the right cause, robots in the wrong heap, and whether the interval holds."""
+    bases, covariances, gains = map(np.array, zip(*told, strict=True))
+    usual = np.ones(len(bases), dtype=bool)
+    for _ in range(2):  # as identify_fleet does: sizes are parts of what the others have
+        medians = np.median(bases[usual], axis=0), np.median(gains[usual], axis=0)
+        causes = possible_causes(fleet.model, fleet.usual, *medians)
+        own = gains_in_own_motion(fleet.model, causes, gains)
+        found = compare_siblings(bases, covariances, causes, variations(fleet.model, causes), own=own).batches
+        if not found:
+            return False, False, 0, False
+        usual[list(found[0].robots)] = False
+    one, robots = found[0].deviation, set(found[0].robots)
+    kind, number = fault
+    right = one.cause.name == f"Ia{number}" if kind == "rotor" else part_of(one.cause) == fleet.part(fault)
+    others = set(range(len(bases))) - robots
+    turned = len(others ^ inside) < len(robots ^ inside)
+    true = -size / (1.0 + size) if turned else size
+    return True, right, len((others if turned else robots) ^ inside), right and one.lower <= true <= one.upper
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--arm", default="ur5", choices=ARMS)
@@ -261,6 +316,8 @@ def main():
     parser.add_argument("--sizes", action="store_true")
     parser.add_argument("--gains", action="store_true")
     parser.add_argument("--drift", action="store_true")
+    parser.add_argument("--batch", type=int, default=0, help="robots with another gearbox, by the command")
+    parser.add_argument("--batches", action="store_true")
     parser.add_argument("--verbose", action="store_true")
     arguments = parser.parse_args()
     for seed in arguments.seeds:
@@ -271,6 +328,8 @@ def main():
             for friction, link in ((0.1, 0.02), (0.2, 0.03), (0.3, 0.05), (0.4, 0.07), (0.5, 0.1), (1.0, 0.15)):
                 found = line(*by_comparison(arguments, seed, gearbox=friction, link=link))
                 print(f"seed {seed}, friction +{friction:.0%}, link +{link:.0%}: {found}", flush=True)
+        elif arguments.batches:
+            batches(arguments, seed)
         elif arguments.gains:
             for gain in (0.03, -0.03, 0.05, -0.05, 0.1, -0.1):
                 print(f"seed {seed}, gain {gain:+.0%}: {line(*by_comparison(arguments, seed, gain=gain))}", flush=True)

@@ -25,7 +25,7 @@ def fleet(
     json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Estimate many robots; tell which differ from their siblings, and which have drifted: exit 0 none, 1 some.
+    """Estimate many robots; tell which differ, fall into batches or have drifted: exit 0 none, 1 some.
 
     Exits 3 where nothing came of some entry; the others are there.
 
@@ -55,5 +55,5 @@ def fleet(
         echo(f"Look at {output / 'fleet.html'}")
     if found.failed:
         raise typer.Exit(3)
-    if found.differing or found.drifted:
+    if found.findings:
         raise typer.Exit(1)

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from .log_reduction import LogReduction as LogReduction
     from .manifest import FleetEntry as FleetEntry
     from .manifest import FleetManifest as FleetManifest
+    from .siblings import Batch as Batch
     from .siblings import Deviation as Deviation
     from .siblings import SiblingComparison as SiblingComparison
     from .siblings import compare_siblings as compare_siblings

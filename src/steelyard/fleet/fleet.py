@@ -28,26 +28,19 @@ from .log_reduction import first_of, run_in_order
 from .manifest import FleetEntry, FleetManifest
 from .packed import unpacked
 from .robot_estimate import description_of, inputs_of, model_of, robot_estimate, something_came, task_of, with_contents
-from .siblings import (
-    FEWEST,
-    LEAST_HELD,
-    Deviation,
-    SiblingComparison,
-    compare_siblings,
-    held_before,
-    median_of_shown,
-    shown_parameters,
-    unexplained,
-)
+from .siblings import FEWEST, LEAST_HELD, Deviation, SiblingComparison, compare_siblings, held_before
+from .variation import median_of_shown, shown_parameters, unexplained
 
 __all__ = ["Finding", "Fleet", "RobotGroup", "RobotRow", "identify_fleet"]
 
 Array = NDArray[np.float64]
+Kind = Literal["batch", "siblings", "drift"]
+KINDS = ("batch", "siblings", "drift")  # in the order in which they are told
 MOST_SENTENCES = 40
 """The most sentences that are printed; the tables have all findings."""
-ROUGH = 7
-"""Robots of a group below which intervals hold less than they say: of gearboxes that were named in simulated fleets of
-four and five, which are those that chance made look larger, 6 of 10 intervals held the truth; of seven, 95 of 100."""
+ROUGH = 5
+"""Robots of a group below which intervals hold less than they say: of links that were named in simulated fleets of
+four, which are those where chance made the others look alike, 6 of 10 held the truth; of five, 9 of 10."""
 LINES = 20
 """The most lines of progress that are printed while robots are estimated."""
 SURE = 0.05
@@ -74,12 +67,13 @@ class RobotRow:
 
 @dataclass(frozen=True, eq=False)
 class Finding:
-    """A robot that differs from its siblings, or from what it was, in one part.
+    """A robot that differs from its siblings, or from what it was, in one part; or robots of another batch.
 
     Attributes
     ----------
-    kind : {"siblings", "drift"}
+    kind : {"batch", "siblings", "drift"}
     robot, group, date : str
+        The first and the last are empty for a batch.
     since : str
         Of a drift: the first date at which it was half of what it is.
     deviation : Deviation
@@ -88,9 +82,11 @@ class Finding:
         Of a drift: the date and the amplitude against the first date, of each later one.
     ratio : float or None
         Of a drift: how many times what it was, beyond what changed in the siblings.
+    robots : tuple of str
+        Of a batch.
     """
 
-    kind: Literal["siblings", "drift"]
+    kind: Kind
     robot: str
     group: str
     date: str
@@ -99,6 +95,12 @@ class Finding:
     sentence: str
     history: tuple[tuple[str, float], ...] = field(default=(), repr=False)
     ratio: float | None = None
+    robots: tuple[str, ...] = field(default=(), repr=False)
+
+    @property
+    def line(self) -> str:
+        """The sentence, with the robot of which it is."""
+        return f"{self.robot}: {self.sentence}" if self.robot else self.sentence
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +140,7 @@ class Fleet:
         In the order of the manifest.
     groups : tuple of RobotGroup
     findings : tuple of Finding
-        The surest first; those against siblings, then those in time.
+        Batches, then robots that differ from their siblings, then those that have drifted; the surest first.
     remarks : tuple of str
     unexplained : tuple of RobotRow
         Whose own data no parameters explain, while that of most siblings is explained. No part of them is compared.
@@ -157,8 +159,13 @@ class Fleet:
         return tuple(row for row in self.rows if row.reason)
 
     @property
+    def batches(self) -> tuple[Finding, ...]:
+        """What robots of one batch have in common, and those of others have not; the surest first."""
+        return tuple(one for one in self.findings if one.kind == "batch")
+
+    @property
     def differing(self) -> tuple[str, ...]:
-        """Robots that differ from their siblings, the surest first."""
+        """Robots that differ from their siblings, the surest first; of a batch only those that differ from it too."""
         return tuple(dict.fromkeys(one.robot for one in self.findings if one.kind == "siblings"))
 
     @property
@@ -172,6 +179,11 @@ class Fleet:
         count = len({row.entry.id for row in self.rows})
         robots = f"{count} robot{'s' * (count != 1)}"
         parts = []
+        if self.batches:
+            sizes = [len(robots) for robots in dict.fromkeys(one.robots for one in self.batches)]
+            parts.append(
+                f"{' and '.join(map(str, sizes))} are of {'another batch' if len(sizes) == 1 else 'other batches'}"
+            )
         if any(group.siblings is not None for group in self.groups):
             number = len(self.differing)
             parts.append(f"{number or 'none'} {'differ' if number > 1 else 'differs'} from {_their(number)} siblings")
@@ -190,11 +202,11 @@ class Fleet:
     @property
     def sentences(self) -> tuple[str, ...]:
         """The headline, and a sentence for each finding."""
-        return (self.headline, *(f"{one.robot}: {one.sentence}" for one in self.findings), *self.remarks)
+        return (self.headline, *(one.line for one in self.findings), *self.remarks)
 
     def __str__(self) -> str:
         lines = [self.headline]
-        lines += [f"{one.robot}: {one.sentence}" for one in self.findings[:MOST_SENTENCES]]
+        lines += [one.line for one in self.findings[:MOST_SENTENCES]]
         if len(self.findings) > MOST_SENTENCES:
             lines.append(f"({len(self.findings) - MOST_SENTENCES} more; findings.parquet and fleet.html have all.)")
         lines += self.remarks
@@ -210,16 +222,23 @@ class Fleet:
             "name": self.manifest.name,
             "headline": self.headline,
             "false_discovery_rate": self.manifest.false_discovery_rate,
+            "batches": [list(one.robots) for one in self.batches],
             "differing": list(self.differing),
             "drifted": list(self.drifted),
             "unexplained": [row.entry.label for row in self.unexplained],
-            "findings": [_finding_row(one) | {"history": list(one.history)} for one in self.findings],
+            "findings": [
+                _finding_row(one) | {"history": list(one.history), "robots": list(one.robots)} for one in self.findings
+            ],
             "failed": [{"robot": r.entry.id, "date": r.entry.date, "reason": r.reason} for r in self.failed],
             "remarks": list(self.remarks),
         }
 
     def robot_rows(self) -> list[dict[str, Any]]:
-        """One mapping for each robot and date: what came of it, both verdicts, and what differs."""
+        """One mapping for each robot and date: what came of it, both verdicts, its batch, and what differs."""
+        common: dict[tuple[str, str], list[str]] = {}
+        for one in self.batches:
+            for robot in one.robots:
+                common.setdefault((one.group, robot), []).append(one.deviation.cause.name)
         differing: dict[tuple[str, str], list[Finding]] = {}
         for one in self.findings:
             differing.setdefault((one.robot, one.date), []).append(one)
@@ -249,6 +268,7 @@ class Fleet:
                     "relative_error": values.get("relative_error"),
                     "condition_number": values.get("condition_number"),
                     "total_mass": mass,
+                    "batch": ", ".join(common.get((row.entry.group, row.entry.id), [])) or None,
                     "differs": None if number not in chance else any(one.kind == "siblings" for one in own),
                     "probability": chance.get(number),
                     "drifted": any(one.kind == "drift" for one in own),
@@ -340,6 +360,7 @@ def _finding_row(one: Finding) -> dict[str, Any]:
     return {
         "kind": one.kind,
         "robot": one.robot,
+        "robots": ", ".join(one.robots),
         "group": one.group,
         "date": one.date,
         "since": one.since,
@@ -370,8 +391,9 @@ def identify_fleet(
 
     Each robot is estimated by itself, as by :func:`steelyard.identify`. Robots of one group and one model are siblings;
     see :func:`compare_siblings` for how they are compared. A robot with several dates is compared with its siblings as
-    it was last, and what changed since its first date with what changed in its siblings. A robot of which nothing
-    comes keeps no other from being estimated: its row tells the reason.
+    it was last, and what changed since its first date with what changed in its siblings. Robots that fall into two
+    heaps, as after a change of a supplier, are told as batches, and each is then compared without what its batch has in
+    common. A robot of which nothing comes keeps no other from being estimated: its row tells the reason.
 
     Parameters
     ----------
@@ -432,7 +454,9 @@ def identify_fleet(
         groups.append(group)
         findings += found
         remarks += told
-    findings.sort(key=lambda one: (one.kind == "drift", one.deviation.probability, one.robot, one.deviation.cause.name))
+    findings.sort(
+        key=lambda one: (KINDS.index(one.kind), one.deviation.probability, one.robot, one.deviation.cause.name)
+    )
     for name in (name for name, count in models.items() if count > 1):
         remarks.append(
             f"{_called(name, capital=True)} has robots of {models[name]} models, with other lengths or other terms: "
@@ -573,31 +597,37 @@ def _compared(
     firsts, lasts = [own[0] for own in several], [own[-1] for own in several]
     model = _model_of(rows[numbers[0]])
     assert model is not None
-    parameters = np.median([rows[k].values["parameters"] for k in latest], axis=0)
+    parameters = np.array([rows[k].values["parameters"] for k in latest])
     bases, covariances, freedoms = _arrays(rows, latest)
     shown = shown_parameters(bases, covariances)
-    known = model.base_parameters().K @ parameters
-    base = np.where(shown.any(axis=0), median_of_shown(bases, shown), known)
     gains = _gains(rows, latest)
-    causes = possible_causes(model, parameters, base, None if gains is None else _usual_gains(gains, shown))
-    in_own_motion = {} if gains is None else gains_in_own_motion(model, causes, gains)
-    directions = variations(model, causes)
     findings: list[Finding] = []
     remarks: list[str] = []
     called = _called(name)
     siblings = drift = None
-    if len(latest) >= FEWEST:
-        siblings = compare_siblings(
-            bases, covariances, causes, directions, rate=rate, freedoms=freedoms, own=in_own_motion
-        )
-        for one in siblings.deviations:
-            row = rows[latest[one.robot]]
-            findings.append(Finding("siblings", row.entry.id, name, row.entry.date, "", one, sentence(one, "siblings")))
-        if len(latest) < 10:
-            remarks.append(
-                f"With {len(latest)} robots{alike} in {called}, what is usual among siblings is hardly known: only "
-                f"large differences are told{', and their sizes are rough' * (len(latest) < ROUGH)}."
+    usual = np.ones(len(latest), dtype=bool)
+    while True:
+        known = np.median(parameters[usual], axis=0)
+        base = median_of_shown(bases[usual], shown[usual])
+        base = np.where(shown[usual].any(axis=0), base, model.base_parameters().K @ known)
+        usual_gains = _usual_gains(gains, usual, shown)
+        causes = possible_causes(model, known, base, usual_gains)
+        in_own_motion = {} if gains is None else gains_in_own_motion(model, causes, gains)
+        directions = variations(model, causes)
+        if len(latest) >= FEWEST:
+            siblings = compare_siblings(
+                bases, covariances, causes, directions, rate=rate, freedoms=freedoms, own=in_own_motion
             )
+        if siblings is None or not siblings.batches or not usual.all():
+            break
+        # Sizes are parts of what the others have, which the medians over both batches are not.
+        for batch in siblings.batches:
+            usual[list(batch.robots)] = False
+        if np.sum(usual) < FEWEST:
+            break
+    if siblings is not None:
+        found, remarks = _beside_siblings(name, alike, [rows[k] for k in latest], siblings)
+        findings += found
     else:
         remarks.append(
             f"{_called(name, capital=True)} has {len(latest)} robot{'s' * (len(latest) > 1)}{alike} of which something "
@@ -653,6 +683,54 @@ def _compared(
     return group, findings, remarks
 
 
+def _beside_siblings(
+    name: str, alike: str, rows: Sequence[RobotRow], siblings: SiblingComparison
+) -> tuple[list[Finding], list[str]]:
+    """Tell batches and robots that differ, and what to know of the comparison; rows are those that were compared."""
+    findings: list[Finding] = []
+    names = [row.entry.id for row in rows]
+    for batch in siblings.batches:
+        robots = tuple(names[k] for k in batch.robots)
+        told = (
+            f"{len(robots)} of {len(rows)} robots{alike} are of another batch, as after a change of a supplier: "
+            f"{listed(robots, 8)}. {sentence(batch.deviation, 'batch')}"
+        )
+        findings.append(Finding("batch", "", name, "", "", batch.deviation, told, robots=robots))
+    for one in siblings.deviations:
+        row, own = rows[one.robot], [batch for batch in siblings.batches if one.robot in batch.robots]
+        beside = one
+        for batch in own:
+            beside = _beside_batch(beside, batch.deviation)
+        told = sentence(beside, "siblings")
+        if own:
+            told = f"Beyond what its batch has in common, {told[0].lower()}{told[1:]}"
+        findings.append(Finding("siblings", row.entry.id, name, row.entry.date, "", beside, told))
+    remarks = []
+    if len(rows) < 10:
+        remarks.append(
+            f"With {len(rows)} robots{alike} in {_called(name)}, what is usual among siblings is hardly known: only "
+            f"large differences are told{', and their sizes are rough' * (len(rows) < ROUGH)}."
+        )
+    return findings, remarks
+
+
+def _beside_batch(one: Deviation, common: Deviation) -> Deviation:
+    """A difference from siblings as a part of what the robots of its batch have, where these differ in the same part.
+
+    Friction that is 1.8 times that of the others, in a batch that has 1.2 times theirs, is 1.5 times that of the batch.
+    """
+    if one.cause is not common.cause or not one.cause.has_ratio or one.cause.kind == "gain":
+        return one
+    times = 1.0 + common.amplitude
+    if times <= LEAST_HELD:
+        return one
+    amplitude, lower, upper, error = (
+        value / times for value in (one.amplitude, one.lower, one.upper, one.standard_error)
+    )
+    cause = replace(one.cause, nominal=one.cause.nominal * (1.0 if one.cause.kind == "friction" else times))
+    return replace(one, cause=cause, amplitude=amplitude, lower=lower, upper=upper, standard_error=error)
+
+
 def _arrays(rows: Sequence[RobotRow], numbers: Iterable[int]) -> tuple[Array, Array, Array]:
     """Base parameters, their covariances, and the degrees of freedom of these, robot by robot."""
     chosen = [rows[k].values for k in numbers]
@@ -670,9 +748,11 @@ def _gains(rows: Sequence[RobotRow], numbers: Sequence[int]) -> Array | None:
     return np.array([np.full(shapes[0], np.nan) if one is None else one for one in told]) if shapes else None
 
 
-def _usual_gains(gains: Array, shown: NDArray[np.bool_]) -> Array:
-    """The same in the motions of most siblings, (n_b, N)."""
-    told = np.isfinite(gains).all(axis=(1, 2))
+def _usual_gains(gains: Array | None, usual: NDArray[np.bool_], shown: NDArray[np.bool_]) -> Array | None:
+    """The same in the motions of most of the siblings that are `usual`, (n_b, N); None where no data tells."""
+    told = usual if gains is None else usual & np.isfinite(gains).all(axis=(1, 2))
+    if gains is None or not told.any():
+        return None
     return np.column_stack([median_of_shown(one, shown[told]) for one in np.moveaxis(gains[told], 2, 0)])
 
 
@@ -767,8 +847,8 @@ def _factors(low: float, high: float) -> str:
     return f"{low:.3g} or more" if np.isfinite(low) else f"{high:.3g} or less"
 
 
-def sentence(one: Deviation, kind: Literal["siblings", "drift"], *, when: str = "", since: str = "") -> str:
-    """Say in words in what a robot differs from its siblings, or from what it was.
+def sentence(one: Deviation, kind: Kind, *, when: str = "", since: str = "") -> str:
+    """Say in words in what a robot differs from its siblings, or from what it was, or a batch from the others.
 
     Examples
     --------
@@ -786,17 +866,19 @@ def sentence(one: Deviation, kind: Literal["siblings", "drift"], *, when: str = 
     cause, low, high = one.cause, one.lower, one.upper
     size, sign = abs(cause.nominal * one.amplitude), 1.0 if one.amplitude >= 0.0 else -1.0
     ends = sorted((sign * cause.nominal * low, sign * cause.nominal * high))
-    others = (
-        "that of its siblings" if kind == "siblings" else f"what it was on {when}, beyond what changed in its siblings"
-    )
+    others = {
+        "batch": "that of the others",
+        "siblings": "that of its siblings",
+        "drift": f"what it was on {when}, beyond what changed in its siblings",
+    }[kind]
     if cause.kind == "link":
-        than = "than its siblings" if kind == "siblings" else f"than on {when}"
+        than = {"batch": "than that of the others", "siblings": "than its siblings", "drift": f"than on {when}"}[kind]
         text = f"The link {cause.part} has another mass, centre of mass or inertia {than}"
     elif cause.kind == "mass":
         text = (
             f"The link {cause.part} is {size:.2g} kg "
             f"{'heavier' if sign > 0.0 else 'lighter'} than {others} ({ends[0]:.2g} to {ends[1]:.2g} kg), "
-            f"{100.0 * abs(one.amplitude):.2g} %, if it is made like {'theirs' if kind == 'siblings' else 'it was'}"
+            f"{100.0 * abs(one.amplitude):.2g} %, if it is made like {'it was' if kind == 'drift' else 'theirs'}"
         )
     elif cause.kind == "gain":
         measured = cause.what.removesuffix(" gain")
@@ -806,7 +888,7 @@ def sentence(one: Deviation, kind: Literal["siblings", "drift"], *, when: str = 
         )
     elif cause.has_ratio:
         text = f"{_what(cause)} is {1.0 + one.amplitude:.3g} times {others} ({1.0 + low:.3g} to {1.0 + high:.3g})"
-        if cause.kind == "term" and kind == "siblings":
+        if cause.kind == "term" and kind != "drift":
             value = cause.nominal * (1.0 + one.amplitude)
             text += f", {value:.3g} {cause.unit} where they have {cause.nominal:.3g} {cause.unit}"
     else:

@@ -1,14 +1,9 @@
 """Siblings beside each other: how much robots of one kind vary, and which of them vary by more, in what part.
 
-Each robot has base parameters ``y_r = mu + b_r + e_r``: what all siblings have, what is its own, and the error of its
-estimate. The error has the covariance that its own data tells, ``C_r``; what is its own has one covariance for all
-siblings, ``T = sum_j tau_j² v_j v_j'`` over the directions in which assembly, temperature and castings change robots.
-The variances tau_j² are those of restricted maximum likelihood (REML), found by the iteration of H. Zhou et al., MM
-algorithms for variance components models, J. Comput. Graph. Stat. 28, 2019, in which the square of each standardised
-deviation is bounded as in Huber's second proposal, so that robots that are out of order do not widen what counts as
-usual. A robot is held against the mean of the others, by generalised least squares with ``C_r + T``, which uses all
-correlations of its parameters; the amplitude of each cause has a standard error, and Student's distribution, whose
-degrees of freedom count the siblings.
+A robot is held against the mean of the others, by generalised least squares with the covariance of its own error and
+that by which siblings vary (see `variation`), which uses all correlations of its parameters; the amplitude of each
+cause has a standard error, and Student's distribution, whose degrees of freedom count the siblings. Before, robots of
+two batches are told apart (see `batches`).
 """
 
 from __future__ import annotations
@@ -22,15 +17,28 @@ from numpy.typing import ArrayLike, NDArray
 from steelyard.errors import InputError
 from steelyard.regression.factor import eigenvectors
 
+from .batches import Heap, find_heap
 from .causes import IMPOSSIBLE, Cause
+from .variation import (
+    EFFICIENCY,
+    LEAST,
+    UNKNOWN,
+    SiblingVariation,
+    median_of_shown,
+    pseudo_inverse,
+    scaled_errors,
+    shown_parameters,
+    unexplained,
+    usual_size,
+)
 
 __all__ = [
+    "Batch",
     "Deviation",
     "SiblingComparison",
     "compare_siblings",
     "deviations_of",
     "false_discoveries",
-    "unexplained",
 ]
 
 Array = NDArray[np.float64]
@@ -43,19 +51,8 @@ NOISE_FREEDOM = 30.0
 batches. Short logs have fewer: with 30 for all, one robot whose log had 140 rows was named in two of six sound fleets
 of ten."""
 
-BOUND = 1.5
-"""Standardised deviations beyond which a robot no longer widens what counts as usual. So up to E[min(z², BOUND²)] over
-BOUND², a third, of the robots may be far out in the same part; with 2 it would be a quarter."""
-
-WHOLE = 0.99
-"""Robots as far from the mean as one in a hundred normal ones count less in the mean, by the square of how far."""
-
-ITERATIONS, SETTLED = 60, 0.02
-"""The most iterations for the variances, and the relative change of the spread of every cause below which they have
-settled."""
-
-SUBSET = 200
-"""Siblings from which the variances are begun; all of them settle them afterwards."""
+MOST_BATCHES = 4
+"""Ways in which batches differ that are told."""
 
 ROUNDS = 3
 """Times that the variances are found anew without what was found to be unusual."""
@@ -66,6 +63,11 @@ MOST_CAUSES = 4
 MOST_VARIED = 20.0
 """The largest multiple by which a robot is taken to vary by more than its siblings."""
 
+FEW_SIBLINGS = 10
+"""Siblings below which those of one part are too few to tell how much it varies: it is taken to vary by as much as most
+parts of its kind at least. A robot is named where chance made the others look alike, so that intervals of gearboxes
+held the truth in 6 of 10 fleets of four."""
+
 LEAST_HELD = 0.1
 """Part of what siblings have that a robot is taken to have had at least: of nearly nothing, no multiple is known."""
 
@@ -75,16 +77,6 @@ HIDDEN = 0.02
 LIKELY = 3.8
 """By how much the logarithm of the likelihood of another cause may be below that of the best, to be told beside it:
 half the square of the 0.995 quantile of Student's distribution for `NOISE_FREEDOM`. Beyond that, the best is needed."""
-
-LEAST = 1e-3
-"""Standard deviation that every base parameter has at least, in the same units: exact data, as of a simulation without
-noise, would leave matrices that cannot be inverted."""
-
-TRACE = 1e-6
-"""Part of what a robot tells of the mean that is left along what was taken from it."""
-
-UNKNOWN = 1e4
-"""Standard deviations, in units of what is usual, of parameters that a robot's data does not show."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,6 +116,28 @@ class Deviation:
 
 
 @dataclass(frozen=True, eq=False)
+class Batch:
+    """Robots that all differ from the others in the same way, as after a change of a supplier.
+
+    Attributes
+    ----------
+    robots : tuple of int
+        Their numbers, in ascending order: the smaller of two heaps, or the one whose torque reads wrong.
+    deviation : Deviation
+        Of what they have in common, from the mean of the others; its `robot` is the first of them.
+    apart : float
+        How far the two heaps lie apart, in standard deviations of one robot.
+    odds : float
+        Logarithm of how much likelier two heaps are than one heap with any tails and any skew.
+    """
+
+    robots: tuple[int, ...]
+    deviation: Deviation
+    apart: float
+    odds: float
+
+
+@dataclass(frozen=True, eq=False)
 class SiblingComparison:
     """A comparison of robots of one kind: the values that they have in common, and where single ones differ.
 
@@ -137,6 +151,8 @@ class SiblingComparison:
     amplitude, error : ndarray
         (R, len(causes)) of each robot against the mean of the others, each cause by itself, and the standard deviation
         that noise and what siblings vary by give it; NaN for links as a whole.
+    common : ndarray
+        (R, len(causes)): the part of the amplitude that robots of a batch have in common; zero for the others.
     among : ndarray
         (R, len(causes)) the part of that standard deviation by which siblings vary.
     probability : ndarray
@@ -147,6 +163,9 @@ class SiblingComparison:
         Of robots that differ, the surest first.
     threshold : float
         Probability of a cause of a robot below which it is named.
+    batches : tuple of Batch
+        What many robots have in common, which is taken off before each of them is held against the others. A robot may
+        belong to several. The mean is that of robots of none.
     """
 
     causes: tuple[Cause, ...]
@@ -155,10 +174,12 @@ class SiblingComparison:
     amplitude: Array = field(repr=False)
     error: Array = field(repr=False)
     among: Array = field(repr=False)
+    common: Array = field(repr=False)
     probability: Array = field(repr=False)
     robot_probability: Array = field(repr=False)
     deviations: tuple[Deviation, ...] = field(repr=False)
     threshold: float = 0.0
+    batches: tuple[Batch, ...] = field(default=(), repr=False)
 
     @property
     def spread(self) -> Array:
@@ -170,10 +191,10 @@ class SiblingComparison:
         """Amplitudes of least expected error, where siblings are all that is known beforehand, and their errors.
 
         (R, len(causes)) each: what noise alone may have made is taken away, the more the less a robot's data tells
-        (empirical Bayes).
+        (empirical Bayes). What a batch has in common is known of many, and stays.
         """
         share = (self.among / self.error) ** 2
-        return self.amplitude * share, self.among * np.sqrt(np.maximum(1.0 - share, 0.0))
+        return (self.amplitude - self.common) * share + self.common, self.among * np.sqrt(np.maximum(1.0 - share, 0.0))
 
     @property
     def differs(self) -> tuple[int, ...]:
@@ -197,16 +218,6 @@ def deviations_of(probability: float) -> float:
     from scipy.special import ndtri
 
     return float(-ndtri(0.5 * max(probability, 1e-300)))
-
-
-def unexplained(inverse: Array, taken: Array) -> Array:
-    """Return the inverse of a covariance, (n_b, n_b), without what changes along the columns of `taken` explain."""
-    seen = inverse @ taken
-    return np.asarray(inverse - seen @ _inverse(taken.T @ seen) @ seen.T)
-
-
-def _inverse(gram: Array) -> Array:
-    return np.asarray(np.linalg.pinv(gram, rcond=1e-9, hermitian=True))
 
 
 def false_discoveries(probabilities: ArrayLike, rate: float) -> NDArray[np.bool_]:
@@ -308,11 +319,12 @@ def compare_siblings(
     # What a robot's data does not show has any value there, which must not count, however many robots have the same.
     given = np.where(shown, given, median_of_shown(given, shown))
     errors = np.where(shown[:, :, None] & shown[:, None, :], errors, np.where(np.eye(given.shape[1]), np.inf, 0.0))
-    scale = _scale(given, errors, shown)
+    scale = usual_size(given, errors, shown)
     degrees = np.full(len(given), NOISE_FREEDOM)
     if freedoms is not None:
         degrees = np.minimum(degrees, np.asarray(freedoms, dtype=float))
-    problem = _Problem(given / scale, _scaled(errors, scale), shown, degrees, np.asarray(directions) / scale[:, None])
+    noise, varied = scaled_errors(errors, scale), np.asarray(directions, dtype=float) / scale[:, None]
+    problem = SiblingVariation(given / scale, noise, shown, degrees, varied)
     scaled = [cause.directions / scale[:, None] for cause in causes]
     each = {k: np.asarray(one, dtype=float) / scale for k, one in (own or {}).items()}
     of_robot = {k: np.asarray(np.isfinite(one).all(axis=1)) for k, one in each.items()}
@@ -326,14 +338,23 @@ def compare_siblings(
         earlier = np.asarray(before, dtype=float)
         was = np.where(shown, earlier - median_of_shown(earlier, shown), 0.0) / scale
     tests = _Tests(problem, causes, scaled, each, of_robot, scale, rate, was)
+    problem.settle(problem.bases, {})
+    tests.measure()
+    batches: list[Batch] = []
+    # What has changed is told robot by robot, and as the change of all.
+    while before is None and len(batches) < MOST_BATCHES and (heap := tests.heap()) is not None:
+        batches.append(_batch(*heap, tests, confidence))
+        tests.take_off(*heap)
     moved = problem.bases
     found: list[_Found] = []
-    for _ in range(ROUNDS):
-        own_parts: dict[int, list[Array]] = {}
-        for one in found:
-            own_parts.setdefault(one.robot, []).append(tests.direction(one.robot, one.cause))
-        problem.settle(moved, {robot: np.column_stack(parts) for robot, parts in own_parts.items()})
-        again = tests.run()
+    for number in range(ROUNDS):
+        if number:
+            own_parts: dict[int, list[Array]] = {}
+            for one in found:
+                own_parts.setdefault(one.robot, []).append(tests.direction(one.robot, one.cause))
+            problem.settle(moved, {robot: np.column_stack(parts) for robot, parts in own_parts.items()})
+            tests.measure()
+        again = tests.named()
         same = [(one.robot, one.cause) for one in again] == [(one.robot, one.cause) for one in found]
         found = again
         if same:
@@ -349,13 +370,15 @@ def compare_siblings(
         tuple(causes),
         scale * problem.mean,
         np.outer(scale, scale) * problem.mean_covariance,
-        tests.amplitude,
+        tests.amplitude + tests.common,
         tests.error,
         tests.among,
+        tests.common,
         tests.probability,
         tests.robot_probability,
         tuple(deviations),
         tests.threshold,
+        tuple(batches),
     )
 
 
@@ -374,171 +397,6 @@ def held_before(weights: Array, was: Array, mean: Array) -> float:
     return max(1.0 + float(weights @ (was - mean)), LEAST_HELD)
 
 
-def shown_parameters(bases: Array, errors: Array) -> NDArray[np.bool_]:
-    """Tell which base parameters the data of each robot shows, (R, n_b).
-
-    The noise of a joint that stands still moves it a little, so that the data tells some number, by 10⁵ times as
-    uncertain as that of siblings whose joint moves, and of any size.
-    """
-    deviations = np.sqrt(np.diagonal(errors, axis1=1, axis2=2))
-    # The robot that shows a parameter best tells its size, also where the others, and their median, show nothing.
-    size = np.min(np.hypot(bases, deviations), axis=0)
-    shown = np.isfinite(deviations) & (deviations <= UNKNOWN * size)
-    return np.asarray(shown & (deviations <= UNKNOWN * _scale(bases, errors, shown)))
-
-
-def median_of_shown(values: ArrayLike, shown: NDArray[np.bool_]) -> Array:
-    """Return the medians of columns over the rows that are shown; zero where none is.
-
-    Examples
-    --------
-    >>> median_of_shown([[1.0, 5.0], [2.0, 0.0], [9.0, 0.0]], np.array([[True, False], [True, False], [False, False]]))
-    array([1.5, 0. ])
-    """
-    some = shown.any(axis=0)
-    kept = np.where(shown | ~some, values, np.nan)
-    return np.where(some, np.nanmedian(kept, axis=0), 0.0)
-
-
-def _deviation_of_shown(bases: Array, shown: NDArray[np.bool_]) -> Array:
-    """How far base parameters are from their median as a rule, (n_b,): the standard deviation of normal ones."""
-    return 1.4826 * median_of_shown(np.abs(bases - median_of_shown(bases, shown)), shown)
-
-
-def _scale(bases: Array, errors: Array, shown: NDArray[np.bool_]) -> Array:
-    """Return how far base parameters are from each other as a rule, (n_b,), so that matrices are well conditioned."""
-    middle, away = median_of_shown(bases, shown), _deviation_of_shown(bases, shown)
-    own = np.sqrt(median_of_shown(np.diagonal(errors, axis1=1, axis2=2), shown))
-    size = np.hypot(away, own)
-    return np.asarray(np.maximum(size, 1e-9 * np.maximum(np.abs(middle), np.abs(middle).max(initial=1.0))))
-
-
-def _scaled(errors: Array, scale: Array) -> Array:
-    found = errors / np.outer(scale, scale)
-    return np.where(np.isfinite(found), found, UNKNOWN**2) + LEAST**2 * np.eye(len(scale))
-
-
-class _Problem:
-    """Base parameters of siblings, their errors, and how siblings vary; all in units of `_scale`."""
-
-    def __init__(
-        self, bases: Array, errors: Array, shown: NDArray[np.bool_], freedoms: Array, directions: Array
-    ) -> None:
-        self.bases, self.errors, self.shown, self.freedoms = bases, errors, shown, freedoms
-        lengths = np.linalg.norm(directions, axis=0)
-        self.directions = directions / np.where(lengths > 0.0, lengths, 1.0)
-        self.count, self.width = bases.shape
-        noise = median_of_shown(np.diagonal(errors, axis1=1, axis2=2), shown)
-        away = _deviation_of_shown(bases, shown) ** 2
-        usual = np.maximum(away - noise, 0.05 * away + 1e-6)
-        self.variances = (self.directions**2).T @ usual / max(1, self.directions.shape[1] // self.width)
-        self.spread_matrix = (self.directions * self.variances) @ self.directions.T  # T, (n_b, n_b)
-        self.weights = np.ones(self.count)
-        self.mean = median_of_shown(bases, shown)
-        self.mean_covariance = np.eye(self.width)
-        self.precision = np.eye(self.width)
-        self.taken: dict[int, Array] = {}
-        self.information: Array | None = None
-
-    def settle(self, moved: Array, taken: dict[int, Array]) -> None:
-        """Find the variances, the mean and the weights from bases from which unusual parts were taken away.
-
-        Along what was taken from a robot it tells nothing of its siblings. Counted as one of them all the same, which
-        are then alike there, it made four robots vary by a third less, and two beside a third by half.
-        """
-        self.moved, self.taken, self.information = moved, taken, None
-        if self.count > 2 * SUBSET:
-            self._iterate(np.linspace(0, self.count - 1, SUBSET).round().astype(int))
-        self._iterate(np.arange(self.count))
-        self._means(np.arange(self.count))
-
-    def _means(self, chosen: NDArray[np.intp]) -> tuple[Array, Array]:
-        """Find the mean of some siblings; return the inverses of their covariances and their deviations from it."""
-        from scipy.special import chdtri
-
-        inverses = np.linalg.inv(self.errors[chosen] + self.spread_matrix)
-        inverses = 0.5 * (inverses + inverses.transpose(0, 2, 1))
-        for place in np.nonzero(np.isin(chosen, list(self.taken)))[0]:
-            without = unexplained(inverses[place], self.taken[int(chosen[place])])
-            # A trace is left, so that there is a mean where something was taken from each robot.
-            inverses[place] = (1.0 - TRACE) * 0.5 * (without + without.T) + TRACE * inverses[place]
-        bases = self.moved[chosen]
-        for _ in range(2):  # the first mean is the median, so that no robot draws it before its weight is known
-            away = bases - self.mean
-            distance = np.einsum("ri,rij,rj->r", away, inverses, away)
-            weights = np.minimum(1.0, float(chdtri(self.width, 1.0 - WHOLE)) / np.maximum(distance, 1e-300))
-            weighted = weights[:, None, None] * inverses
-            precision = weighted.sum(axis=0)
-            self.mean_covariance = np.linalg.inv(precision)
-            self.mean = self.mean_covariance @ np.einsum("rij,rj->i", weighted, bases)
-        away = bases - self.mean
-        self.weights[chosen] = weights
-        if len(chosen) == self.count:
-            self.precision, self.mean_weights = precision, weighted
-        return inverses, away
-
-    def _iterate(self, chosen: NDArray[np.intp]) -> None:
-        for _ in range(ITERATIONS):
-            inverses, away = self._means(chosen)
-            shown = inverses @ self.directions  # (R, n_b, c)
-            told = np.sum(self.directions * shown, axis=1)
-            lost = np.sum((np.linalg.cholesky(self.mean_covariance).T @ shown) ** 2, axis=1)
-            usual = np.maximum(told - lost, 1e-3 * told)  # REML: the mean has taken some of it
-            squares = (away[:, None, :] @ shown)[:, 0, :] ** 2
-            bounded = np.minimum(squares, BOUND**2 * usual) / EXPECTED
-            before = np.sqrt(np.maximum(np.diagonal(self.spread_matrix), 1e-300))
-            ratio = bounded.sum(axis=0) / np.maximum(usual.sum(axis=0), 1e-300)
-            self.variances = self.variances * np.sqrt(ratio)
-            self.spread_matrix = (self.directions * self.variances) @ self.directions.T
-            after = np.sqrt(np.maximum(np.diagonal(self.spread_matrix), 1e-300))
-            if np.max(np.abs(after - before) / np.maximum(before, 0.02)) < SETTLED:
-                break
-
-    def freedom_of_interval(self, robot: int, weights: Array, error: float) -> float:
-        """Degrees of freedom of the variance of a combination of base parameters, of which an interval is told.
-
-        By Satterthwaite's rule from how well the variances are known of which siblings vary, by their Fisher
-        information (D. Giesbrecht and J. Burns, Two-stage analysis based on a mixed model, Biometrics 41, 1985). A
-        variance for each parameter is known worse than the one of a single parameter would be: of twenty arms, that
-        of the mass of a link as by nine siblings. Tests, of which only the least probability counts, take the number of
-        siblings (`_Tests.freedom`), with which sound fleets have about as few false alarms as is asked for.
-        """
-        if self.information is None:
-            chosen = np.unique(np.linspace(0, self.count - 1, min(self.count, SUBSET)).round().astype(int))
-            inverses, _ = self._means(np.arange(self.count))
-            between = np.swapaxes(self.directions[None], 1, 2) @ inverses[chosen] @ self.directions
-            # The mean takes what one sibling tells.
-            self.information = 0.5 * (between**2).sum(axis=0) * (self.count - 1.0) / len(chosen)
-        squares = (weights @ self.directions) ** 2
-        among = float(squares @ self.variances)
-        known = np.linalg.pinv(self.information, rcond=1e-8, hermitian=True)
-        of_siblings = EFFICIENCY * 2.0 * among**2 / max(float(squares @ known @ squares), 1e-300)
-        noise = float(weights @ self.errors[robot] @ weights)
-        among = max(error**2 - noise, 0.0)  # more than of siblings, where what varies has grown
-        spread = noise**2 / self.freedoms[robot] + among**2 / max(of_siblings, 1.0)
-        return float((noise + among) ** 2 / max(spread, 1e-300))
-
-
-def _of_bounded(bound: float) -> tuple[float, float]:
-    """Return the expected square of a normal deviate that is bounded, and how much such squares tell of its variance.
-
-    The latter is the variance that the logarithm of the variance of normal deviates has by all their squares, 2, over
-    that which it has by bounded ones.
-    """
-    from math import erf, exp, pi, sqrt
-
-    within = erf(bound / sqrt(2.0))
-    tail = 2.0 * exp(-0.5 * bound**2) / sqrt(2.0 * pi)
-    second = within - bound * tail
-    fourth = 3.0 * within - (bound**3 + 3.0 * bound) * tail
-    expected = second + bound**2 * (1.0 - within)
-    variance = fourth + bound**4 * (1.0 - within) - expected**2
-    return expected, 2.0 * second**2 / variance
-
-
-EXPECTED, EFFICIENCY = _of_bounded(BOUND)
-
-
 @dataclass(frozen=True, eq=False)
 class _Found:
     robot: int
@@ -555,7 +413,7 @@ class _Tests:
 
     def __init__(
         self,
-        problem: _Problem,
+        problem: SiblingVariation,
         causes: Sequence[Cause],
         directions: Sequence[Array],
         own: Mapping[int, Array],
@@ -566,6 +424,7 @@ class _Tests:
     ) -> None:
         self.problem, self.directions, self.own, self.scale, self.rate = problem, directions, own, scale, rate
         self.causes, self.of_robot, self.was = causes, of_robot, was
+        self.taken_off = np.zeros_like(problem.bases)  # what robots of batches have in common
         self.single = [k for k, one in enumerate(directions) if one.shape[1] == 1]
         self.several = [k for k, one in enumerate(directions) if one.shape[1] > 1]
         self.columns = (
@@ -576,6 +435,12 @@ class _Tests:
         """How a robot's base parameters change with each amplitude of a cause, (n_b, k)."""
         return self.own[cause][robot, :, None] if cause in self.own else self.directions[cause]
 
+    def directions_of(self, robots: NDArray[np.intp], cause: int) -> Array:
+        """The same of several robots, (len(robots), n_b, k)."""
+        if cause in self.own:
+            return self.own[cause][robots, :, None]
+        return np.broadcast_to(self.directions[cause], (len(robots), *self.directions[cause].shape))
+
     def columns_of(self, robot: int) -> Array:
         """The same of all causes with one amplitude, (n_b, k)."""
         if not self.own:
@@ -585,14 +450,22 @@ class _Tests:
             found[:, self.single.index(cause)] = directions[robot]
         return found
 
-    def run(self) -> list[_Found]:
+    def measure(self) -> None:
+        """Hold each robot against the mean of the others, each cause by itself."""
         count, causes = self.problem.count, len(self.directions)
         self.probability, self.amplitude = np.ones((count, causes)), np.full((count, causes), np.nan)
         self.error, self.among = np.full((count, causes), np.nan), np.full((count, causes), np.nan)
+        self.common = np.zeros((count, causes))
         for robot in range(count):
             inverse, away = self.against_others(robot)
             tested = self.tested(robot, inverse, away, inverse)
             self.amplitude[robot], self.error[robot], self.among[robot], self.probability[robot] = tested[:4]
+            if self.taken_off[robot].any():
+                self.common[robot] = self.tested(robot, inverse, self.taken_off[robot], inverse)[0]
+
+    def named(self) -> list[_Found]:
+        """Which robots differ, and in what."""
+        count, causes = self.probability.shape
         best = self.probability.min(axis=1, initial=1.0)
         self.robot_probability = np.minimum(best * causes, 1.0)
         named = false_discoveries(self.robot_probability, self.rate)
@@ -600,6 +473,22 @@ class _Tests:
         # multiple families of hypotheses, 2014).
         self.threshold = self.rate * max(int(named.sum()), 1) / max(count, 1) / max(causes, 1)
         return [one for robot in np.nonzero(named)[0] for one in self.parts_of(int(robot))]
+
+    def heap(self) -> tuple[Heap, SiblingVariation] | None:
+        """Find robots that all have another amount of something, see `find_heap`."""
+        tried = [(k, self.amplitude[:, k]) for k in self.single]
+        tried += [(k, self.problem.amplitudes_of(own)) for k, own in self.own.items()]
+        return find_heap(self.problem, tried, self.causes, self.directions_of, self.beside, LIKELY)
+
+    def take_off(self, heap: Heap, within: SiblingVariation) -> None:
+        """Take what robots have in common off their base parameters, and hold all robots against each other anew."""
+        self.taken_off[heap.robots] += heap.change
+        problem = self.problem
+        problem.bases = problem.bases.copy()
+        problem.bases[heap.robots] -= heap.change
+        problem.variances, problem.spread_matrix, problem.mean = within.variances, within.spread_matrix, within.mean
+        problem.settle(problem.bases, {})
+        self.measure()
 
     def against_others(self, robot: int) -> tuple[Array, Array]:
         """The inverse covariance of a robot's deviation from the mean of the others, and the deviation."""
@@ -698,7 +587,7 @@ class _Tests:
     def held(self, robot: int, cause: int, amplitude: float, inverse: Array) -> tuple[float, float]:
         """What a robot has of a cause, and what it had where changes are compared, as multiples of its siblings'."""
         if self.was is None or self.causes[cause].kind == "gain":
-            return 1.0 + (_beside(amplitude) if self.is_own(robot, cause) else amplitude), 1.0
+            return 1.0 + self.beside(robot, cause, amplitude), 1.0
         own = self.direction(robot, cause)[:, 0]
         weights = inverse @ own / max(float(own @ inverse @ own), 1e-300)
         common = float(weights @ self.problem.mean)
@@ -720,9 +609,17 @@ class _Tests:
         more = float(squares.mean()) - 1.0  # a change varies with what there is after it, and with what was before
         return (self.problem.directions[:, within], more * self.problem.variances[within]) if within.any() else None
 
+    def usual_spread(self, kind: str) -> float:
+        """By how much siblings vary in the median of the parts of a kind, in units of what they have."""
+        return float(np.nanmedian(self.among[:, [k for k, cause in enumerate(self.causes) if cause.kind == kind]]))
+
     def is_own(self, robot: int, cause: int) -> bool:
         """Whether the amplitude of a cause is a part of what the robot itself has."""
         return cause in self.of_robot and bool(self.of_robot[cause][robot])
+
+    def beside(self, robot: int, cause: int, amplitude: float) -> float:
+        """An amplitude as a part of what siblings have."""
+        return _beside(amplitude) if self.is_own(robot, cause) else amplitude
 
     def freedom(self, robot: int, weights: Array) -> Array:
         """Degrees of freedom of the variances of combinations of base parameters, (k,), by Satterthwaite's rule."""
@@ -765,7 +662,7 @@ class _Tests:
         parts = self.needed(robot, whole, away, parts)
         taken = np.column_stack([self.direction(robot, k) for k, _, _ in parts])
         seen = whole @ taken
-        amplitudes = _inverse(taken.T @ seen) @ (seen.T @ away)
+        amplitudes = pseudo_inverse(taken.T @ seen) @ (seen.T @ away)
         found, column = [], 0
         for index, (k, chance, likely_too) in enumerate(parts):
             direction = self.direction(robot, k)
@@ -840,6 +737,37 @@ def _beside(part: float) -> float:
     return part / (1.0 - part) if part != 1.0 else np.inf
 
 
+def _batch(heap: Heap, problem: SiblingVariation, tests: _Tests, confidence: float) -> Batch:
+    """Tell what robots have in common; the size has the interval of a difference of the means of two heaps."""
+    from scipy.special import fdtrc, stdtr, stdtrit
+
+    cause, first = tests.causes[heap.cause], int(heap.robots[0])
+    count, many = problem.count, len(heap.robots)
+    freedom, size = max(count - 2.0, 1.0), float(np.sqrt(heap.explained))
+    alternatives = tuple(tests.causes[k] for k in heap.near)
+    if len(heap.amplitudes) > 1:
+        unknown, rank = float("nan"), len(heap.amplitudes)
+        chance = float(fdtrc(rank, freedom, heap.explained / rank))
+        told = Deviation(first, cause, unknown, unknown, unknown, unknown, size, chance, alternatives)
+        return Batch(tuple(map(int, heap.robots)), told, heap.apart, heap.odds)
+    amplitude, weights = float(heap.amplitudes[0]), heap.weights[:, 0]
+    noise = float(np.mean(np.einsum("i,rij,j->r", weights, problem.errors[heap.robots], weights)))
+    among = float(weights @ problem.spread_matrix @ weights)
+    # Siblings vary by factors. Those that all have more vary by as much more, and so does the ratio with what the
+    # others have; what robots of both heaps vary by was found as one variance.
+    wider = 1.0
+    if cause.has_ratio and cause.kind != "gain":
+        squared = (1.0 + amplitude) ** 2
+        wider = squared * count / (squared * many + count - many)
+    error = float(np.sqrt((noise + wider * among) / (noise + among) / heap.information[0, 0]))
+    freedom = min(freedom, problem.freedom_of_interval(first, weights, float(np.sqrt(noise + among))))
+    reach = float(stdtrit(freedom, 0.5 + 0.5 * confidence)) * error
+    chance = 2.0 * float(stdtr(freedom, -size))
+    told = Deviation(first, cause, amplitude, error, amplitude - reach, amplitude + reach, size, chance, alternatives)
+    told = _of_siblings(told, tests.of_robot.get(heap.cause))
+    return Batch(tuple(map(int, heap.robots)), told, heap.apart, heap.odds)
+
+
 def _deviation(
     one: _Found,
     tests: _Tests,
@@ -863,10 +791,13 @@ def _deviation(
     weights = weighed / told
     amplitude = float(weights @ away)
     error = float(1.0 / np.sqrt(told))
+    among = float(weights @ tests.problem.spread_matrix @ weights)
     if cause.kind == "mass":
         # Siblings vary by factors: what a fault made three times as much was by as much more or less before.
-        among = float(weights @ tests.problem.spread_matrix @ weights)
         error = float(np.sqrt(max(error**2 - among, 0.0) + among * (1.0 + amplitude) ** 2))
+    if tests.problem.count < FEW_SIBLINGS:
+        factor = 1.0 if cause.kind == "gain" else (1.0 + amplitude) ** 2
+        error = float(np.sqrt(error**2 + factor * max(tests.usual_spread(cause.kind) ** 2 - among, 0.0)))
     freedom = tests.problem.freedom_of_interval(one.robot, weights, error)
     reach = float(stdtrit(freedom, 0.5 + 0.5 * confidence)) * error
     return Deviation(

@@ -8,12 +8,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from steelyard.display import shortened
-from steelyard.fleet import Cause, Finding, Fleet, RobotGroup, SiblingComparison
+from steelyard.fleet import Batch, Cause, Finding, Fleet, RobotGroup, SiblingComparison
 from steelyard.fleet.causes import FACTORS
 from steelyard.fleet.siblings import deviations_of
 
 from .html_document import Markup, Section, bullets, escape, figures, html_document, number, percent, table
 from .interval_bars import BAR, across, bar, interval_bar
+from .picture import round_ticks
 from .sections import versions
 
 __all__ = ["fleet_html"]
@@ -22,6 +23,7 @@ MOST_FINDINGS, MOST_FAILED, MOST_ROBOTS = 200, 100, 300
 """Rows of tables: a page of 2000 robots opens at once, and the Parquet files have all."""
 _WIDTH, _ROW, _LEFT = 720.0, 22, 210  # of the picture
 _REACH = 10.0  # standard deviations to either side that the picture shows
+_BARS = 120  # of the picture of two heaps, which the style draws 5 pixels wide
 _WORDS = {"good": "predicts well", "usable": "usable", "poor": "poor", "wrong": "wrong"}
 
 
@@ -38,6 +40,7 @@ def fleet_html(fleet: Fleet) -> str:
     str
     """
     parts = (
+        ("batches", "Batches", _batches(fleet)),
         ("siblings", "Robots that differ from their siblings", _findings(fleet, "siblings")),
         ("drift", "Robots that have drifted", _findings(fleet, "drift")),
         ("picture", "How far out each robot is", _pictures(fleet)),
@@ -62,13 +65,74 @@ def _lead(fleet: Fleet) -> Markup:
     robots = len({row.entry.id for row in fleet.rows})
     told = [
         ("Robots", f"{robots}", f"{len(fleet.rows)} entries" if len(fleet.rows) != robots else ""),
+        ("Of another batch", f"{len({(one.group, robot) for one in fleet.batches for robot in one.robots})}", ""),
         ("Differ from their siblings", f"{len(fleet.differing)}", ""),
         ("Have drifted", f"{len(fleet.drifted)}", ""),
         ("Nothing came of", f"{len(fleet.failed)}", "the reasons are below" if fleet.failed else ""),
     ]
     if not any(group.drift for group in fleet.groups):
-        del told[2]
+        del told[3]
+    if not fleet.batches:
+        del told[1]
     return Markup(f'<p class="lead">{escape(fleet.headline)}</p><dl class="figures">{figures(told)}</dl>')
+
+
+def _batches(fleet: Fleet) -> Markup:
+    sentences = {id(one.deviation): one.sentence for one in fleet.batches}
+    drawn = []
+    for group in fleet.groups:
+        if group.siblings is None:
+            continue
+        for batch in group.siblings.batches:
+            names = [fleet.rows[group.latest[k]].entry.id for k in batch.robots]
+            told = (
+                ("Robots", f"{len(names)}", f"of {len(group.latest)}{_named(group)}"),
+                ("The two heaps lie apart", f"{batch.apart:.1f}", "standard deviations of one robot"),
+                ("Two heaps are likelier than one by", f"10^{batch.odds / np.log(10.0):.0f}", "of any tails and skew"),
+            )
+            drawn.append(
+                f'<p>{escape(sentences[id(batch.deviation)])}</p><dl class="figures">{figures(told)}</dl>'
+                f"{_heaps(group, group.siblings, batch)}"
+                f"<details><summary>The robots of this batch</summary><p>{escape(', '.join(names))}</p></details>"
+            )
+    if not drawn:
+        return Markup("")
+    text = (
+        "Robots fall into two heaps, as after a change of a supplier, or where some were recorded in another way. The "
+        "smaller heap is told here, beside the others; which of the two is as it should be, nobody knows by that. Its "
+        "robots are compared with their siblings without what they have in common, and are named below where they "
+        "differ by more. Intervals are of 95 %."
+    )
+    return Markup(f"<p>{text}</p>{''.join(drawn)}")
+
+
+def _heaps(group: RobotGroup, compared: SiblingComparison, batch: Batch) -> Markup:
+    """The robots along what a batch has in common, in bars of those that are alike."""
+    number = compared.causes.index(batch.deviation.cause)
+    if not np.isfinite(batch.deviation.amplitude):  # a link as a whole has no single amplitude
+        return Markup("")
+    scores = compared.amplitude[:, number] / np.nanmedian(compared.error[:, number])
+    inside = np.isin(np.arange(len(scores)), batch.robots)
+    usual = scores[np.isfinite(scores) & ~np.isin(np.arange(len(scores)), compared.differs)]
+    low, high = float(usual.min(initial=-1.0)), float(usual.max(initial=1.0))
+    edges = np.linspace(low, high, _BARS + 1)
+    scores = np.clip(scores, low, high)  # those that differ by more stand at the edge
+    counts = [np.histogram(scores[chosen & np.isfinite(scores)], edges)[0] for chosen in (~inside, inside)]
+    tallest, base = max(int(np.max(one)) for one in counts), 120.0
+    parts = []
+    for kind, own in zip(("span", "batch"), counts, strict=True):
+        for place in np.flatnonzero(own):
+            x = across(0.5 * float(edges[place] + edges[place + 1]), (low, high), _WIDTH)
+            parts.append(f'<path class="{kind}" d="M{x:.1f} {base}V{base - 110.0 * own[place] / tallest:.1f}"/>')
+    parts.append(f'<path d="M0 {base}H{_WIDTH:.0f}"/>')
+    for value in round_ticks(low, high):
+        x = across(value, (low, high), _WIDTH)
+        parts.append(f'<text x="{x:.1f}" y="{base + 18:.0f}" text-anchor="middle">{value:g}</text>')
+    label = (
+        f"{batch.deviation.cause.name} of {len(scores)} robots{_named(group)}, beside that of the others, in standard "
+        f"deviations of one robot; {len(batch.robots)} of another batch"
+    )
+    return _svg(label, parts, 144)
 
 
 def _findings(fleet: Fleet, kind: str) -> Markup:
@@ -161,7 +225,7 @@ def _pictures(fleet: Fleet) -> Markup:
 
 def _picture(fleet: Fleet, group: RobotGroup, compared: SiblingComparison, kind: str) -> Markup:
     chosen = [k for k, cause in enumerate(compared.causes) if _is_drawn(cause, compared)]
-    scores = compared.amplitude[:, chosen] / compared.error[:, chosen]
+    scores = (compared.amplitude - compared.common)[:, chosen] / compared.error[:, chosen]
     limit = deviations_of(compared.threshold)
     height = _ROW * len(chosen) + 34
     scale = (-_REACH, _REACH)
@@ -196,6 +260,10 @@ def _picture(fleet: Fleet, group: RobotGroup, compared: SiblingComparison, kind:
         parts.append(f'<text x="{x(value):.1f}" y="{height - 10}" text-anchor="middle">{value}</text>')
     count = len(compared.deviations)
     label = f"{len(chosen)} parts of {len(scores)} robots; {count} findings stand out, all of them in the table above"
+    return _svg(label, parts, height)
+
+
+def _svg(label: str, parts: Sequence[str], height: int) -> Markup:
     return Markup(
         f'<div class="scroll" role="region" tabindex="0" aria-label="Picture">'
         f'<svg class="interval assumed fleet" role="img" aria-label="{escape(label)}" '
@@ -291,7 +359,8 @@ def _robots(fleet: Fleet) -> Markup:
         if told["reason"]:
             rows.append((told["robot"], told["group"], told["date"], "nothing came of it", "", "", ""))
             continue
-        named = [word for word, key in (("differs", "differs"), ("drifted", "drifted")) if told[key]]
+        words = (("another batch", "batch"), ("differs", "differs"), ("drifted", "drifted"))
+        named = [word for word, key in words if told[key]]
         rows.append(
             (
                 told["robot"],
@@ -320,6 +389,8 @@ def _how(fleet: Fleet) -> Markup:
         "tell the amplitude and its standard error. Of those that are beyond chance over all robots and causes "
         f"(Benjamini and Hochberg, a rate of false discoveries of {100 * rate:g} %) the likeliest is kept; what is "
         "left beside it is tried in turn.</p>"
-        "<p>Robots that all differ in the same way differ from no sibling. A cause that is not in the list, such as "
-        "an encoder whose zero is off, shows as one or several of the others.</p>"
+        "<p>Before that, each cause is tried for two heaps of robots: two of one shape must be surely likelier than "
+        "one heap of any skew and any tails, by the integrated likelihood of the classification. Then all robots are "
+        "compared without what a batch has in common. A cause that is not in the list, such as an encoder whose zero "
+        "is off, shows as one or several of the others.</p>"
     )

@@ -62,6 +62,7 @@ def save_fleet(fleet: Fleet, folder: str | Path, *, stale: Sequence[str] = ()) -
 
 _TEXT = ("robot", "group", "date", "reason", "least_squares", "prediction", "predicted", "cause", "sentence", "remarks")
 _ROBOTS = dict.fromkeys(_TEXT, str) | {
+    "batch": str,
     "rows": int,
     "possible": bool,
     "model_error": float,
@@ -75,6 +76,7 @@ _ROBOTS = dict.fromkeys(_TEXT, str) | {
 _FINDINGS = {
     "kind": str,
     "robot": str,
+    "robots": str,
     "group": str,
     "date": str,
     "since": str,

@@ -1,0 +1,322 @@
+"""Batches: robots of one kind that fall into two heaps, as after a change of a supplier.
+
+Where a third of all is among them, what they have in common counts as what siblings vary by, and nobody is named; where
+fewer are, each of them is. So the amplitudes of each cause are tried for two heaps first. Where there are two, the
+cause is told that explains best by what their means differ; it is taken off the smaller heap, whose robots are held
+against all others without it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from math import exp, log, tanh
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .causes import IMPOSSIBLE, Cause
+from .variation import SiblingVariation, pseudo_inverse
+
+__all__ = ["Heap", "find_heap", "two_heaps"]
+
+Array = NDArray[np.float64]
+Numbers = NDArray[np.intp]
+Directions = Callable[[Numbers, int], Array]
+
+CHANCE = 0.01
+"""Probability, as odds of one heap beside two, by which a fleet without batches may have one told."""
+
+FEWEST_OF_BATCH, LEAST_OF_BATCH = 4, 0.05
+"""Robots, and part of all, of which a batch has as many at least; fewer are named one by one."""
+
+WIDE = 8.0
+"""Standard deviations beyond which an amplitude says no more of where two heaps part."""
+
+LIGHTEST_TAILS = 2.0
+"""Degrees of freedom above which those of the shape of a heap lie: its variance is finite."""
+
+MOST_SKEWED = 1.5
+"""Logarithm of the root of the ratio of the scales at both sides of a heap, below which it lies."""
+
+STEPS = 5
+"""The most times that robots are sorted anew by what was found to be different."""
+
+
+@dataclass(frozen=True, eq=False)
+class Heap:
+    """Robots that differ from the others in the same way; amplitudes are in units of `Cause.nominal`.
+
+    Attributes
+    ----------
+    robots : ndarray
+        Their numbers, in ascending order.
+    cause : int
+        Its number.
+    near : tuple of int
+        Numbers of other causes that explain it about as well.
+    amplitudes, information : ndarray
+        (k,) and (k, k): of the cause, and the inverse of the covariance of their errors.
+    change : ndarray
+        (len(robots), n_b) of the base parameters of each.
+    weights : ndarray
+        (n_b, k): of the deviation of one robot in its amplitudes, on average.
+    explained : float
+        Squared standard deviations, of the difference of the means.
+    apart : float
+        How far the heaps lie apart, in standard deviations of one robot.
+    odds : float
+        Logarithm of how much likelier two heaps are than one.
+    """
+
+    robots: Numbers
+    cause: int
+    near: tuple[int, ...]
+    amplitudes: Array = field(repr=False)
+    information: Array = field(repr=False)
+    change: Array = field(repr=False)
+    weights: Array = field(repr=False)
+    explained: float
+    apart: float
+    odds: float
+
+
+def two_heaps(amplitudes: Array, causes: int = 1) -> tuple[float, Numbers, float] | None:
+    """Split amplitudes of robots in two, where two heaps of one shape are surely likelier than one heap of any.
+
+    The shape is a Student's distribution with two scales, one at each side, so that no skew and no tails of what
+    siblings vary by pass for a second heap. The criterion is the integrated likelihood of the classification
+    (C. Biernacki, G. Celeux and G. Govaert, Assessing a mixture model for clustering with the integrated completed
+    likelihood, 2000), which counts what is not known of who belongs where: two heaps that overlap much are not told
+    apart.
+
+    Parameters
+    ----------
+    amplitudes : (R,)
+        NaN where nothing is known.
+    causes : int
+        How many are tried, of which the best counts.
+
+    Returns
+    -------
+    tuple or None
+        The logarithm of the odds, the numbers of the robots of the smaller heap, and how far it is from the other.
+
+    Examples
+    --------
+    >>> amplitudes = np.concatenate([np.linspace(-0.1, 0.1, 30), np.linspace(0.9, 1.1, 10)])
+    >>> _, robots, apart = two_heaps(amplitudes)
+    >>> robots.tolist(), round(apart, 2)
+    ([30, 31, 32, 33, 34, 35, 36, 37, 38, 39], 1.0)
+    >>> two_heaps(np.linspace(-1.0, 1.0, 40)) is None
+    True
+    """
+    known = np.flatnonzero(np.isfinite(amplitudes))
+    count, least = len(known), _least(len(known))
+    if count < 2 * least:
+        return None
+    order = known[np.argsort(amplitudes[known], kind="stable")]
+    values = amplitudes[order]
+    middle = float(np.median(values))
+    size = 1.4826 * float(np.median(np.abs(values - middle)))
+    values = (values - middle) / max(size, 1e-9 * float(np.max(np.abs(values - middle))), 1e-300)
+    # Distances from medians tell the best place at once, and whether it is worth while to go on; those of two heaps of
+    # Laplace's distribution, which a few robots that are far out do not draw.
+    near = np.clip(values, -WIDE, WIDE)
+    sums, sizes = np.concatenate([[0.0], np.cumsum(near)]), np.arange(1, count)
+
+    def away(begin: Numbers | int, end: Numbers | int) -> Array:
+        half = (np.asarray(end) - begin) // 2
+        return np.asarray(sums[end] - sums[end - half] - sums[begin + half] + sums[begin])
+
+    whole = max(float(away(0, count)), 1e-300)
+    within = np.maximum(away(0, sizes) + away(sizes, count), 1e-9 * whole)
+    share = sizes / count
+    unsure = -share * np.log(share) - (1.0 - share) * np.log(1.0 - share)
+    gains = count * (np.log(whole / within) - unsure)
+    gains[(sizes < least) | (count - sizes < least)] = -np.inf
+    best = int(np.argmax(gains))
+    if not gains[best] > log(count):
+        return None
+    lower, upper = values[: best + 1], values[best + 1 :]
+    # The second heap has two numbers of its own, each of which costs half of log(count).
+    odds = _of_two(lower, upper) - count * float(unsure[best]) - _of_one(values) - log(count)
+    if not odds > log(causes / CHANCE):
+        return None
+    first = 2 * len(lower) >= count
+    robots = order[best + 1 :] if first else order[: best + 1]
+    centre = amplitudes[order[best + 1 :]].mean() - amplitudes[order[: best + 1]].mean()
+    return odds, np.sort(robots), float(centre if first else -centre)
+
+
+def _least(count: int) -> int:
+    return max(FEWEST_OF_BATCH, int(np.ceil(LEAST_OF_BATCH * count)))
+
+
+def _log_likelihood(values: Array, scale: float, skew: float, tails: float) -> float:
+    """Of values around zero, with a Student's distribution that has its own scale at each side."""
+    from scipy.special import gammaln
+
+    spread = exp(min(scale, 50.0))
+    skewed = MOST_SKEWED * tanh(skew / MOST_SKEWED)
+    freedom = LIGHTEST_TAILS + exp(min(tails, 7.0))
+    standard = values / (spread * np.where(values > 0.0, exp(skewed), exp(-skewed)))
+    constant = gammaln(0.5 * (freedom + 1.0)) - gammaln(0.5 * freedom) - 0.5 * log(freedom * np.pi)
+    constant -= log(spread * np.cosh(skewed))
+    return float(len(values) * constant - 0.5 * (freedom + 1.0) * np.sum(np.log1p(standard**2 / freedom)))
+
+
+def _most(negative: Callable[[Array], float], start: Sequence[float]) -> float:
+    from scipy.optimize import minimize
+
+    options: Any = {"maxiter": 500, "xatol": 1e-3, "fatol": 1e-2}
+    return -float(minimize(negative, np.array(start), method="Nelder-Mead", options=options).fun)
+
+
+def _of_one(values: Array) -> float:
+    """The largest logarithm of the likelihood of one heap, from three starts, of which two are skewed.
+
+    One that has no tails at all, as where parts are sorted by size, is as likely all over.
+    """
+    without_tails = -len(values) * log(max(float(np.ptp(values)), 1e-300))
+    starts = [
+        (float(np.quantile(values, where)), 0.0, skew, 1.5) for where, skew in ((0.5, 0.0), (0.3, 0.7), (0.7, -0.7))
+    ]
+    return max(without_tails, *(_most(lambda p: -_log_likelihood(values - p[0], *p[1:]), one) for one in starts))
+
+
+def _of_two(lower: Array, upper: Array) -> float:
+    """The largest logarithm of the likelihood of two heaps of one shape, of which each robot's is known."""
+    centres = float(np.median(lower)), float(np.median(upper))
+    within = np.concatenate([lower - centres[0], upper - centres[1]])
+    size = log(max(1.4826 * float(np.median(np.abs(within))), 1e-6))
+    return _most(
+        lambda p: -_log_likelihood(lower - p[0], *p[2:]) - _log_likelihood(upper - p[1], *p[2:]),
+        (*centres, size, 0.0, 1.5),
+    )
+
+
+def find_heap(
+    variation: SiblingVariation,
+    amplitudes: Sequence[tuple[int, Array]],
+    causes: Sequence[Cause],
+    directions: Directions,
+    beside: Callable[[int, int, float], float],
+    likely: float,
+) -> tuple[Heap, SiblingVariation] | None:
+    """Find robots that all have another amount of something, and how siblings vary within both heaps.
+
+    Parameters
+    ----------
+    variation : SiblingVariation
+        Settled.
+    amplitudes : sequence of (int, (R,))
+        Of each robot, each cause by itself, with the number of the cause.
+    causes : sequence of Cause
+    directions : callable
+        How base parameters of robots change with a cause, (len(robots), n_b, k), by the numbers of both.
+    beside : callable
+        An amplitude, of a robot and a cause, as a part of what siblings have.
+    likely : float
+        By how much the logarithm of the likelihood of another cause may be below, to be told beside the best.
+
+    Returns
+    -------
+    tuple or None
+    """
+    splits = [(two_heaps(values, len(amplitudes)), cause) for cause, values in amplitudes]
+    told = [(*split, k) for split, k in splits if split is not None]
+    for odds, robots, apart, cause in sorted(told, key=lambda one: -one[0]):
+        sides = [(robots, apart)]
+        if causes[cause].kind == "gain":
+            # What a torque that reads wrong does to the base parameters depends on each robot's motion; those that read
+            # right are alike. So which heap reads wrong is known, however large it is.
+            sides.append((np.setdiff1d(np.arange(variation.count), robots), -apart))
+        tried = []
+        for side, distance in sides:
+            within = variation.copied()
+            change = distance * directions(side, cause)[:, :, 0]
+            for _ in range(STEPS):
+                moved = within.bases.copy()
+                moved[side] -= change
+                within.begin(moved)
+                # How siblings vary within a heap tells causes apart, and not how they vary in both.
+                within.settle(moved, {})
+                found = _common(within, side, causes, directions, beside, likely, odds)
+                again = _sorted(within, found, directions)
+                if np.array_equal(again, side) or not _least(within.count) <= len(again) < within.count:
+                    break
+                side, change = again, directions(again, found.cause) @ found.amplitudes
+            left = float(np.linalg.slogdet(np.mean(within.errors, axis=0) + within.spread_matrix)[1])
+            tried.append((left, found, within))
+        _, found, within = min(tried, key=lambda one: one[0])
+        # Robots that are out of order in several ways may look alike in one; what they have in common is not all.
+        if np.sum(within.weights[found.robots] >= 1.0) >= _least(within.count):
+            return found, within
+    return None
+
+
+def _common(
+    variation: SiblingVariation,
+    robots: Numbers,
+    causes: Sequence[Cause],
+    directions: Directions,
+    beside: Callable[[int, int, float], float],
+    likely: float,
+    odds: float,
+) -> Heap:
+    """Tell by what the mean of some robots differs from that of the others, by generalised least squares for both.
+
+    With W_r the inverse covariance of one robot and P that of the mean, the information on amplitudes along G_r is
+    ``sum G_r' W_r G_r - (sum G_r' W_r) P⁻¹ (sum W_r G_r)``.
+    """
+    own = variation.mean_weights[robots]
+    together, left = own.sum(axis=0), variation.mean_covariance
+    others = variation.precision - together
+    total = variation.precision @ variation.mean - np.einsum("rij,rj->i", own, variation.moved[robots])
+    away = variation.bases[robots] - np.linalg.solve(others, total)
+    seen = np.einsum("rij,rj->ri", own, away)
+    seen_all = seen.sum(axis=0)
+    # What any difference of the means would explain, of which each cause leaves some.
+    score = seen_all - together @ left @ seen_all
+    most = float(score @ np.linalg.pinv(together - together @ left @ together, rcond=1e-9, hermitian=True) @ score)
+    tried = []
+    for k, cause in enumerate(causes):
+        along = directions(robots, k)
+        weighed = own @ along  # (m, n_b, k)
+        crossed = weighed.sum(axis=0)
+        told = np.einsum("rij,rik->jk", along, weighed) - crossed.T @ left @ crossed
+        score = np.einsum("rij,ri->j", along, seen) - crossed.T @ left @ seen_all
+        amplitude, size = pseudo_inverse(told) @ score, int(np.linalg.matrix_rank(told, hermitian=True))
+        prior = cause.log_prior(np.nan, np.nan)
+        if len(amplitude) == 1:
+            ratio = 1.0 + beside(int(robots[0]), k, float(amplitude[0]))
+            prior = cause.log_prior(ratio, ratio)
+        weights = (crossed - together @ left @ crossed) @ pseudo_inverse(told)
+        tried.append((amplitude, told, weights, float(score @ amplitude), size, prior))
+    most = max([most, *(one[3] for one in tried)])
+    degrees = max(float(variation.weights.sum()) - 2.0, 1.0)
+    chances = np.full(len(causes), -np.inf)
+    for k, (_, _, _, explained, size, prior) in enumerate(tried):
+        if size:
+            chances[k] = prior - 0.5 * (degrees + variation.width) * np.log1p((most - explained) / degrees)
+            chances[k] -= 0.5 * size * np.log1p(explained / size)
+    order = [int(k) for k in np.argsort(-chances, kind="stable")]
+    best = order[0]
+    near = tuple(k for k in order[1:] if chances[best] - chances[k] <= likely and tried[k][5] > IMPOSSIBLE)
+    amplitude, told, weights, explained, _, _ = tried[best]
+    change = directions(robots, best) @ amplitude
+    apart = float(np.sqrt(np.median(np.einsum("ri,rij,rj->r", change, own, change))))
+    return Heap(robots, best, near, amplitude, told, change, weights, explained, apart, odds)
+
+
+def _sorted(variation: SiblingVariation, found: Heap, directions: Directions) -> Numbers:
+    """Sort robots into the heap by what it has in common: those that are the likelier in it (linear discriminant)."""
+    every = np.arange(variation.count)
+    change = directions(every, found.cause) @ found.amplitudes
+    inverses = np.linalg.inv(variation.errors + variation.spread_matrix)
+    middle = variation.bases - variation.mean - 0.5 * change
+    score = np.einsum("ri,rij,rj->r", change, inverses, middle)
+    share = len(found.robots) / variation.count
+    return np.flatnonzero(score + log(share / (1.0 - share)) > 0.0)

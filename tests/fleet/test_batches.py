@@ -1,0 +1,290 @@
+"""Robots of one fleet that fall into two batches: told as such, by cause, robots and size; and only where there are."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+import steelyard as sy
+from steelyard.cli import main
+from steelyard.fleet import (
+    Cause,
+    SiblingComparison,
+    compare_siblings,
+    gains_in_own_motion,
+    identify_fleet,
+    possible_causes,
+    variations,
+)
+from steelyard.fleet.batches import two_heaps
+from steelyard.regression import ParameterCovariance, torque_gains
+
+from .sibling_arms import Arms
+
+Law = Callable[[np.random.Generator, int], np.ndarray]
+LAWS: dict[str, Law] = {
+    "normal": lambda random, count: random.normal(size=count),
+    "heavy tails": lambda random, count: random.standard_t(3, size=count),
+    "skewed": lambda random, count: np.exp(0.5 * random.normal(size=count)) / 0.5,
+    "one-sided": lambda random, count: random.exponential(size=count),
+    "bounded": lambda random, count: random.uniform(-1.7, 1.7, size=count),
+}
+ONE = Cause("Fc1", "term", "joint1", "Coulomb friction", "N·m", 1.0, np.eye(2)[:, :1])
+OTHER = Cause("Fc2", "term", "joint2", "Coulomb friction", "N·m", 1.0, np.eye(2)[:, 1:])
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_one_heap_of_any_shape_is_not_split(law: str) -> None:
+    random = np.random.default_rng(1)
+    for count in (8, 12, 30, 100):
+        assert [two_heaps(LAWS[law](random, count), 20) for _ in range(15)] == [None] * 15
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize(("count", "many"), [(40, 8), (100, 35), (100, 50)])
+def test_two_heaps_are_told_apart(law: str, count: int, many: int) -> None:
+    random = np.random.default_rng(2)
+    for sign in (1.0, -1.0):
+        values = LAWS[law](random, count)
+        values[:many] += 16.0 * sign
+        found = two_heaps(values, 20)
+        assert found is not None
+        _, robots, apart = found
+        inside = set(robots.tolist())
+        strayed = min(len(inside ^ set(range(many))), len(inside ^ set(range(many, count))))
+        assert strayed <= 2 * (law == "heavy tails")  # as far out as the other heap
+        inside_first = values[robots].mean() - np.delete(values, robots).mean()
+        assert apart == pytest.approx(inside_first, rel=1e-9)
+
+
+def test_amplitudes_that_nothing_tells_are_left_out() -> None:
+    values = np.concatenate([[np.nan], np.random.default_rng(3).normal(size=20), [np.nan, np.nan], np.full(8, 20.0)])
+    values[-8:] += np.random.default_rng(4).normal(size=8)
+    found = two_heaps(values)
+    assert found is not None
+    assert found[1].tolist() == list(range(23, 31))
+    assert two_heaps(np.full(30, np.nan)) is None
+    assert two_heaps(np.ones(30)) is None
+
+
+def test_a_batch_is_the_difference_of_two_means() -> None:
+    """In the balanced case, generalised least squares are the means of both heaps, and the error is that of theirs."""
+    random = np.random.default_rng(5)
+    bases = np.array([2.0, 5.0]) + 0.1 * random.normal(size=(60, 2))
+    bases[:20, 0] += 1.5
+    bases[4, 1] += 3.0  # one of them has something of its own
+    covariances = np.broadcast_to(1e-4 * np.eye(2), (60, 2, 2))
+    found = compare_siblings(bases, covariances, (ONE, OTHER), np.eye(2))
+    [batch] = found.batches
+    assert batch.robots == tuple(range(20))
+    assert batch.deviation.cause is ONE
+    assert batch.deviation.alternatives == ()
+    others = np.delete(bases[:20, 0], 4)  # which counts less than others do
+    assert batch.deviation.amplitude == pytest.approx(others.mean() - bases[20:, 0].mean(), abs=0.01)
+    assert batch.deviation.lower < 1.5 < batch.deviation.upper
+    assert [(one.robot, one.cause) for one in found.deviations] == [(4, OTHER)]
+    assert found.mean == pytest.approx(bases[20:].mean(axis=0), abs=0.02)
+    assert found.spread[0] == pytest.approx(0.1, rel=0.25)  # within each heap
+    assert found.common[:20, 0] == pytest.approx(batch.deviation.amplitude, abs=1e-9)
+    assert not found.common[20:].any()
+    assert found.amplitude[:20, 0].mean() == pytest.approx(1.5, abs=0.1)
+    assert found.shrunk[0][:20, 0].mean() == pytest.approx(1.5, abs=0.1)
+
+
+def test_changes_are_told_robot_by_robot() -> None:
+    """Of what changed in a third of the robots, no batch is told."""
+    random = np.random.default_rng(6)
+    before, changes = 1.0 + 0.1 * random.normal(size=(30, 2)), 0.1 * random.normal(size=(30, 2))
+    changes[:8, 0] += 3.0
+    covariances = np.broadcast_to(1e-4 * np.eye(2), (30, 2, 2))
+    assert compare_siblings(changes, covariances, (ONE, OTHER), np.eye(2), before=before).batches == ()
+    assert len(compare_siblings(changes, covariances, (ONE, OTHER), np.eye(2)).batches) == 1
+
+
+def test_robots_that_are_out_of_order_in_several_ways_are_no_batch() -> None:
+    """Six robots look alike in one part, and each of them has another one as well."""
+    causes = tuple(
+        Cause(f"Fc{k}", "term", f"joint{k}", "Coulomb friction", "N·m", 1.0, np.eye(8)[:, [k]]) for k in range(8)
+    )
+    random = np.random.default_rng(7)
+    bases = 0.1 * random.normal(size=(60, 8))
+    bases[:6, 0] += 1.5
+    bases[range(6), [1, 2, 3, 4, 5, 6]] += [2.0, -3.0, 2.5, -2.0, 3.0, 2.0]
+    covariances = np.broadcast_to(1e-4 * np.eye(8), (60, 8, 8))
+    found = compare_siblings(bases, covariances, causes, np.eye(8))
+    assert found.batches == ()
+    assert set(range(6)) <= set(found.differs)
+
+
+def compared(arms: Arms, count: int, faults: dict[int, tuple[str, float]]) -> SiblingComparison:
+    """Hold arms beside each other, of which some have faults; what others have is what friction is a part of."""
+    told = []
+    for number in range(count):
+        info = arms.information(number, *faults.get(number, ("", 1.0)), duration=10.0)
+        estimate = sy.least_squares(info)
+        told.append((estimate.base, ParameterCovariance.of(info, estimate.base).matrix, torque_gains(info)))
+    bases, covariances, gains = (np.array(one) for one in zip(*told, strict=True))
+    others = [number for number in range(count) if number not in faults]
+    usual = np.median(bases[others], axis=0), np.median(gains[others], axis=0)
+    causes = possible_causes(arms.model, arms.usual, *usual)
+    own = gains_in_own_motion(arms.model, causes, gains)
+    return compare_siblings(bases, covariances, causes, variations(arms.model, causes), own=own)
+
+
+@pytest.mark.parametrize(
+    ("fault", "factor", "name"),
+    [
+        ("joint2", 1.5, "friction of joint2"),
+        ("joint1", 0.6, "friction of joint1"),
+        ("link3", 1.15, "mass of link3"),
+        ("gain1", 0.9, "torque gain of joint1"),
+        ("gain2", 1.1, "torque gain of joint2"),
+    ],
+)
+def test_what_a_batch_has_in_common_is_named(fault: str, factor: float, name: str, tmp_path: Path) -> None:
+    """Of fifty arms a third, and one of the others is out of order as well."""
+    robots = tuple(range(1, 50, 3))
+    found = compared(Arms(tmp_path), 50, {**dict.fromkeys(robots, (fault, factor)), 6: ("joint3", 2.0)})
+    [batch] = found.batches
+    assert batch.robots == robots
+    assert batch.deviation.cause.name == name
+    assert batch.deviation.lower < factor - 1.0 < batch.deviation.upper
+    assert batch.deviation.upper - batch.deviation.lower < 0.12
+    assert batch.apart > 4.0
+    surest = {one.robot: one.cause.name for one in reversed(found.deviations)}
+    assert surest[6] == "friction of joint3"
+    assert len(set(surest) & set(robots)) <= 1  # nearly none of a batch is named for what all of it has
+
+
+def test_the_heap_is_told_whose_torque_reads_wrong(tmp_path: Path) -> None:
+    """It is the larger one here: what a wrong scale does depends on each robot's motion, and the others are alike."""
+    robots = tuple(number for number in range(40) if number % 10 > 2)
+    [batch] = compared(Arms(tmp_path), 40, dict.fromkeys(robots, ("gain2", 1.1))).batches
+    assert batch.robots == robots
+    assert batch.deviation.cause.name == "torque gain of joint2"
+    assert batch.deviation.lower < 0.1 < batch.deviation.upper
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Forty arms, of which half have a second joint of 1.5 times the friction, and one of these twice that."""
+    place = tmp_path_factory.mktemp("batches")
+    arms, rows = Arms(place), []
+    for number in range(40):
+        factor = 3.0 if number == 9 else 1.5 if number % 2 else 1.0
+        arms.information(number, "joint2", factor, duration=10.0).save(place / f"{number}.json")
+        rows.append(f"R{number},,{number}.json")
+    arms.manifest(rows)
+    return place
+
+
+def test_a_batch_is_one_finding_of_the_fleet(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sys.argv", ["steelyard", "fleet", str(folder / "fleet.toml"), "-o", str(folder / "result")])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 1
+    said = capsys.readouterr().out
+    assert "40 robots: 20 are of another batch, 1 differs from its siblings." in said
+    assert "20 of 40 robots are of another batch, as after a change of a supplier: R" in said
+    assert "The friction of joint2 is " in said
+    assert "R9: Beyond what its batch has in common, the friction of joint2 is " in said
+
+    document = json.loads((folder / "result" / "fleet.json").read_text(encoding="utf-8"))
+    [batch] = document["batches"]
+    more = batch == [f"R{k}" for k in range(1, 40, 2)]  # which half is told as the other is open
+    assert more or batch == [f"R{k}" for k in range(0, 40, 2)]
+    assert document["differing"] == ["R9"]
+    findings = pl.read_parquet(folder / "result" / "findings.parquet").to_dicts()
+    assert [(one["kind"], one["robot"], one["cause"]) for one in findings] == [
+        ("batch", "", "friction of joint2"),
+        ("siblings", "R9", "friction of joint2"),
+    ]
+    assert findings[0]["robots"].split(", ") == batch == document["findings"][0]["robots"]
+    factor = 1.5 if more else 1.0 / 1.5
+    assert 1.0 + findings[0]["lower"] < factor < 1.0 + findings[0]["upper"]
+    assert findings[0]["ratio"] == pytest.approx(factor, rel=0.05)
+    assert findings[1]["ratio"] == pytest.approx(2.0, rel=0.15)  # its own friction varies by 4 %
+
+    robots = pl.read_parquet(folder / "result" / "robots.parquet")
+    assert robots.filter(pl.col("batch") == "friction of joint2")["robot"].to_list() == batch
+    assert robots.filter(pl.col("differs"))["robot"].to_list() == ["R9"]
+    beside = pl.read_parquet(folder / "result" / "parameters.parquet").filter(
+        (pl.col("kind") == "beside siblings") & (pl.col("parameter") == "friction of joint2")
+    )
+    heap, others = (beside.filter(pl.col("robot").is_in(batch) == inside)["value"].median() for inside in (True, False))
+    assert heap == pytest.approx(factor - 1.0, abs=0.05)  # with what it has in common with its batch
+    assert others == pytest.approx(0.0, abs=0.03)
+
+    page = (folder / "result" / "fleet.html").read_text(encoding="utf-8")
+    assert '<h2 id="batches">' in page
+    assert page.count('class="batch"') >= 4  # bars of the picture of two heaps
+    assert "friction of joint2 of 40 robots, beside that of the others" in page
+    assert ", ".join(batch) in page
+
+
+def test_a_fleet_without_batches_says_nothing_of_them(tmp_path: Path) -> None:
+    arms = Arms(tmp_path)
+    for number in range(12):
+        arms.information(number, duration=10.0).save(tmp_path / f"{number}.json")
+    fleet = identify_fleet(arms.manifest([f"R{k},,{k}.json" for k in range(12)]))
+    assert fleet.batches == ()
+    assert "batch" not in fleet.headline
+    assert {row["batch"] for row in fleet.robot_rows()} == {None}
+    assert '<h2 id="batches">' not in sy.report.fleet_html(fleet)
+
+
+class Pendulums:
+    """Double pendulums, whose friction varies by as much as is told and whose links vary by 2 %."""
+
+    def __init__(self) -> None:
+        robot = sy.Robot.from_dh([(0, 1.0, 0, "q"), (0, 0.5, 0, "q")], gravity=(0, -9.81, 0))
+        self.model = sy.Model(robot.with_terms(sy.Viscous(), sy.Coulomb()))
+        self.usual = np.array([0, 0, 0, 0, 0, 0.3, 0.5, 0, 0, 1, 0.1, 2] * 2)
+        self.K = self.model.base_parameters().K
+        self.covariance = np.diag((0.01 * np.abs(self.K @ self.usual) + 1e-3) ** 2)
+
+    def compared(self, own: np.ndarray, random: np.random.Generator) -> SiblingComparison:
+        bases = own @ self.K.T + random.multivariate_normal(np.zeros(len(self.K)), self.covariance, size=len(own))
+        causes = possible_causes(self.model, self.usual)
+        covariances = np.broadcast_to(self.covariance, (len(own), *self.covariance.shape))
+        return compare_siblings(bases, covariances, causes, variations(self.model, causes))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("law", LAWS)
+def test_sound_fleets_have_no_batch(law: str) -> None:
+    """Whatever the shape of what siblings vary by, and with ten robots out of order in some part."""
+    pendulums, told = Pendulums(), 0
+    for seed in range(100):
+        random = np.random.default_rng([seed, 1])
+        count = int(random.choice([12, 30, 100]))
+        shape = np.stack([LAWS[law](random, count) for _ in pendulums.usual], axis=1)
+        own = pendulums.usual * np.maximum(1.0 + 0.03 * random.choice([0.5, 1.0, 3.0]) * shape, 0.1)
+        if seed % 2 and count == 100:
+            for number in range(10):
+                own[number, random.choice([9, 10, 11, 21, 22, 23])] *= 1.5
+        told += bool(pendulums.compared(own, random).batches)
+    assert told <= 4  # as 0.01 of 100 come to more than 4 with a probability of 0.3 %
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("count", "many"), [(20, 8), (100, 10), (100, 35)])
+def test_intervals_of_batches_hold_what_was_planted(count: int, many: int) -> None:
+    pendulums, held = Pendulums(), []
+    for seed in range(100):
+        random = np.random.default_rng([seed, 2])
+        own = pendulums.usual * (1.0 + 0.02 * random.normal(size=(count, len(pendulums.usual))))
+        own[:many, [10, 11]] *= 1.4
+        found = pendulums.compared(own, random).batches
+        assert [batch.robots for batch in found] == [tuple(range(many))]
+        one = found[0].deviation
+        assert one.cause.name == "friction of joint1"
+        held.append(one.lower < 0.4 < one.upper)
+    assert np.mean(held) > 0.88  # 0.95 less three standard errors
