@@ -96,6 +96,22 @@ def test_a_batch_is_the_difference_of_two_means() -> None:
     assert found.shrunk[0][:20, 0].mean() == pytest.approx(1.5, abs=0.1)
 
 
+@pytest.mark.parametrize("batch", [False, True])
+@pytest.mark.parametrize("still", [0.3, 0.5, 0.7])
+def test_robots_whose_logs_show_nothing_of_a_part_are_no_heap(still: float, batch: bool) -> None:
+    """Where a joint stands still, what its friction is said to be is what the others have, in each robot the same."""
+    random = np.random.default_rng(8)
+    bases = np.array([2.0, 5.0]) + 0.1 * random.normal(size=(60, 2))
+    covariances = np.repeat(1e-4 * np.eye(2)[None], 60, axis=0)
+    many = round(60 * still)
+    planted = tuple(range(many, 60, 3)) if batch else ()
+    bases[list(planted), 0] += 2.0
+    bases[:many, 0], covariances[:many, 0, 0] = random.normal(scale=1e3, size=many), np.inf
+    found = compare_siblings(bases, covariances, (ONE, OTHER), np.eye(2))
+    assert [(one.robots, one.deviation.cause) for one in found.batches] == ([(planted, ONE)] if batch else [])
+    assert found.differs == ()
+
+
 def test_changes_are_told_robot_by_robot() -> None:
     """Of what changed in a third of the robots, no batch is told."""
     random = np.random.default_rng(6)
@@ -168,6 +184,21 @@ def test_the_heap_is_told_whose_torque_reads_wrong(tmp_path: Path) -> None:
     assert batch.robots == robots
     assert batch.deviation.cause.name == "torque gain of joint2"
     assert batch.deviation.lower < 0.1 < batch.deviation.upper
+
+
+def test_the_smaller_heap_is_told_beside_robots_that_show_it_poorly(tmp_path: Path) -> None:
+    """Of the twelve whose last joint moves, eight have more friction; Coulomb's is seen in the trembling of the others.
+
+    Of the twelve the other four are the smaller heap, which those join then.
+    """
+    arms, robots = Arms(tmp_path), tuple(f"R{number}" for number in range(40) if number % 10 in (7, 9))
+    for number in range(40):
+        fault, still = ("joint3", None) if f"R{number}" in robots else ("", 2 if number % 10 < 7 else None)
+        arms.information(number, fault, 1.6, duration=6.0, still=still).save(tmp_path / f"{number}.json")
+    [batch] = identify_fleet(arms.manifest([f"R{k},,{k}.json" for k in range(40)])).batches
+    assert batch.robots == robots
+    assert batch.deviation.cause.name == "friction of joint3"
+    assert batch.deviation.lower < 0.6 < batch.deviation.upper
 
 
 @pytest.fixture(scope="module")
