@@ -260,6 +260,17 @@ def test_a_batch_is_one_finding_of_the_fleet(
     assert ", ".join(batch) in page
 
 
+def test_no_number_depends_on_the_order_of_the_manifest(folder: Path) -> None:
+    told = []
+    for order in (range(40), np.random.default_rng(1).permutation(40)):
+        lines = ["id,robot,informations", *(f"R{k},robot.toml,{k}.json" for k in order)]
+        (folder / "ordered.csv").write_text("\n".join(lines), encoding="utf-8")
+        fleet = identify_fleet(folder / "ordered.csv")
+        told.append((fleet.to_dict(), sorted(map(str, fleet.robot_rows()))))
+    assert told[0] == told[1]
+    assert told[0][0]["findings"][0]["robots"][:6] in ([f"R{k}" for k in range(n, 12 + n, 2)] for n in (0, 1))
+
+
 def test_a_fleet_without_batches_says_nothing_of_them(tmp_path: Path) -> None:
     arms = Arms(tmp_path)
     for number in range(12):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -589,7 +590,8 @@ def _compared(
     name: str, alike: str, rows: Sequence[RobotRow], numbers: Sequence[int], rate: float
 ) -> tuple[RobotGroup, list[Finding], list[str]]:
     by_robot: dict[str, list[int]] = {}
-    for number in numbers:
+    # Sums, and the robots by which variances are begun, depend on the order: it is that of the names.
+    for number in sorted(numbers, key=lambda k: _in_order(rows[k].entry.id)):
         by_robot.setdefault(rows[number].entry.id, []).append(number)
     dates = [sorted(own, key=lambda k: rows[k].entry.date) for own in by_robot.values()]
     latest = [own[-1] for own in dates]
@@ -681,6 +683,13 @@ def _compared(
         )
     group = RobotGroup(name, model, tuple(latest), tuple(lasts), siblings, drift)
     return group, findings, remarks
+
+
+def _in_order(name: str) -> tuple[list[tuple[int, str]], str]:
+    """Return a key by which A-9 comes before A-10."""
+    parts = re.split("([0-9]+)", name)  # texts, and numbers between them
+    numbers = [one.lstrip("0") if place % 2 else one for place, one in enumerate(parts)]
+    return [(len(one) if place % 2 else 0, one) for place, one in enumerate(numbers)], name
 
 
 def _beside_siblings(
