@@ -256,6 +256,8 @@ def test_a_batch_is_one_finding_of_the_fleet(
     page = (folder / "result" / "fleet.html").read_text(encoding="utf-8")
     assert '<h2 id="batches">' in page
     assert page.count('class="batch"') >= 4  # bars of the picture of two heaps
+    assert ">20 others</text>" in page
+    assert ">20 of this batch</text>" in page
     assert "friction of joint2 of 40 robots, beside that of the others" in page
     assert ", ".join(batch) in page
 
@@ -263,11 +265,12 @@ def test_a_batch_is_one_finding_of_the_fleet(
 def test_no_number_depends_on_the_order_of_the_manifest(folder: Path) -> None:
     told = []
     for order in (range(40), np.random.default_rng(1).permutation(40)):
-        lines = ["id,robot,informations", *(f"R{k},robot.toml,{k}.json" for k in order)]
+        lines = ["id,group,robot,informations", *(f"R{k},line 2,robot.toml,{k}.json" for k in order)]
         (folder / "ordered.csv").write_text("\n".join(lines), encoding="utf-8")
         fleet = identify_fleet(folder / "ordered.csv")
         told.append((fleet.to_dict(), sorted(map(str, fleet.robot_rows()))))
     assert told[0] == told[1]
+    assert "20 of 40 robots of the group line 2 are of another batch" in told[0][0]["findings"][0]["sentence"]
     assert told[0][0]["findings"][0]["robots"][:6] in ([f"R{k}" for k in range(n, 12 + n, 2)] for n in (0, 1))
 
 

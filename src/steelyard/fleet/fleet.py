@@ -182,9 +182,7 @@ class Fleet:
         parts = []
         if self.batches:
             sizes = [len(robots) for robots in dict.fromkeys(one.robots for one in self.batches)]
-            parts.append(
-                f"{' and '.join(map(str, sizes))} are of {'another batch' if len(sizes) == 1 else 'other batches'}"
-            )
+            parts.append(f"{_and(sizes)} are of {'another batch' if len(sizes) == 1 else 'other batches'}")
         if any(group.siblings is not None for group in self.groups):
             number = len(self.differing)
             parts.append(f"{number or 'none'} {'differ' if number > 1 else 'differs'} from {_their(number)} siblings")
@@ -341,6 +339,11 @@ class Fleet:
         for key in ("value", "lower", "upper"):
             columns[key] = np.concatenate([part[key] for part in parts]) if parts else np.zeros(0)
         return columns
+
+
+def _and(numbers: Sequence[int]) -> str:
+    first, last = ", ".join(map(str, numbers[:-1])), str(numbers[-1])
+    return f"{first} and {last}" if first else last
 
 
 def _their(number: int) -> str:
@@ -698,11 +701,12 @@ def _beside_siblings(
     """Tell batches and robots that differ, and what to know of the comparison; rows are those that were compared."""
     findings: list[Finding] = []
     names = [row.entry.id for row in rows]
+    within = f" of {_called(name)}" if name else ""
     for batch in siblings.batches:
         robots = tuple(names[k] for k in batch.robots)
         told = (
-            f"{len(robots)} of {len(rows)} robots{alike} are of another batch, as after a change of a supplier: "
-            f"{listed(robots, 8)}. {sentence(batch.deviation, 'batch')}"
+            f"{len(robots)} of {len(rows)} robots{alike}{within} are of another batch, "
+            f"as after a change of a supplier: {listed(robots, 8)}. {sentence(batch.deviation, 'batch')}"
         )
         findings.append(Finding("batch", "", name, "", "", batch.deviation, told, robots=robots))
     for one in siblings.deviations:
@@ -844,6 +848,11 @@ def _what(cause: Cause) -> str:
     return f"the {cause.what} of {cause.part}"
 
 
+def _whole(link: Cause, beside: Cause) -> str:
+    own = beside.kind == "mass" and beside.part == link.part
+    return "another centre of mass or inertia of it" if own else f"the link {link.part}"
+
+
 def _amount(cause: Cause, value: float) -> str:
     if cause.has_ratio:
         return f"{100.0 * value:+.2g} %"
@@ -920,6 +929,6 @@ def sentence(one: Deviation, kind: Kind, *, when: str = "", since: str = "") -> 
             "the zero of an encoder or how the log was made"
         )
     if one.alternatives:
-        named = [_what(other) if other.kind != "link" else f"the link {other.part}" for other in one.alternatives[:3]]
+        named = [_what(other) if other.kind != "link" else _whole(other, cause) for other in one.alternatives[:3]]
         text += f"; {' or '.join(named)} would explain it about as well"
     return f"{text[0].upper()}{text[1:]}."

@@ -99,9 +99,9 @@ def _batches(fleet: Fleet) -> Markup:
         return Markup("")
     text = (
         "Robots fall into two heaps, as after a change of a supplier, or where some were recorded in another way. The "
-        "smaller heap is told here, beside the others; which of the two is as it should be, nobody knows by that. Its "
-        "robots are compared with their siblings without what they have in common, and are named below where they "
-        "differ by more. Intervals are of 95 %."
+        "smaller heap is told here, beside the others, or that whose torques read wrong; which of the two is as it "
+        "should be, nobody knows by that. Its robots are compared with their siblings without what they have in "
+        "common, and are named below where they differ by more. Intervals are of 95\u00a0%."
     )
     return Markup(f"<p>{text}</p>{''.join(drawn)}")
 
@@ -128,11 +128,21 @@ def _heaps(group: RobotGroup, compared: SiblingComparison, batch: Batch) -> Mark
     for value in round_ticks(low, high):
         x = across(value, (low, high), _WIDTH)
         parts.append(f'<text x="{x:.1f}" y="{base + 18:.0f}" text-anchor="middle">{value:g}</text>')
+    legend = (
+        (0.0, "span", f"{len(scores) - len(batch.robots)} others"),
+        (140.0, "batch", f"{len(batch.robots)} of this batch"),
+    )
+    for x, kind, told in legend:
+        parts.append(f'<path class="{kind}" d="M{x + 3:.1f} {base + 46:.0f}V{base + 34:.0f}"/>')
+        parts.append(f'<text x="{x + 12:.1f}" y="{base + 45:.0f}">{told}</text>')
+    parts.append(
+        f'<text x="{_WIDTH:.0f}" y="{base + 45:.0f}" text-anchor="end">standard deviations of one robot</text>'
+    )
     label = (
         f"{batch.deviation.cause.name} of {len(scores)} robots{_named(group)}, beside that of the others, in standard "
         f"deviations of one robot; {len(batch.robots)} of another batch"
     )
-    return _svg(label, parts, 144)
+    return _svg(label, parts, 172)
 
 
 def _findings(fleet: Fleet, kind: str) -> Markup:
