@@ -156,6 +156,8 @@ def test_slides_in_micrometres_are_refused(tmp_path):
         (LIMITED, lambda t: 160.0 * 3.0 * np.sin(3.0 * t)),  # of motors in front of gears
         (CHAIN, lambda t: 3e6 + np.sin(3.0 * t)),  # far from zero
         (CHAIN, lambda t: np.where(np.arange(len(t)) % 1000 < 20, 1e6, np.sin(3.0 * t))),  # wild readings
+        (LIMITED, lambda t: np.where(np.arange(len(t)) % 1000 < 20, 65535.0, np.sin(3.0 * t))),
+        (LIMITED.replace('"6"', '"1.7e308"').replace('"-6"', '"-1.7e308"'), lambda t: np.sin(3.0 * t)),
         (CHAIN, lambda t: np.sin(3e4 * t)),  # an alias, or another unit of time
         (CHAIN.replace("continuous", "prismatic"), lambda t: 900.0 * np.sin(3.0 * t)),  # millimetres
     ],
