@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -260,6 +261,18 @@ def test_a_batch_is_one_finding_of_the_fleet(
     assert ">20 of this batch</text>" in page
     assert "friction of joint2 of 40 robots, beside that of the others" in page
     assert ", ".join(batch) in page
+
+
+def test_the_picture_leaves_out_robots_whose_logs_do_not_show_the_part(folder: Path) -> None:
+    fleet = identify_fleet(folder / "fleet.toml")
+    [group] = fleet.groups
+    assert group.siblings is not None
+    [batch] = group.siblings.batches
+    error = group.siblings.error.copy()
+    others = [number for number in range(40) if number not in batch.robots]
+    error[others[:15], group.siblings.causes.index(batch.deviation.cause)] *= 1e4
+    hidden = replace(fleet, groups=(replace(group, siblings=replace(group.siblings, error=error)),))
+    assert ">5 others</text>" in sy.report.fleet_html(hidden)
 
 
 def test_no_number_depends_on_the_order_of_the_manifest(folder: Path) -> None:

@@ -11,6 +11,7 @@ from steelyard.display import shortened
 from steelyard.fleet import Batch, Cause, Finding, Fleet, RobotGroup, SiblingComparison
 from steelyard.fleet.causes import FACTORS
 from steelyard.fleet.siblings import deviations_of
+from steelyard.fleet.variation import known_amplitudes
 
 from .html_document import Markup, Section, bullets, escape, figures, html_document, number, percent, table
 from .interval_bars import BAR, across, bar, interval_bar
@@ -111,7 +112,9 @@ def _heaps(group: RobotGroup, compared: SiblingComparison, batch: Batch) -> Mark
     number = compared.causes.index(batch.deviation.cause)
     if not np.isfinite(batch.deviation.amplitude):  # a link as a whole has no single amplitude
         return Markup("")
-    scores = compared.amplitude[:, number] / np.nanmedian(compared.error[:, number])
+    error = compared.error[:, number]
+    known = known_amplitudes(compared.amplitude[:, number], error**-2)
+    scores = known / np.nanmedian(error[np.isfinite(known)])
     inside = np.isin(np.arange(len(scores)), batch.robots)
     usual = scores[np.isfinite(scores) & ~np.isin(np.arange(len(scores)), compared.differs)]
     low, high = float(usual.min(initial=-1.0)), float(usual.max(initial=1.0))
@@ -129,7 +132,7 @@ def _heaps(group: RobotGroup, compared: SiblingComparison, batch: Batch) -> Mark
         x = across(value, (low, high), _WIDTH)
         parts.append(f'<text x="{x:.1f}" y="{base + 18:.0f}" text-anchor="middle">{value:g}</text>')
     legend = (
-        (0.0, "span", f"{len(scores) - len(batch.robots)} others"),
+        (0.0, "span", f"{np.sum(np.isfinite(scores) & ~inside)} others"),
         (140.0, "batch", f"{len(batch.robots)} of this batch"),
     )
     for x, kind, told in legend:
