@@ -287,6 +287,24 @@ def test_no_number_depends_on_the_order_of_the_manifest(folder: Path) -> None:
     assert told[0][0]["findings"][0]["robots"][:6] in ([f"R{k}" for k in range(n, 12 + n, 2)] for n in (0, 1))
 
 
+def test_a_batch_within_a_batch_is_told_beside_what_both_share(tmp_path: Path) -> None:
+    """Three heaps of the same friction: of fifteen robots that have more, four have more than the others of these."""
+    arms, most = Arms(tmp_path), tuple(f"R{k}" for k in (1, 15, 22, 29))
+    for k in range(42):
+        factor = 1.6 if k % 4 == 0 else 2.6 if f"R{k}" in most else 1.0
+        arms.information(k, "joint2", factor, duration=6.0).save(tmp_path / f"{k}.json")
+    fleet = identify_fleet(arms.manifest([f"R{k},,{k}.json" for k in range(42)]))
+    larger, smaller = fleet.batches
+    assert len(larger.robots) == 15
+    assert smaller.robots == most
+    assert "Beyond what they share with a larger batch, the friction of joint2 is " in smaller.sentence
+    together = (1.0 + larger.deviation.amplitude) * (1.0 + smaller.deviation.amplitude)
+    assert together == pytest.approx(2.6, rel=0.1)
+    page = sy.report.fleet_html(fleet)
+    assert larger.sentence in page
+    assert smaller.sentence in page
+
+
 def test_a_fleet_without_batches_says_nothing_of_them(tmp_path: Path) -> None:
     arms = Arms(tmp_path)
     for number in range(12):

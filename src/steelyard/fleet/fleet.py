@@ -29,7 +29,7 @@ from .log_reduction import first_of, run_in_order
 from .manifest import FleetEntry, FleetManifest
 from .packed import unpacked
 from .robot_estimate import description_of, inputs_of, model_of, robot_estimate, something_came, task_of, with_contents
-from .siblings import FEWEST, LEAST_HELD, Deviation, SiblingComparison, compare_siblings, held_before
+from .siblings import FEWEST, LEAST_HELD, Batch, Deviation, SiblingComparison, compare_siblings, held_before
 from .variation import median_of_shown, shown_parameters, unexplained
 
 __all__ = ["Finding", "Fleet", "RobotGroup", "RobotRow", "identify_fleet"]
@@ -702,21 +702,24 @@ def _beside_siblings(
     findings: list[Finding] = []
     names = [row.entry.id for row in rows]
     within = f" of {_called(name)}" if name else ""
-    for batch in siblings.batches:
+    for place, batch in enumerate(siblings.batches):
         robots = tuple(names[k] for k in batch.robots)
+        larger = [before for before in siblings.batches[:place] if set(batch.robots) < set(before.robots)]
+        common = _beside_batches(batch.deviation, larger)
+        words = sentence(common, "batch")
+        if common is not batch.deviation:
+            words = f"Beyond what they share with a larger batch, {_inside(words)}"
         told = (
             f"{len(robots)} of {len(rows)} robots{alike}{within} are of another batch, "
-            f"as after a change of a supplier: {listed(robots, 8)}. {sentence(batch.deviation, 'batch')}"
+            f"as after a change of a supplier: {listed(robots, 8)}. {words}"
         )
-        findings.append(Finding("batch", "", name, "", "", batch.deviation, told, robots=robots))
+        findings.append(Finding("batch", "", name, "", "", common, told, robots=robots))
     for one in siblings.deviations:
         row, own = rows[one.robot], [batch for batch in siblings.batches if one.robot in batch.robots]
-        beside = one
-        for batch in own:
-            beside = _beside_batch(beside, batch.deviation)
+        beside = _beside_batches(one, own)
         told = sentence(beside, "siblings")
         if own:
-            told = f"Beyond what its batch has in common, {told[0].lower()}{told[1:]}"
+            told = f"Beyond what its batch has in common, {_inside(told)}"
         findings.append(Finding("siblings", row.entry.id, name, row.entry.date, "", beside, told))
     remarks = []
     if len(rows) < 10:
@@ -727,15 +730,20 @@ def _beside_siblings(
     return findings, remarks
 
 
-def _beside_batch(one: Deviation, common: Deviation) -> Deviation:
-    """A difference from siblings as a part of what the robots of its batch have, where these differ in the same part.
+def _inside(told: str) -> str:
+    """Return a sentence as it goes on behind a comma."""
+    return f"{told[0].lower()}{told[1:]}"
+
+
+def _beside_batches(one: Deviation, batches: Iterable[Batch]) -> Deviation:
+    """A difference as a part of what the robots of batches have, where these differ in the same part.
 
     Friction that is 1.8 times that of the others, in a batch that has 1.2 times theirs, is 1.5 times that of the batch.
     """
-    if one.cause is not common.cause or not one.cause.has_ratio or one.cause.kind == "gain":
+    if not one.cause.has_ratio or one.cause.kind == "gain":
         return one
-    times = 1.0 + common.amplitude
-    if times <= LEAST_HELD:
+    times = 1.0 + sum(batch.deviation.amplitude for batch in batches if batch.deviation.cause is one.cause)
+    if times == 1.0 or times <= LEAST_HELD:
         return one
     amplitude, lower, upper, error = (
         value / times for value in (one.amplitude, one.lower, one.upper, one.standard_error)

@@ -79,20 +79,20 @@ def _lead(fleet: Fleet) -> Markup:
 
 
 def _batches(fleet: Fleet) -> Markup:
-    sentences = {id(one.deviation): one.sentence for one in fleet.batches}
+    sentences = {(one.robots, one.deviation.cause.name): one.sentence for one in fleet.batches}
     drawn = []
     for group in fleet.groups:
         if group.siblings is None:
             continue
         for batch in group.siblings.batches:
-            names = [fleet.rows[group.latest[k]].entry.id for k in batch.robots]
+            names = tuple(fleet.rows[group.latest[k]].entry.id for k in batch.robots)
             told = (
                 ("Robots", f"{len(names)}", f"of {len(group.latest)}{_named(group)}"),
                 ("The two heaps lie apart", f"{batch.apart:.1f}", "standard deviations of one robot"),
                 ("Two heaps are likelier than one by", f"10^{batch.odds / np.log(10.0):.0f}", "of any tails and skew"),
             )
             drawn.append(
-                f'<p>{escape(sentences[id(batch.deviation)])}</p><dl class="figures">{figures(told)}</dl>'
+                f'<p>{escape(sentences[names, batch.deviation.cause.name])}</p><dl class="figures">{figures(told)}</dl>'
                 f"{_heaps(group, group.siblings, batch)}"
                 f"<details><summary>The robots of this batch</summary><p>{escape(', '.join(names))}</p></details>"
             )
