@@ -171,6 +171,19 @@ def test_joints_that_turn_many_times_are_not_refused(tmp_path, described, q):
     assert not any("no robot" in one for one in found)
 
 
+def test_a_wild_reading_of_a_short_log_does_not_make_its_positions_those_of_no_robot(tmp_path):
+    (tmp_path / "chain.urdf").write_text(LIMITED)
+    t, robot = np.arange(20) * 0.01, sy.Robot.from_urdf(tmp_path / "chain.urdf")
+    for wild, refused in ((t == 0.1, False), (t >= 0.0, True)):
+        q = np.where(wild, 65535.4 * t, t)[:, None] * np.ones(3)
+        log = sy.Recording(t=t, q=q, torque=np.cos(t)[:, None] * np.ones(3), source="log")
+        try:
+            found = against_limits(LogSurvey.of(log), robot)
+        except InputError as error:
+            found = (str(error),)
+        assert any("no robot" in one for one in found) == refused
+
+
 @pytest.mark.parametrize(
     "q",
     [

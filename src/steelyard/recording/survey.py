@@ -286,7 +286,7 @@ class LogSurvey:
         """
         usual = units or ["rad"] * len(self.travel)
         far = np.zeros(len(usual), dtype=bool)
-        outruns_wheels, outruns_motors = self._swift > SWIFT * self._steps
+        outruns_wheels, outruns_motors = self._swift > 2 + SWIFT * self._steps  # a wild reading makes two
         if ranges is not None:
             beyond = np.array([BEYOND_GEARS[unit] for unit in usual])
             far = (ranges > NARROW) & (self.travel / beyond > ranges) & outruns_wheels
