@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -96,6 +97,22 @@ def test_a_batch_is_the_difference_of_two_means() -> None:
     assert found.shrunk[0][:20, 0].mean() == pytest.approx(1.5, abs=0.1)
 
 
+@pytest.mark.parametrize("batch", [False, True])
+@pytest.mark.parametrize("still", [0.3, 0.5, 0.7])
+def test_robots_whose_logs_show_nothing_of_a_part_are_no_heap(still: float, batch: bool) -> None:
+    """Where a joint stands still, what its friction is said to be is what the others have, in each robot the same."""
+    random = np.random.default_rng(8)
+    bases = np.array([2.0, 5.0]) + 0.1 * random.normal(size=(60, 2))
+    covariances = np.repeat(1e-4 * np.eye(2)[None], 60, axis=0)
+    many = round(60 * still)
+    planted = tuple(range(many, 60, 3)) if batch else ()
+    bases[list(planted), 0] += 2.0
+    bases[:many, 0], covariances[:many, 0, 0] = random.normal(scale=1e3, size=many), np.inf
+    found = compare_siblings(bases, covariances, (ONE, OTHER), np.eye(2))
+    assert [(one.robots, one.deviation.cause) for one in found.batches] == ([(planted, ONE)] if batch else [])
+    assert found.differs == ()
+
+
 def test_changes_are_told_robot_by_robot() -> None:
     """Of what changed in a third of the robots, no batch is told."""
     random = np.random.default_rng(6)
@@ -170,6 +187,21 @@ def test_the_heap_is_told_whose_torque_reads_wrong(tmp_path: Path) -> None:
     assert batch.deviation.lower < 0.1 < batch.deviation.upper
 
 
+def test_the_smaller_heap_is_told_beside_robots_that_show_it_poorly(tmp_path: Path) -> None:
+    """Of the twelve whose last joint moves, eight have more friction; Coulomb's is seen in the trembling of the others.
+
+    Of the twelve the other four are the smaller heap, which those join then.
+    """
+    arms, robots = Arms(tmp_path), tuple(f"R{number}" for number in range(40) if number % 10 in (7, 9))
+    for number in range(40):
+        fault, still = ("joint3", None) if f"R{number}" in robots else ("", 2 if number % 10 < 7 else None)
+        arms.information(number, fault, 1.6, duration=6.0, still=still).save(tmp_path / f"{number}.json")
+    [batch] = identify_fleet(arms.manifest([f"R{k},,{k}.json" for k in range(40)])).batches
+    assert batch.robots == robots
+    assert batch.deviation.cause.name == "friction of joint3"
+    assert batch.deviation.lower < 0.6 < batch.deviation.upper
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Forty arms, of which half have a second joint of 1.5 times the friction, and one of these twice that."""
@@ -225,8 +257,52 @@ def test_a_batch_is_one_finding_of_the_fleet(
     page = (folder / "result" / "fleet.html").read_text(encoding="utf-8")
     assert '<h2 id="batches">' in page
     assert page.count('class="batch"') >= 4  # bars of the picture of two heaps
+    assert ">20 others</text>" in page
+    assert ">20 of this batch</text>" in page
     assert "friction of joint2 of 40 robots, beside that of the others" in page
     assert ", ".join(batch) in page
+
+
+def test_the_picture_leaves_out_robots_whose_logs_do_not_show_the_part(folder: Path) -> None:
+    fleet = identify_fleet(folder / "fleet.toml")
+    [group] = fleet.groups
+    assert group.siblings is not None
+    [batch] = group.siblings.batches
+    error = group.siblings.error.copy()
+    others = [number for number in range(40) if number not in batch.robots]
+    error[others[:15], group.siblings.causes.index(batch.deviation.cause)] *= 1e4
+    hidden = replace(fleet, groups=(replace(group, siblings=replace(group.siblings, error=error)),))
+    assert ">5 others</text>" in sy.report.fleet_html(hidden)
+
+
+def test_no_number_depends_on_the_order_of_the_manifest(folder: Path) -> None:
+    told = []
+    for order in (range(40), np.random.default_rng(1).permutation(40)):
+        lines = ["id,group,robot,informations", *(f"R{k},line 2,robot.toml,{k}.json" for k in order)]
+        (folder / "ordered.csv").write_text("\n".join(lines), encoding="utf-8")
+        fleet = identify_fleet(folder / "ordered.csv")
+        told.append((fleet.to_dict(), sorted(map(str, fleet.robot_rows()))))
+    assert told[0] == told[1]
+    assert "20 of 40 robots of the group line 2 are of another batch" in told[0][0]["findings"][0]["sentence"]
+    assert told[0][0]["findings"][0]["robots"][:6] in ([f"R{k}" for k in range(n, 12 + n, 2)] for n in (0, 1))
+
+
+def test_a_batch_within_a_batch_is_told_beside_what_both_share(tmp_path: Path) -> None:
+    """Three heaps of the same friction: of fifteen robots that have more, four have more than the others of these."""
+    arms, most = Arms(tmp_path), tuple(f"R{k}" for k in (1, 15, 22, 29))
+    for k in range(42):
+        factor = 1.6 if k % 4 == 0 else 2.6 if f"R{k}" in most else 1.0
+        arms.information(k, "joint2", factor, duration=6.0).save(tmp_path / f"{k}.json")
+    fleet = identify_fleet(arms.manifest([f"R{k},,{k}.json" for k in range(42)]))
+    larger, smaller = fleet.batches
+    assert len(larger.robots) == 15
+    assert smaller.robots == most
+    assert "Beyond what they share with a larger batch, the friction of joint2 is " in smaller.sentence
+    together = (1.0 + larger.deviation.amplitude) * (1.0 + smaller.deviation.amplitude)
+    assert together == pytest.approx(2.6, rel=0.1)
+    page = sy.report.fleet_html(fleet)
+    assert larger.sentence in page
+    assert smaller.sentence in page
 
 
 def test_a_fleet_without_batches_says_nothing_of_them(tmp_path: Path) -> None:

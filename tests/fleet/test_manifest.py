@@ -35,6 +35,8 @@ def written(folder: Path, text: str) -> Path:
         (f'robot = "x"\nfalse_discovery_rate = 5\n{ENTRY}', "a number between 0 and 1"),
         (f'robot = "x"\nintervals = "some"\n{ENTRY}', '"base" or "all"'),
         ('robot = "x"\n[[robots]]\nid = ["A"]\nlogs = ["a.csv"]\n', "id must be a text"),
+        ('robot = "x"\n[[robots]]\nid = "A\\nB"\nlogs = ["a.csv"]\n', "id must be a text of one line"),
+        (f'robot = "x"\n[[robots]]\nid = "{"A" * 201}"\nlogs = ["a.csv"]\n', "at most 200 letters"),
         ('robot = "x"\ntable = "none.csv"\n', "correct `table` in the manifest"),
     ],
 )

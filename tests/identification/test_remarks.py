@@ -156,6 +156,8 @@ def test_slides_in_micrometres_are_refused(tmp_path):
         (LIMITED, lambda t: 160.0 * 3.0 * np.sin(3.0 * t)),  # of motors in front of gears
         (CHAIN, lambda t: 3e6 + np.sin(3.0 * t)),  # far from zero
         (CHAIN, lambda t: np.where(np.arange(len(t)) % 1000 < 20, 1e6, np.sin(3.0 * t))),  # wild readings
+        (LIMITED, lambda t: np.where(np.arange(len(t)) % 1000 < 20, 65535.0, np.sin(3.0 * t))),
+        (LIMITED.replace('"6"', '"1.7e308"').replace('"-6"', '"-1.7e308"'), lambda t: np.sin(3.0 * t)),
         (CHAIN, lambda t: np.sin(3e4 * t)),  # an alias, or another unit of time
         (CHAIN.replace("continuous", "prismatic"), lambda t: 900.0 * np.sin(3.0 * t)),  # millimetres
     ],
@@ -167,6 +169,19 @@ def test_joints_that_turn_many_times_are_not_refused(tmp_path, described, q):
     robot = sy.Robot.from_urdf(tmp_path / "chain.urdf")
     found = (*log.checked().remarks, *against_limits(LogSurvey.of(log), robot))
     assert not any("no robot" in one for one in found)
+
+
+def test_a_wild_reading_of_a_short_log_does_not_make_its_positions_those_of_no_robot(tmp_path):
+    (tmp_path / "chain.urdf").write_text(LIMITED)
+    t, robot = np.arange(20) * 0.01, sy.Robot.from_urdf(tmp_path / "chain.urdf")
+    for wild, refused in ((t == 0.1, False), (t >= 0.0, True)):
+        q = np.where(wild, 65535.4 * t, t)[:, None] * np.ones(3)
+        log = sy.Recording(t=t, q=q, torque=np.cos(t)[:, None] * np.ones(3), source="log")
+        try:
+            found = against_limits(LogSurvey.of(log), robot)
+        except InputError as error:
+            found = (str(error),)
+        assert any("no robot" in one for one in found) == refused
 
 
 @pytest.mark.parametrize(

@@ -127,6 +127,27 @@ def test_numbers_of_columns_count_the_joints_that_move_where_there_are_no_others
                 assert not found.guesses
 
 
+def test_patterns_before_a_matrix_count_the_joints_that_are_locked():
+    """A matrix with nothing beside its diagonal makes radians of counts; it does not say which columns there are."""
+    names = ["time", *columns("q", (1, 2, 3)), *columns("tau", (1, 2, 3))]
+    stated = {"position": "q_{}", "torque": "tau_{}", "position_matrix": [["2*pi/4096", 0], [0, "2*pi/4096"]]}
+    found = find_columns(names, LogColumns.from_dict(stated), chain(3, ["part_b"]))
+    assert found.position == ("q_1", "q_3")
+    assert found.torque == ("tau_1", "tau_3")
+    assert "q_1, q_3 of 3 numbered columns, which count joints that are locked, too (part_b)" in found.guesses[0]
+
+
+def test_a_list_that_counts_the_joints_that_move_is_a_question_beside_columns_of_all():
+    names = ["time", *columns("q", (1, 2, 3)), *columns("tau", (0, 1, 2))]
+    robot = chain(3, ["part_b"])
+    with pytest.raises(
+        InputError, match=r"position is stated .* q_1, q_2, and torque is tau_0, tau_2 of 3 .* as a list"
+    ):
+        find_columns(names, LogColumns.from_dict({"position": ["q_1", "q_2"]}), robot)
+    found = find_columns(names, LogColumns.from_dict({"position": ["q_1", "q_3"]}), robot)
+    assert found.torque == ("tau_0", "tau_2")
+
+
 def test_a_pattern_that_may_count_either_is_a_question():
     robot = chain(5, ["part_a", "part_b"])  # wheels, of which the log says nothing, before an arm with a gripper
     names = ["time", *columns("q", (1, 2, 3, 4)), *columns("tau", (1, 2, 3, 4))]

@@ -225,14 +225,14 @@ def find_heap(
     -------
     tuple or None
     """
-    splits = [(two_heaps(values, len(amplitudes)), cause) for cause, values in amplitudes]
-    told = [(*split, k) for split, k in splits if split is not None]
-    for odds, robots, apart, cause in sorted(told, key=lambda one: -one[0]):
+    splits = [(two_heaps(values, len(amplitudes)), cause, values) for cause, values in amplitudes]
+    told = [(*split, k, values) for split, k, values in splits if split is not None]
+    for odds, robots, apart, cause, values in sorted(told, key=lambda one: -one[0]):
         sides = [(robots, apart)]
         if causes[cause].kind == "gain":
             # What a torque that reads wrong does to the base parameters depends on each robot's motion; those that read
             # right are alike. So which heap reads wrong is known, however large it is.
-            sides.append((np.setdiff1d(np.arange(variation.count), robots), -apart))
+            sides.append((np.setdiff1d(np.flatnonzero(np.isfinite(values)), robots), -apart))
         tried = []
         for side, distance in sides:
             within = variation.copied()
@@ -244,10 +244,10 @@ def find_heap(
                 # How siblings vary within a heap tells causes apart, and not how they vary in both.
                 within.settle(moved, {})
                 found = _common(within, side, causes, directions, beside, likely, odds)
-                again = _sorted(within, found, directions)
+                again, sign = _sorted(within, found, directions, causes)
                 if np.array_equal(again, side) or not _least(within.count) <= len(again) < within.count:
                     break
-                side, change = again, directions(again, found.cause) @ found.amplitudes
+                side, change = again, sign * directions(again, found.cause) @ found.amplitudes
             left = float(np.linalg.slogdet(np.mean(within.errors, axis=0) + within.spread_matrix)[1])
             tried.append((left, found, within))
         _, found, within = min(tried, key=lambda one: one[0])
@@ -311,12 +311,22 @@ def _common(
     return Heap(robots, best, near, amplitude, told, change, weights, explained, apart, odds)
 
 
-def _sorted(variation: SiblingVariation, found: Heap, directions: Directions) -> Numbers:
-    """Sort robots into the heap by what it has in common: those that are the likelier in it (linear discriminant)."""
+def _sorted(
+    variation: SiblingVariation, found: Heap, directions: Directions, causes: Sequence[Cause]
+) -> tuple[Numbers, float]:
+    """Sort robots into the heap by what it has in common: those that are the likelier in it (linear discriminant).
+
+    Robots that tell less of it than their own standard deviation stay with the others. Where most of those that tell it
+    are in the heap, and all are alike, the others become the heap, which has the opposite: -1, beside their numbers.
+    """
     every = np.arange(variation.count)
     change = directions(every, found.cause) @ found.amplitudes
     inverses = np.linalg.inv(variation.errors + variation.spread_matrix)
     middle = variation.bases - variation.mean - 0.5 * change
     score = np.einsum("ri,rij,rj->r", change, inverses, middle)
-    share = len(found.robots) / variation.count
-    return np.flatnonzero(score + log(share / (1.0 - share)) > 0.0)
+    tells = np.einsum("ri,rij,rj->r", change, inverses, change) > 1.0
+    others = max(int(np.sum(tells)) - len(found.robots), 1)
+    inside = tells & (score + log(len(found.robots) / others) > 0.0)
+    if causes[found.cause].kind != "gain" and 2 * np.sum(inside) > np.sum(tells):
+        return np.flatnonzero(tells & ~inside), -1.0
+    return np.flatnonzero(inside), 1.0

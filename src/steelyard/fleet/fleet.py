@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -28,7 +29,7 @@ from .log_reduction import first_of, run_in_order
 from .manifest import FleetEntry, FleetManifest
 from .packed import unpacked
 from .robot_estimate import description_of, inputs_of, model_of, robot_estimate, something_came, task_of, with_contents
-from .siblings import FEWEST, LEAST_HELD, Deviation, SiblingComparison, compare_siblings, held_before
+from .siblings import FEWEST, LEAST_HELD, Batch, Deviation, SiblingComparison, compare_siblings, held_before
 from .variation import median_of_shown, shown_parameters, unexplained
 
 __all__ = ["Finding", "Fleet", "RobotGroup", "RobotRow", "identify_fleet"]
@@ -181,9 +182,7 @@ class Fleet:
         parts = []
         if self.batches:
             sizes = [len(robots) for robots in dict.fromkeys(one.robots for one in self.batches)]
-            parts.append(
-                f"{' and '.join(map(str, sizes))} are of {'another batch' if len(sizes) == 1 else 'other batches'}"
-            )
+            parts.append(f"{_and(sizes)} are of {'another batch' if len(sizes) == 1 else 'other batches'}")
         if any(group.siblings is not None for group in self.groups):
             number = len(self.differing)
             parts.append(f"{number or 'none'} {'differ' if number > 1 else 'differs'} from {_their(number)} siblings")
@@ -340,6 +339,11 @@ class Fleet:
         for key in ("value", "lower", "upper"):
             columns[key] = np.concatenate([part[key] for part in parts]) if parts else np.zeros(0)
         return columns
+
+
+def _and(numbers: Sequence[int]) -> str:
+    first, last = ", ".join(map(str, numbers[:-1])), str(numbers[-1])
+    return f"{first} and {last}" if first else last
 
 
 def _their(number: int) -> str:
@@ -589,7 +593,8 @@ def _compared(
     name: str, alike: str, rows: Sequence[RobotRow], numbers: Sequence[int], rate: float
 ) -> tuple[RobotGroup, list[Finding], list[str]]:
     by_robot: dict[str, list[int]] = {}
-    for number in numbers:
+    # Sums, and the robots by which variances are begun, depend on the order: it is that of the names.
+    for number in sorted(numbers, key=lambda k: _in_order(rows[k].entry.id)):
         by_robot.setdefault(rows[number].entry.id, []).append(number)
     dates = [sorted(own, key=lambda k: rows[k].entry.date) for own in by_robot.values()]
     latest = [own[-1] for own in dates]
@@ -683,27 +688,38 @@ def _compared(
     return group, findings, remarks
 
 
+def _in_order(name: str) -> tuple[list[tuple[int, str]], str]:
+    """Return a key by which A-9 comes before A-10."""
+    parts = re.split("([0-9]+)", name)  # texts, and numbers between them
+    numbers = [one.lstrip("0") if place % 2 else one for place, one in enumerate(parts)]
+    return [(len(one) if place % 2 else 0, one) for place, one in enumerate(numbers)], name
+
+
 def _beside_siblings(
     name: str, alike: str, rows: Sequence[RobotRow], siblings: SiblingComparison
 ) -> tuple[list[Finding], list[str]]:
     """Tell batches and robots that differ, and what to know of the comparison; rows are those that were compared."""
     findings: list[Finding] = []
     names = [row.entry.id for row in rows]
-    for batch in siblings.batches:
+    within = f" of {_called(name)}" if name else ""
+    for place, batch in enumerate(siblings.batches):
         robots = tuple(names[k] for k in batch.robots)
+        larger = [before for before in siblings.batches[:place] if set(batch.robots) < set(before.robots)]
+        common = _beside_batches(batch.deviation, larger)
+        words = sentence(common, "batch")
+        if common is not batch.deviation:
+            words = f"Beyond what they share with a larger batch, {_inside(words)}"
         told = (
-            f"{len(robots)} of {len(rows)} robots{alike} are of another batch, as after a change of a supplier: "
-            f"{listed(robots, 8)}. {sentence(batch.deviation, 'batch')}"
+            f"{len(robots)} of {len(rows)} robots{alike}{within} are of another batch, "
+            f"as after a change of a supplier: {listed(robots, 8)}. {words}"
         )
-        findings.append(Finding("batch", "", name, "", "", batch.deviation, told, robots=robots))
+        findings.append(Finding("batch", "", name, "", "", common, told, robots=robots))
     for one in siblings.deviations:
         row, own = rows[one.robot], [batch for batch in siblings.batches if one.robot in batch.robots]
-        beside = one
-        for batch in own:
-            beside = _beside_batch(beside, batch.deviation)
+        beside = _beside_batches(one, own)
         told = sentence(beside, "siblings")
         if own:
-            told = f"Beyond what its batch has in common, {told[0].lower()}{told[1:]}"
+            told = f"Beyond what its batch has in common, {_inside(told)}"
         findings.append(Finding("siblings", row.entry.id, name, row.entry.date, "", beside, told))
     remarks = []
     if len(rows) < 10:
@@ -714,15 +730,20 @@ def _beside_siblings(
     return findings, remarks
 
 
-def _beside_batch(one: Deviation, common: Deviation) -> Deviation:
-    """A difference from siblings as a part of what the robots of its batch have, where these differ in the same part.
+def _inside(told: str) -> str:
+    """Return a sentence as it goes on behind a comma."""
+    return f"{told[0].lower()}{told[1:]}"
+
+
+def _beside_batches(one: Deviation, batches: Iterable[Batch]) -> Deviation:
+    """A difference as a part of what the robots of batches have, where these differ in the same part.
 
     Friction that is 1.8 times that of the others, in a batch that has 1.2 times theirs, is 1.5 times that of the batch.
     """
-    if one.cause is not common.cause or not one.cause.has_ratio or one.cause.kind == "gain":
+    if not one.cause.has_ratio or one.cause.kind == "gain":
         return one
-    times = 1.0 + common.amplitude
-    if times <= LEAST_HELD:
+    times = 1.0 + sum(batch.deviation.amplitude for batch in batches if batch.deviation.cause is one.cause)
+    if times == 1.0 or times <= LEAST_HELD:
         return one
     amplitude, lower, upper, error = (
         value / times for value in (one.amplitude, one.lower, one.upper, one.standard_error)
@@ -835,6 +856,11 @@ def _what(cause: Cause) -> str:
     return f"the {cause.what} of {cause.part}"
 
 
+def _whole(link: Cause, beside: Cause) -> str:
+    own = beside.kind == "mass" and beside.part == link.part
+    return "another centre of mass or inertia of it" if own else f"the link {link.part}"
+
+
 def _amount(cause: Cause, value: float) -> str:
     if cause.has_ratio:
         return f"{100.0 * value:+.2g} %"
@@ -911,6 +937,6 @@ def sentence(one: Deviation, kind: Kind, *, when: str = "", since: str = "") -> 
             "the zero of an encoder or how the log was made"
         )
     if one.alternatives:
-        named = [_what(other) if other.kind != "link" else f"the link {other.part}" for other in one.alternatives[:3]]
+        named = [_what(other) if other.kind != "link" else _whole(other, cause) for other in one.alternatives[:3]]
         text += f"; {' or '.join(named)} would explain it about as well"
     return f"{text[0].upper()}{text[1:]}."

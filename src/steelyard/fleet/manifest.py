@@ -13,6 +13,7 @@ from typing import Any
 
 from steelyard.errors import InputError
 from steelyard.files import TomlTable, read_table, read_toml, require_file, shown
+from steelyard.files.arguments import LONGEST_NAME, is_name
 
 __all__ = ["FleetEntry", "FleetManifest"]
 
@@ -242,8 +243,8 @@ def _entry(table: TomlTable, file: Path, shared: str | None) -> FleetEntry:
     identity = table["id"]
     if isinstance(identity, int) and not isinstance(identity, bool):
         identity = str(identity)
-    if not isinstance(identity, str) or not identity.strip():
-        raise table.refuse("id", "a text that tells the robot, such as its serial number")
+    if not isinstance(identity, str) or not is_name(identity.strip()):
+        raise table.refuse("id", f"a text of one line and at most {LONGEST_NAME} letters, such as a serial number")
     robot = table.text("robot", "the path of a robot")
     if robot is None and shared is None:
         raise InputError(f"{table.where} lacks 'robot', and the manifest names none for all; give the path of one.")

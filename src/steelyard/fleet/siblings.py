@@ -24,6 +24,7 @@ from .variation import (
     LEAST,
     UNKNOWN,
     SiblingVariation,
+    known_amplitudes,
     median_of_shown,
     pseudo_inverse,
     scaled_errors,
@@ -476,7 +477,7 @@ class _Tests:
 
     def heap(self) -> tuple[Heap, SiblingVariation] | None:
         """Find robots that all have another amount of something, see `find_heap`."""
-        tried = [(k, self.amplitude[:, k]) for k in self.single]
+        tried = [(k, known_amplitudes(self.amplitude[:, k], self.error[:, k] ** -2)) for k in self.single]
         tried += [(k, self.problem.amplitudes_of(own)) for k, own in self.own.items()]
         return find_heap(self.problem, tried, self.causes, self.directions_of, self.beside, LIKELY)
 

@@ -21,6 +21,7 @@ __all__ = [
     "LEAST",
     "UNKNOWN",
     "SiblingVariation",
+    "known_amplitudes",
     "median_of_shown",
     "pseudo_inverse",
     "scaled_errors",
@@ -54,6 +55,10 @@ noise, would leave matrices that cannot be inverted."""
 
 TRACE = 1e-6
 """Part of what a robot tells of the mean that is left along what was taken from it."""
+
+TELLS = 1e-4
+"""Part of what the robot that tells most of an amplitude tells of it (by the inverse of the variance), below which
+another one tells nothing: where a joint stands still, all have one amplitude, which is no heap."""
 
 UNKNOWN = 1e4
 """Standard deviations, in units of what is usual, of parameters that a robot's data does not show."""
@@ -107,6 +112,11 @@ def usual_size(bases: Array, errors: Array, shown: NDArray[np.bool_]) -> Array:
     own = np.sqrt(median_of_shown(np.diagonal(errors, axis1=1, axis2=2), shown))
     size = np.hypot(away, own)
     return np.asarray(np.maximum(size, 1e-9 * np.maximum(np.abs(middle), np.abs(middle).max(initial=1.0))))
+
+
+def known_amplitudes(amplitudes: Array, told: Array) -> Array:
+    """Return amplitudes, NaN of robots that tell nearly nothing of them; `told` are inverse variances, (R,) both."""
+    return np.where(told > TELLS * np.nanmax(told, initial=0.0), amplitudes, np.nan)
 
 
 def scaled_errors(errors: Array, scale: Array) -> Array:
@@ -188,7 +198,7 @@ class SiblingVariation:
         weights = np.einsum("rij,rj->ri", inverses, own)
         told = np.einsum("ri,ri->r", weights, own)
         found = np.einsum("ri,ri->r", weights, self.bases - beside.mean) / np.maximum(told, 1e-300)
-        return np.where(told > 0.0, found, np.nan)
+        return known_amplitudes(found, told)
 
     def _means(self, chosen: NDArray[np.intp]) -> tuple[Array, Array]:
         """Find the mean of some siblings; return the inverses of their covariances and their deviations from it."""

@@ -6,7 +6,7 @@ import json
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from itertools import permutations
+from itertools import pairwise, permutations
 from math import pi
 from typing import Any
 
@@ -370,6 +370,7 @@ class _Search:
             if found[kind] is None:
                 raise self._absent(kind)
         self._check_counts(found)
+        self._require_same_joints(found)
         units = self._units(found)
         time, time_unit, time_rest, by = self._time(found["position"])
         held = {kind: None if group is None else group.columns for kind, group in found.items()}
@@ -673,7 +674,7 @@ class _Search:
             while pattern.replace("{}", str(count + 1)) in self.names:
                 count += 1
             count = max(count, 1)
-        if self.robot is None or count != self.robot.dof or self._matrix(kind) is not None:
+        if self.robot is None or count != self.robot.dof:  # motors before a matrix with other numbers
             return numbered_columns(pattern, count, self.names)
         columns = numbered_columns(pattern, self.robot, self.names, self.source)
         if columns != numbered_columns(pattern, count, self.names):
@@ -710,6 +711,23 @@ class _Search:
                 )
             if matrix is not None and len(matrix) != count:
                 raise InputError(f"torque_matrix in [log] has {len(matrix)} rows but there are {count} joints.")
+
+    def _require_same_joints(self, found: Mapping[str, _Group | None]) -> None:
+        """Refuse numbered columns that count joints that are locked, beside a list of columns that does not."""
+
+        def steps(group: _Group) -> list[int]:
+            numbers = [int(digits[-1]) for name in group.columns if (digits := re.findall(r"[0-9]+", name))]
+            return [b - a for a, b in pairwise(numbers)] if len(set(numbers)) == len(group.columns) else []
+
+        groups = [(kind, group) for kind, group in found.items() if group is not None and self._matrix(kind) is None]
+        lists = [(kind, group) for kind, group in groups if isinstance(getattr(self.columns, kind), tuple)]
+        for kind, group in groups:
+            for other, listed in lists:
+                if group.chosen_by and steps(listed) and steps(listed) != steps(group):
+                    raise InputError(
+                        f"{self.source}: {other} is stated in [log] as {_listing(listed.columns)}, and {kind} is "
+                        f"{_listing(group.columns)} {group.chosen_by}; state `{kind}` as a list as well."
+                    )
 
     def _units(self, found: Mapping[str, _Group | None]) -> dict[str, tuple[str, ...]]:
         """Return the units of the columns of each quantity: as stated, as the columns say, or as is usual."""

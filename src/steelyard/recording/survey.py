@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from steelyard.display import capital
 from steelyard.errors import InputError
 from steelyard.files import listed
+from steelyard.files.arguments import LARGEST
 
 from .measurements import Measurements
 from .samples import column_extremes
@@ -49,7 +50,7 @@ FASTEST_SLIDE = 3e4
 FASTEST_WHEEL = 100.0
 """rad/s, or m/s, below which positions far beyond the limits of a description may be those of a wheel."""
 SWIFT = 0.05
-"""Share of the blocks in which a joint outruns all motors, from which that is no wild reading."""
+"""Share of the blocks in which a joint outruns all wheels or all motors, from which these are no wild readings."""
 BEYOND_GEARS = {"rad": 1e3, "m": 3e3}
 """Travel over the range of a description that is more than that of a motor in front of any gear, or of millimetres."""
 NARROW = 0.1
@@ -82,7 +83,7 @@ class LogSurvey:
         self._rate = float("nan")
         self._filled = np.zeros(2, dtype=int)
         self._far, self._whole = 0, np.empty(0, dtype=int)
-        self._steps, self._swift = 0, np.empty(0, dtype=int)
+        self._steps, self._swift = 0, np.empty((2, 0), dtype=int)  # blocks, and those faster than wheels and motors
         self._blocks = 0
         self._products = self._derived = self._averaged = np.empty(0)
 
@@ -103,7 +104,7 @@ class LogSurvey:
             self._rate = recording.rate
             self.q = self.torque = np.array([[np.inf], [-np.inf]]) * np.ones(width)
             self.speed = self._derived = self._averaged = np.zeros(width)
-            self._whole = self._swift = np.zeros(width, dtype=int)
+            self._whole, self._swift = np.zeros(width, dtype=int), np.zeros((2, width), dtype=int)
             self._products = np.zeros((width, width))
         self.count += stop - start
         q = recording.q[rows]
@@ -151,7 +152,8 @@ class LogSurvey:
             speed = np.abs(np.diff(coarse, axis=0) / np.diff(stamps)[:, None])
             self.speed = np.maximum(self.speed, speed.max(axis=0))
             self._steps += len(speed)
-            self._swift = self._swift + np.count_nonzero(speed > FASTEST_MOTOR, axis=0)
+            swift = [np.count_nonzero(speed > fastest, axis=0) for fastest in (FASTEST_WHEEL, FASTEST_MOTOR)]
+            self._swift = self._swift + np.stack(swift)
 
     def _compare(self, t: Array, q: Array, measured: Array, rate: float) -> None:
         """Sum positions' derivatives and measured velocities block by block."""
@@ -284,11 +286,12 @@ class LogSurvey:
         """
         usual = units or ["rad"] * len(self.travel)
         far = np.zeros(len(usual), dtype=bool)
+        outruns_wheels, outruns_motors = self._swift > 2 + SWIFT * self._steps  # a wild reading makes two
         if ranges is not None:
-            most = ranges * np.array([BEYOND_GEARS[unit] for unit in usual])
-            far = (ranges > NARROW) & (self.travel > most) & (self.speed > FASTEST_WHEEL)
+            beyond = np.array([BEYOND_GEARS[unit] for unit in usual])
+            far = (ranges > NARROW) & (self.travel / beyond > ranges) & outruns_wheels
         outrun = self.speed > np.array([FASTEST_MOTOR if unit == "rad" else FASTEST_SLIDE for unit in usual])
-        found = far | (outrun & (self._swift > SWIFT * self._steps) & (self.travel > MANY_TURNS))
+        found = far | (outrun & outruns_motors & (self.travel > MANY_TURNS))
         if not found.any():
             return ""
         names = listed([self.label(i) for i in map(int, np.flatnonzero(found))], MOST_NAMED)
@@ -384,7 +387,9 @@ class LogSurvey:
         self, lower: ArrayLike, upper: ArrayLike, velocity_limit: ArrayLike, units: Sequence[str] | None = None
     ) -> tuple[str, ...]:
         """Compare with limits; see `Recording.check_against`. `units` are "m" where a joint slides, "rad" where not."""
-        low, high, fastest = (np.asarray(values, dtype=np.float64) for values in (lower, upper, velocity_limit))
+        given = (np.asarray(values, dtype=np.float64) for values in (lower, upper, velocity_limit))
+        # Limits such as 1e308 stand for none.
+        low, high, fastest = (np.where(np.abs(one) > LARGEST, np.copysign(np.inf, one), one) for one in given)
         for values in (low, high, fastest):
             if values.shape != (len(self.speed),):
                 raise InputError(
@@ -392,7 +397,8 @@ class LogSurvey:
                     "use the robot that was logged, or name the columns with `position` in [log]."
                 )
         reach_low, reach_high = self.q
-        tolerance = 0.02 + 0.01 * np.where(np.isfinite(high - low), high - low, 0.0)
+        ranges = high - low
+        tolerance = 0.02 + 0.01 * np.where(np.isfinite(ranges), ranges, 0.0)
 
         def fits(j: int, k: int, scale: float = 1.0) -> bool:
             """Say whether the positions of column k would fit joint j."""
@@ -431,7 +437,7 @@ class LogSurvey:
                 f"and all joints fit theirs as {how}; "
                 f"state `position_unit = {line}` in [log]{others}."
             )
-        if strange := self._counts(usual) or self._no_angles(high - low, usual):
+        if strange := self._counts(usual) or self._no_angles(ranges, usual):
             raise InputError(f"{self.source}: {strange}")
         remarks = []
         for j in outside:

@@ -11,6 +11,7 @@ from steelyard.display import shortened
 from steelyard.fleet import Batch, Cause, Finding, Fleet, RobotGroup, SiblingComparison
 from steelyard.fleet.causes import FACTORS
 from steelyard.fleet.siblings import deviations_of
+from steelyard.fleet.variation import known_amplitudes
 
 from .html_document import Markup, Section, bullets, escape, figures, html_document, number, percent, table
 from .interval_bars import BAR, across, bar, interval_bar
@@ -78,20 +79,20 @@ def _lead(fleet: Fleet) -> Markup:
 
 
 def _batches(fleet: Fleet) -> Markup:
-    sentences = {id(one.deviation): one.sentence for one in fleet.batches}
+    sentences = {(one.robots, one.deviation.cause.name): one.sentence for one in fleet.batches}
     drawn = []
     for group in fleet.groups:
         if group.siblings is None:
             continue
         for batch in group.siblings.batches:
-            names = [fleet.rows[group.latest[k]].entry.id for k in batch.robots]
+            names = tuple(fleet.rows[group.latest[k]].entry.id for k in batch.robots)
             told = (
                 ("Robots", f"{len(names)}", f"of {len(group.latest)}{_named(group)}"),
                 ("The two heaps lie apart", f"{batch.apart:.1f}", "standard deviations of one robot"),
                 ("Two heaps are likelier than one by", f"10^{batch.odds / np.log(10.0):.0f}", "of any tails and skew"),
             )
             drawn.append(
-                f'<p>{escape(sentences[id(batch.deviation)])}</p><dl class="figures">{figures(told)}</dl>'
+                f'<p>{escape(sentences[names, batch.deviation.cause.name])}</p><dl class="figures">{figures(told)}</dl>'
                 f"{_heaps(group, group.siblings, batch)}"
                 f"<details><summary>The robots of this batch</summary><p>{escape(', '.join(names))}</p></details>"
             )
@@ -99,9 +100,9 @@ def _batches(fleet: Fleet) -> Markup:
         return Markup("")
     text = (
         "Robots fall into two heaps, as after a change of a supplier, or where some were recorded in another way. The "
-        "smaller heap is told here, beside the others; which of the two is as it should be, nobody knows by that. Its "
-        "robots are compared with their siblings without what they have in common, and are named below where they "
-        "differ by more. Intervals are of 95 %."
+        "smaller heap is told here, beside the others, or that whose torques read wrong; which of the two is as it "
+        "should be, nobody knows by that. Its robots are compared with their siblings without what they have in "
+        "common, and are named below where they differ by more. Intervals are of 95\u00a0%."
     )
     return Markup(f"<p>{text}</p>{''.join(drawn)}")
 
@@ -111,7 +112,9 @@ def _heaps(group: RobotGroup, compared: SiblingComparison, batch: Batch) -> Mark
     number = compared.causes.index(batch.deviation.cause)
     if not np.isfinite(batch.deviation.amplitude):  # a link as a whole has no single amplitude
         return Markup("")
-    scores = compared.amplitude[:, number] / np.nanmedian(compared.error[:, number])
+    error = compared.error[:, number]
+    known = known_amplitudes(compared.amplitude[:, number], error**-2)
+    scores = known / np.nanmedian(error[np.isfinite(known)])
     inside = np.isin(np.arange(len(scores)), batch.robots)
     usual = scores[np.isfinite(scores) & ~np.isin(np.arange(len(scores)), compared.differs)]
     low, high = float(usual.min(initial=-1.0)), float(usual.max(initial=1.0))
@@ -128,11 +131,21 @@ def _heaps(group: RobotGroup, compared: SiblingComparison, batch: Batch) -> Mark
     for value in round_ticks(low, high):
         x = across(value, (low, high), _WIDTH)
         parts.append(f'<text x="{x:.1f}" y="{base + 18:.0f}" text-anchor="middle">{value:g}</text>')
+    legend = (
+        (0.0, "span", f"{np.sum(np.isfinite(scores) & ~inside)} others"),
+        (140.0, "batch", f"{len(batch.robots)} of this batch"),
+    )
+    for x, kind, told in legend:
+        parts.append(f'<path class="{kind}" d="M{x + 3:.1f} {base + 46:.0f}V{base + 34:.0f}"/>')
+        parts.append(f'<text x="{x + 12:.1f}" y="{base + 45:.0f}">{told}</text>')
+    parts.append(
+        f'<text x="{_WIDTH:.0f}" y="{base + 45:.0f}" text-anchor="end">standard deviations of one robot</text>'
+    )
     label = (
         f"{batch.deviation.cause.name} of {len(scores)} robots{_named(group)}, beside that of the others, in standard "
         f"deviations of one robot; {len(batch.robots)} of another batch"
     )
-    return _svg(label, parts, 144)
+    return _svg(label, parts, 172)
 
 
 def _findings(fleet: Fleet, kind: str) -> Markup:
