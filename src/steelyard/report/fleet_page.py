@@ -89,7 +89,7 @@ def _batches(fleet: Fleet) -> Markup:
             told = (
                 ("Robots", f"{len(names)}", f"of {len(group.latest)}{_named(group)}"),
                 ("The two heaps lie apart", f"{batch.apart:.1f}", "standard deviations of one robot"),
-                ("Two heaps are likelier than one by", f"10^{batch.odds / np.log(10.0):.0f}", "of any tails and skew"),
+                ("Two heaps are likelier than one of any skew by", f"{batch.odds / np.log(10.0):.0f}", "powers of ten"),
             )
             drawn.append(
                 f'<p>{escape(sentences[names, batch.deviation.cause.name])}</p><dl class="figures">{figures(told)}</dl>'
