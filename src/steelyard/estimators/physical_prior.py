@@ -14,6 +14,7 @@ from steelyard.dynamics import Model
 from steelyard.errors import InputError, MissingExtraError
 from steelyard.feasibility import FeasibleSet
 from steelyard.feasibility.constraints import Constraint
+from steelyard.files.arguments import all_listed
 from steelyard.regression import Information
 from steelyard.robot import Robot
 from steelyard.robot.described_inertia import DescribedBody, described_bodies, possible_body
@@ -637,7 +638,7 @@ def _listed(names: Sequence[str]) -> str:
     shown = [f"`{name}`" for name in names[:6]]
     if len(names) > 6:
         return f"{', '.join(shown)} and {len(names) - 6} more"
-    return shown[0] if len(shown) == 1 else f"{', '.join(shown[:-1])} and {shown[-1]}"
+    return all_listed(shown)
 
 
 # What the user states

@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from steelyard.conic import Cone, ConicProblem, Rows, solve
 from steelyard.files import tell
+from steelyard.files.arguments import all_listed
 from steelyard.lmi import AffineStack, symmetric_to_vector
 
 from .feasible_set import FeasibleSet
@@ -57,7 +58,7 @@ class IrreducibleInfeasibleSubsystem:
     def __str__(self) -> str:
         if len(self.conditions) == 1:
             return f"{self.conditions[0]} cannot hold by itself"
-        return f"{', '.join(self.conditions[:-1])} and {self.conditions[-1]} cannot hold together"
+        return f"{all_listed(self.conditions)} cannot hold together"
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 import numbers
+import re
 from collections.abc import Iterable
 from typing import Any, TypeGuard
 
@@ -18,6 +19,8 @@ from .reading import shown
 __all__ = [
     "LARGEST",
     "LONGEST_NAME",
+    "all_listed",
+    "by_name",
     "closest",
     "is_name",
     "is_number",
@@ -202,6 +205,30 @@ def suggestion(name: object, known: Iterable[str]) -> str:
         return "there are none."
     quoted = [f'"{candidate}"' for candidate in candidates]
     return f"known are {listed(quoted, 8)}."
+
+
+def all_listed(names: Iterable[object]) -> str:
+    """Return all names, the last one behind "and".
+
+    Examples
+    --------
+    >>> all_listed([10, 20, 5]), all_listed(["elbow"])
+    ('10, 20 and 5', 'elbow')
+    """
+    *first, last = map(str, names)
+    return f"{', '.join(first)} and {last}" if first else last
+
+
+def by_name(name: str) -> tuple[tuple[int, int, str], ...]:
+    """Return a key by which names are sorted part by part, their numbers by size.
+
+    Examples
+    --------
+    >>> sorted(["A-10", "B-1", "A-9"], key=by_name)
+    ['A-9', 'A-10', 'B-1']
+    """
+    pieces = re.split(r"(\d+)", name)  # texts, and numbers between them
+    return tuple((0, int(piece), piece) if number % 2 else (1, 0, piece) for number, piece in enumerate(pieces))
 
 
 def listed(names: Iterable[object], most: int = 20) -> str:

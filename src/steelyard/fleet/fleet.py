@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -17,7 +16,7 @@ from steelyard.display import text_table
 from steelyard.dynamics import Model
 from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import SteelyardError
-from steelyard.files.arguments import listed
+from steelyard.files.arguments import all_listed, by_name, listed
 from steelyard.identification.log_reader import Progress
 from steelyard.identification.prediction_verdict import WRONG
 from steelyard.regression.parameter_covariance import FEWEST_DEGREES, NORMAL
@@ -182,7 +181,7 @@ class Fleet:
         parts = []
         if self.batches:
             sizes = [len(robots) for robots in dict.fromkeys(one.robots for one in self.batches)]
-            parts.append(f"{_and(sizes)} are of {'another batch' if len(sizes) == 1 else 'other batches'}")
+            parts.append(f"{all_listed(sizes)} are of {'another batch' if len(sizes) == 1 else 'other batches'}")
         if any(group.siblings is not None for group in self.groups):
             number = len(self.differing)
             parts.append(f"{number or 'none'} {'differ' if number > 1 else 'differs'} from {_their(number)} siblings")
@@ -339,11 +338,6 @@ class Fleet:
         for key in ("value", "lower", "upper"):
             columns[key] = np.concatenate([part[key] for part in parts]) if parts else np.zeros(0)
         return columns
-
-
-def _and(numbers: Sequence[int]) -> str:
-    first, last = ", ".join(map(str, numbers[:-1])), str(numbers[-1])
-    return f"{first} and {last}" if first else last
 
 
 def _their(number: int) -> str:
@@ -594,7 +588,7 @@ def _compared(
 ) -> tuple[RobotGroup, list[Finding], list[str]]:
     by_robot: dict[str, list[int]] = {}
     # Sums, and the robots by which variances are begun, depend on the order: it is that of the names.
-    for number in sorted(numbers, key=lambda k: _in_order(rows[k].entry.id)):
+    for number in sorted(numbers, key=lambda k: by_name(rows[k].entry.id)):
         by_robot.setdefault(rows[number].entry.id, []).append(number)
     dates = [sorted(own, key=lambda k: rows[k].entry.date) for own in by_robot.values()]
     latest = [own[-1] for own in dates]
@@ -611,7 +605,7 @@ def _compared(
     called = _called(name)
     siblings = drift = None
     usual = np.ones(len(latest), dtype=bool)
-    while True:
+    for _ in range(2):
         known = np.median(parameters[usual], axis=0)
         base = median_of_shown(bases[usual], shown[usual])
         base = np.where(shown[usual].any(axis=0), base, model.base_parameters().K @ known)
@@ -623,7 +617,7 @@ def _compared(
             siblings = compare_siblings(
                 bases, covariances, causes, directions, rate=rate, freedoms=freedoms, own=in_own_motion
             )
-        if siblings is None or not siblings.batches or not usual.all():
+        if siblings is None or not siblings.batches:
             break
         # Sizes are parts of what the others have, which the medians over both batches are not.
         for batch in siblings.batches:
@@ -686,13 +680,6 @@ def _compared(
         )
     group = RobotGroup(name, model, tuple(latest), tuple(lasts), siblings, drift)
     return group, findings, remarks
-
-
-def _in_order(name: str) -> tuple[list[tuple[int, str]], str]:
-    """Return a key by which A-9 comes before A-10."""
-    parts = re.split("([0-9]+)", name)  # texts, and numbers between them
-    numbers = [one.lstrip("0") if place % 2 else one for place, one in enumerate(parts)]
-    return [(len(one) if place % 2 else 0, one) for place, one in enumerate(numbers)], name
 
 
 def _beside_siblings(

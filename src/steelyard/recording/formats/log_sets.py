@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from steelyard.errors import InputError
+from steelyard.files.arguments import by_name
 
 from .registry import COMPRESSED, LOG_FORMATS, TEXTS
 from .remote import object_address, object_store
@@ -72,7 +73,7 @@ def logs_in(text: str) -> list[str]:
     if not found:
         known = ", ".join(f".{suffix}" for suffix in LOG_FORMATS.names())
         raise InputError(f"{text} stands for no log; give a folder with logs, or a pattern that finds some ({known}).")
-    return sorted(found, key=_by_name)
+    return sorted(found, key=lambda name: by_name(name.replace(os.sep, "\0")))
 
 
 def place_of(log: str) -> str:
@@ -198,9 +199,3 @@ def _is_log(name: str, below: str = "") -> bool:
 
 def _is_bag(folder: str) -> bool:
     return os.path.isfile(os.path.join(folder, "metadata.yaml"))
-
-
-def _by_name(name: str) -> tuple[tuple[int, int, str], ...]:
-    """Order names part by part, their numbers by size."""
-    pieces = re.split(r"(\d+)", name.replace(os.sep, "\0"))
-    return tuple((0, int(piece), piece) if number % 2 else (1, 0, piece) for number, piece in enumerate(pieces))

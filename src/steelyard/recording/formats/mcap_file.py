@@ -9,6 +9,7 @@ from functools import partial
 from typing import Any
 
 from steelyard.errors import InputError, require_package
+from steelyard.files.arguments import all_listed
 
 from .message_log import MessageLog, Topic
 from .ros_messages import BAGS, ros_decoder
@@ -90,5 +91,5 @@ class McapFile(MessageLog):
         raise InputError(
             f"{self.path}: the topic {channel.topic} has messages in the encoding {encoding!r} with "
             f"{'no schema' if schema is None else f'a schema in {schema.encoding!r}'}; read are "
-            f"{', '.join(DECODED[:-1])} and {DECODED[-1]} with their schemas: convert it, or name another `topic`."
+            f"{all_listed(DECODED)} with their schemas: convert it, or name another `topic`."
         )
