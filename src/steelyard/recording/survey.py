@@ -230,7 +230,7 @@ class LogSurvey:
             label = self.label(i)
             ratio = size_derived[i] / max(size_measured[i], 1e-300)
             is_unit = ratio * DEGREE < 2.0 or abs(ratio / 1e3 - 1.0) < 0.05  # degrees, millimetres
-            if not is_unit and (strange := self._counts() or self._no_angles()):
+            if not is_unit and (strange := self._no_positions()):
                 raise InputError(f"{source}: {strange}")
             if size_measured[i] < 1e-3 * size_derived[i]:
                 raise InputError(
@@ -259,12 +259,21 @@ class LogSurvey:
                 )
         return tuple(remarks)
 
-    def _counts(self, units: Sequence[str] | None = None) -> str:
+    def _no_positions(self, ranges: Array | None = None, units: Sequence[str] | None = None) -> str:
+        """Say which columns hold no positions of joints, in whatever unit is known; empty where all do.
+
+        `ranges` are what the limits of the description leave a joint, inf where there are none; `units` are "m" where a
+        joint slides, "rad" where not, if that is known.
+        """
+        usual = units or ["rad"] * len(self.travel)
+        return self._counts(usual) or self._no_angles(ranges, usual)
+
+    def _counts(self, units: Sequence[str]) -> str:
         """Say which joints go through many turns in whole numbers, as no angle does; empty where none does.
 
-        `units` are "m" where a joint slides, if that is known: it may be in whole millimetres.
+        One that slides may be in whole millimetres.
         """
-        turning = np.array([unit != "m" for unit in units or ["rad"] * len(self.travel)])
+        turning = np.array([unit != "m" for unit in units])
         whole = turning & (self._whole >= MOSTLY * self._far) & (self.travel > 0.0)
         reach = np.where(whole, np.abs(self.q).max(axis=0), 0.0)
         j = int(np.argmax(reach))
@@ -278,25 +287,23 @@ class LogSurvey:
             "what -2*pi*ZERO/COUNTS comes to, where ZERO is counted at the zero of the description."
         )
 
-    def _no_angles(self, ranges: Array | None = None, units: Sequence[str] | None = None) -> str:
+    def _no_angles(self, ranges: Array | None, units: Sequence[str]) -> str:
         """Say which positions can be in no unit that is known: no joint goes so far or so fast, nor a motor before it.
 
-        `ranges` are what the limits of the description leave a joint, inf where there are none, and `units` as in
-        `_counts`. A joint without limits may turn as often as it likes, but not faster than any motor.
+        A joint without limits may turn as often as it likes, but not faster than any motor.
         """
-        usual = units or ["rad"] * len(self.travel)
-        far = np.zeros(len(usual), dtype=bool)
+        far = np.zeros(len(units), dtype=bool)
         outruns_wheels, outruns_motors = self._swift > 2 + SWIFT * self._steps  # a wild reading makes two
         if ranges is not None:
-            beyond = np.array([BEYOND_GEARS[unit] for unit in usual])
+            beyond = np.array([BEYOND_GEARS[unit] for unit in units])
             far = (ranges > NARROW) & (self.travel / beyond > ranges) & outruns_wheels
-        outrun = self.speed > np.array([FASTEST_MOTOR if unit == "rad" else FASTEST_SLIDE for unit in usual])
+        outrun = self.speed > np.array([FASTEST_MOTOR if unit == "rad" else FASTEST_SLIDE for unit in units])
         found = far | (outrun & outruns_motors & (self.travel > MANY_TURNS))
         if not found.any():
             return ""
         names = listed([self.label(i) for i in map(int, np.flatnonzero(found))], MOST_NAMED)
         j = int(np.argmax(np.where(found, self.travel, 0.0)))
-        unit, travel = usual[j], float(self.travel[j])
+        unit, travel = units[j], float(self.travel[j])
         turns = f"{travel / (2.0 * pi):,.0f} revolutions".replace(",", " ") if unit == "rad" else f"{travel:.4g} m"
         why = "faster than any motor"
         if ranges is not None and far[j]:
@@ -350,7 +357,7 @@ class LogSurvey:
         reach = np.abs(self.q).max(axis=0)
         turns = reach > MANY_TURNS
         fast = ~turns & (self.speed > FASTEST_JOINT)
-        strange = self._counts() or self._no_angles()
+        strange = self._no_positions()
         if strange:
             remarks.append(capital(strange))
         elif turns.any():
@@ -437,7 +444,7 @@ class LogSurvey:
                 f"and all joints fit theirs as {how}; "
                 f"state `position_unit = {line}` in [log]{others}."
             )
-        if strange := self._counts(usual) or self._no_angles(ranges, usual):
+        if strange := self._no_positions(ranges, usual):
             raise InputError(f"{self.source}: {strange}")
         remarks = []
         for j in outside:
