@@ -343,9 +343,11 @@ def compare_siblings(
     tests.measure()
     batches: list[Batch] = []
     # What has changed is told robot by robot, and as the change of all.
-    while before is None and len(batches) < MOST_BATCHES and (heap := tests.heap()) is not None:
-        batches.append(_batch(*heap, tests, confidence))
-        tests.take_off(*heap)
+    while before is None and len(batches) < MOST_BATCHES and (split := tests.heap()) is not None:
+        heap, within = split
+        common = _in_common(heap, within, tests, confidence)
+        batches.append(Batch(tuple(map(int, heap.robots)), common, heap.apart, heap.odds))
+        tests.take_off(heap, within)
     moved = problem.bases
     found: list[_Found] = []
     for number in range(ROUNDS):
@@ -364,7 +366,7 @@ def compare_siblings(
         for one in found:  # the part that is unusual does not say how much siblings vary
             moved[one.robot] -= one.change
     deviations = [
-        _of_siblings(_deviation(one, tests, causes, confidence), of_robot.get(one.cause))
+        _of_siblings(_deviation(one, tests, confidence), of_robot.get(one.cause))
         for one in sorted(found, key=lambda one: (one.probability, one.robot))
     ]
     return SiblingComparison(
@@ -738,7 +740,7 @@ def _beside(part: float) -> float:
     return part / (1.0 - part) if part != 1.0 else np.inf
 
 
-def _batch(heap: Heap, problem: SiblingVariation, tests: _Tests, confidence: float) -> Batch:
+def _in_common(heap: Heap, problem: SiblingVariation, tests: _Tests, confidence: float) -> Deviation:
     """Tell what robots have in common; the size has the interval of a difference of the means of two heaps."""
     from scipy.special import fdtrc, stdtr, stdtrit
 
@@ -749,8 +751,7 @@ def _batch(heap: Heap, problem: SiblingVariation, tests: _Tests, confidence: flo
     if len(heap.amplitudes) > 1:
         unknown, rank = float("nan"), len(heap.amplitudes)
         chance = float(fdtrc(rank, freedom, heap.explained / rank))
-        told = Deviation(first, cause, unknown, unknown, unknown, unknown, size, chance, alternatives)
-        return Batch(tuple(map(int, heap.robots)), told, heap.apart, heap.odds)
+        return Deviation(first, cause, unknown, unknown, unknown, unknown, size, chance, alternatives)
     amplitude, weights = float(heap.amplitudes[0]), heap.weights[:, 0]
     noise = float(np.mean(np.einsum("i,rij,j->r", weights, problem.errors[heap.robots], weights)))
     among = float(weights @ problem.spread_matrix @ weights)
@@ -765,21 +766,15 @@ def _batch(heap: Heap, problem: SiblingVariation, tests: _Tests, confidence: flo
     reach = float(stdtrit(freedom, 0.5 + 0.5 * confidence)) * error
     chance = 2.0 * float(stdtr(freedom, -size))
     told = Deviation(first, cause, amplitude, error, amplitude - reach, amplitude + reach, size, chance, alternatives)
-    told = _of_siblings(told, tests.of_robot.get(heap.cause))
-    return Batch(tuple(map(int, heap.robots)), told, heap.apart, heap.odds)
+    return _of_siblings(told, tests.of_robot.get(heap.cause))
 
 
-def _deviation(
-    one: _Found,
-    tests: _Tests,
-    causes: Sequence[Cause],
-    confidence: float,
-) -> Deviation:
+def _deviation(one: _Found, tests: _Tests, confidence: float) -> Deviation:
     """Tell the size of a cause, beside the others of that robot."""
     from scipy.special import stdtrit
 
-    cause, own = causes[one.cause], tests.direction(one.robot, one.cause)
-    alternatives = tuple(causes[k] for k in one.others)
+    cause, own = tests.causes[one.cause], tests.direction(one.robot, one.cause)
+    alternatives = tuple(tests.causes[k] for k in one.others)
     out = deviations_of(one.probability)
     if own.shape[1] > 1:
         unknown = float("nan")

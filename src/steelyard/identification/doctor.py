@@ -211,7 +211,6 @@ class _Patient:
         self.settings: Settings = merged({}, self.stated)
         self.findings: list[Finding] = []
         self.facts: dict[str, str] = {}
-        self.joints = None if self.model is None else list(self.model.robot.joint_names)
         self.sample: LogSample | None = None
         self.late: list[LateLog] = []
 
@@ -219,6 +218,11 @@ class _Patient:
     def _robot(self) -> Robot | None:
         """The robot that was logged, where it is known."""
         return None if self.model is None else self.model.robot
+
+    @property
+    def joints(self) -> tuple[str, ...] | None:
+        """The names of its joints."""
+        return None if self._robot is None else self._robot.joint_names
 
     @property
     def columns(self) -> LogColumns:
@@ -310,7 +314,7 @@ class _Patient:
             self.add(Finding("joints without columns", statement, "refused", 1.0, remedy), used=False)
             robot = read_description(self.file.path, None, locked)
             self.file = replace(self.file, robot=robot, description={**self.file.description, "locked": locked})
-            self.model, self.joints = Model.from_file(self.file), list(robot.joint_names)
+            self.model = Model.from_file(self.file)
             return files.layout(self._robot)
 
     def _result(

@@ -64,17 +64,14 @@ def fleet_html(fleet: Fleet) -> str:
 
 def _lead(fleet: Fleet) -> Markup:
     robots = len({row.entry.id for row in fleet.rows})
-    told = [
-        ("Robots", f"{robots}", f"{len(fleet.rows)} entries" if len(fleet.rows) != robots else ""),
-        ("Of another batch", f"{len({(one.group, robot) for one in fleet.batches for robot in one.robots})}", ""),
-        ("Differ from their siblings", f"{len(fleet.differing)}", ""),
-        ("Have drifted", f"{len(fleet.drifted)}", ""),
-        ("Nothing came of", f"{len(fleet.failed)}", "the reasons are below" if fleet.failed else ""),
-    ]
-    if not any(group.drift for group in fleet.groups):
-        del told[3]
-    if not fleet.batches:
-        del told[1]
+    of_batches = {(one.group, robot) for one in fleet.batches for robot in one.robots}
+    told = [("Robots", f"{robots}", f"{len(fleet.rows)} entries" if len(fleet.rows) != robots else "")]
+    if of_batches:
+        told.append(("Of another batch", f"{len(of_batches)}", ""))
+    told.append(("Differ from their siblings", f"{len(fleet.differing)}", ""))
+    if any(group.drift for group in fleet.groups):
+        told.append(("Have drifted", f"{len(fleet.drifted)}", ""))
+    told.append(("Nothing came of", f"{len(fleet.failed)}", "the reasons are below" if fleet.failed else ""))
     return Markup(f'<p class="lead">{escape(fleet.headline)}</p><dl class="figures">{figures(told)}</dl>')
 
 
