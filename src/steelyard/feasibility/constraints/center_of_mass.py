@@ -78,11 +78,6 @@ class CenterOfMassBox:
             if low == math.inf or high == -math.inf:
                 raise InputError(f"CenterOfMassBox of link {self.link!r} leaves no room along {axis}; correct it.")
 
-    @classmethod
-    def from_dict(cls, entry: Mapping[str, Any], folder: Path | None = None) -> CenterOfMassBox:
-        """Read ``{"link": "link1", "lower": [..], "upper": [..]}``, as in ``robot.toml``."""
-        return cls(**table(entry, "center_of_mass_box", ("link", "lower", "upper")))
-
     def blocks(self, model: ModelLike) -> tuple[AffineBlock, ...]:
         """At most six 1 x 1 blocks in kg m, l - m lower and m upper - l, one for each finite bound."""
         link = LinkParameters.of(model, self.link, "CenterOfMassBox")
@@ -140,11 +135,6 @@ class CenterOfMassSphere:
         where = f"of CenterOfMassSphere of link {self.link!r}"
         object.__setattr__(self, "center", read_vector(self.center, f"center {where}", "m"))
         object.__setattr__(self, "radius", read_quantity(self.radius, f"radius {where}", "m", nonnegative=True))
-
-    @classmethod
-    def from_dict(cls, entry: Mapping[str, Any], folder: Path | None = None) -> CenterOfMassSphere:
-        """Read ``{"link": "link1", "center": [..], "radius": 0.1}``, as in ``robot.toml``."""
-        return cls(**table(entry, "center_of_mass_sphere", ("link", "center", "radius")))
 
     def blocks(self, model: ModelLike) -> tuple[AffineBlock, ...]:
         """Return one block of order 4, in kg m."""

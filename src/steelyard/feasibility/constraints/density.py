@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +14,7 @@ from steelyard.lmi import AffineBlock
 from steelyard.robot.inertia import PSEUDO_INERTIA, moment_row
 
 from .constraint import Equality, LinkParameters, ModelLike
-from .toml_section import read_rotation, read_vector, table
+from .toml_section import read_rotation, read_vector
 
 __all__ = ["DensityInBox", "DensityInEllipsoid"]
 
@@ -83,11 +81,6 @@ class DensityInEllipsoid:
     @property
     def _semi_axes(self) -> Vector:
         return np.asarray(self.semi_axes, dtype=float)
-
-    @classmethod
-    def from_dict(cls, entry: Mapping[str, Any], folder: Path | None = None) -> DensityInEllipsoid:
-        """Read ``{"link": "link1", "center": [..], "semi_axes": [..]}``, as in ``robot.toml``."""
-        return cls(**table(entry, "density_in_ellipsoid", ("link", "center", "semi_axes"), ("rotation",)))
 
     @property
     def quadratic(self) -> Matrix:
@@ -174,11 +167,6 @@ class DensityInBox:
                     f"lower {axis} {where} must be below upper {axis}, got {low:g} and {high:g} m; a real body is "
                     "not flat."
                 )
-
-    @classmethod
-    def from_dict(cls, entry: Mapping[str, Any], folder: Path | None = None) -> DensityInBox:
-        """Read ``{"link": "link1", "lower": [..], "upper": [..]}``, as in ``robot.toml``."""
-        return cls(**table(entry, "density_in_box", ("link", "lower", "upper")))
 
     def blocks(self, model: ModelLike) -> tuple[AffineBlock, ...]:
         """The pseudo-inertia, 15 products of distances from faces, and 4 triangle inequalities."""

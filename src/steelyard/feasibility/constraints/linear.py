@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,7 @@ from steelyard.lmi import AffineBlock, LinearExpression, as_expression
 from steelyard.regression import Estimate
 
 from .constraint import Equality, ModelLike, call_text, scalar_block
-from .toml_section import read_quantity, table
+from .toml_section import read_quantity
 
 __all__ = ["ConfidenceInterval", "LinearBound", "confidence_intervals"]
 
@@ -81,11 +80,6 @@ class LinearBound:
 
     def __repr__(self) -> str:
         return call_text(self, str(self.expression))
-
-    @classmethod
-    def from_dict(cls, entry: Mapping[str, Any], folder: Path | None = None) -> LinearBound:
-        """Read ``{"expression": "Lyy1 + Iam1", "minimum": 0.1}``, as in ``robot.toml``."""
-        return cls(**table(entry, "linear_bound", ("expression",), ("minimum", "maximum", "equal", "unit")))
 
     def blocks(self, model: ModelLike) -> tuple[AffineBlock, ...]:
         """Return the bounds as 1 x 1 blocks."""
@@ -160,12 +154,6 @@ class ConfidenceInterval:
         return (
             f"ConfidenceInterval({str(self.expression)!r}, {', '.join(f'{k}={getattr(self, k)!r}' for k in numbers)})"
         )
-
-    @classmethod
-    def from_dict(cls, entry: Mapping[str, Any], folder: Path | None = None) -> ConfidenceInterval:
-        """Read ``{"expression": "lx2 + m3", "value": 0.31, "standard_deviation": 0.004}``, as in ``robot.toml``."""
-        keys = ("expression", "value", "standard_deviation")
-        return cls(**table(entry, "confidence_interval", keys, ("deviations",)))
 
     def blocks(self, model: ModelLike) -> tuple[AffineBlock, ...]:
         """Return both ends of the interval as 1 x 1 blocks."""

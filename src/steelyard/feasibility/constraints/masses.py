@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -15,7 +13,7 @@ from steelyard.files import is_real
 from steelyard.lmi import AffineBlock
 
 from .constraint import Equality, LinkParameters, ModelLike, call_text, scalar_block
-from .toml_section import read_quantity, table
+from .toml_section import read_quantity
 
 __all__ = ["MeasuredMass", "TotalMass"]
 
@@ -75,11 +73,6 @@ class TotalMass:
     def __repr__(self) -> str:
         given = ((key, getattr(self, key)) for key in ("maximum", "minimum", "equal", "links"))
         return f"TotalMass({', '.join(f'{key}={value!r}' for key, value in given if value is not None)})"
-
-    @classmethod
-    def from_dict(cls, entry: Mapping[str, Any], folder: Path | None = None) -> TotalMass:
-        """Read ``{"maximum": 27.0}``, as in ``robot.toml``."""
-        return cls(**table(entry, "total_mass", (), ("maximum", "minimum", "equal", "links")))
 
     def blocks(self, model: ModelLike) -> tuple[AffineBlock, ...]:
         """Return the bounds as 1 x 1 blocks."""
@@ -150,11 +143,6 @@ class MeasuredMass:
 
     def __repr__(self) -> str:
         return call_text(self, self.value)
-
-    @classmethod
-    def from_dict(cls, entry: Mapping[str, Any], folder: Path | None = None) -> MeasuredMass:
-        """Read ``{"links": ["forearm"], "value": 2.41, "standard_deviation": 0.01}``, as in ``robot.toml``."""
-        return cls(**table(entry, "measured_mass", ("value",), ("links", "standard_deviation", "deviations")))
 
     def blocks(self, model: ModelLike) -> tuple[AffineBlock, ...]:
         """Upper limit of the mass, and the lower one if it is above 0."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,7 @@ from steelyard.robot.inertia import transformation
 from steelyard.robot.placement import axis_frame
 
 from .constraint import Equality, LinkParameters, ModelLike, call_text, equation, independent_rows
-from .toml_section import read_placement, read_vector, table
+from .toml_section import read_placement, read_vector
 
 __all__ = ["EqualLinks", "SymmetricLink"]
 
@@ -84,11 +83,6 @@ class SymmetricLink:
 
     def __repr__(self) -> str:
         return call_text(self, self.link)
-
-    @classmethod
-    def from_dict(cls, entry: Mapping[str, Any], folder: Path | None = None) -> SymmetricLink:
-        """Read ``{"link": "link1", "plane": "xz"}``, as in ``robot.toml``."""
-        return cls(**table(entry, "symmetric_link", ("link",), ("plane", "axis", "order", "through")))
 
     def symmetries(self) -> list[tuple[str, Matrix]]:
         """The isometries (4, 4) that leave the link as it is, each with its name."""
@@ -171,11 +165,6 @@ class EqualLinks:
 
     def __repr__(self) -> str:
         return call_text(self, self.first, self.second)
-
-    @classmethod
-    def from_dict(cls, entry: Mapping[str, Any], folder: Path | None = None) -> EqualLinks:
-        """Read ``{"first": "left_arm", "second": "right_arm", "mirror": "xz"}``, as in ``robot.toml``."""
-        return cls(**table(entry, "equal_links", ("first", "second"), ("mirror", "placement", "terms")))
 
     def blocks(self, model: ModelLike) -> tuple[AffineBlock, ...]:
         """Return no block: the condition is an equation."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
 
@@ -113,14 +114,22 @@ def constraints_from_dict(
 def _made(kind: type[Constraint], key: str, entry: Any, folder: Path | None) -> Constraint:
     """One constraint: by the method ``from_dict(entry, folder)`` of its class, or else with its keys as arguments."""
     reader: Callable[[Any, Path | None], Constraint] | None = getattr(kind, "from_dict", None)
-    if key in CONSTRAINTS.own and reader is not None:
-        return reader(entry, folder)
+    if key in CONSTRAINTS.own:
+        return _of_ours(kind, key, entry) if reader is None else reader(entry, folder)
     where = f"[[constraints.{key}]]"
     given = TomlTable(entry, where, None)
     if reader is None:
         return made_from_table(kind, given, where)
     with faults_told(f"{where} cannot be used", "correct its keys, or mend its package"):
         return reader(entry, folder)
+
+
+def _of_ours(kind: Any, key: str, entry: Any) -> Constraint:
+    """One constraint of ours, whose fields are the keys of its table, but for those that its `repr` leaves out."""
+    keys = {one.name: one.default is MISSING for one in fields(kind) if one.repr}
+    required = [name for name, needed in keys.items() if needed]
+    made: Constraint = kind(**table(entry, key, required, [name for name in keys if name not in required]))
+    return made
 
 
 def _of_estimate(entry: Mapping[str, Any], folder: Path | None) -> tuple[Constraint, ...]:
