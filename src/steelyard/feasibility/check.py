@@ -1,6 +1,6 @@
 """Deciding whether parameters are physically possible, by the search for a proof of either answer."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -215,20 +215,8 @@ def _check_parameters(feasible_set: FeasibleSet, parameters: Vector) -> Verdict:
             True, "feasible", margin, certificate.base, parameters, certificate, (), feasible_set.consistency
         )
     virtual = _check_base(feasible_set, base)
-    if virtual.feasible:
-        return Verdict(
-            False,
-            "virtually feasible",
-            margin,
-            base,
-            virtual.parameters,
-            virtual.certificate,
-            violations,
-            feasible_set.consistency,
-        )
-    if virtual.feasible is None:
-        return Verdict(None, "undecided", margin, base, None, None, violations, feasible_set.consistency)
-    return Verdict(False, "infeasible", margin, base, None, virtual.certificate, violations, feasible_set.consistency)
+    feasible, status = (False, "virtually feasible") if virtual.feasible else (virtual.feasible, virtual.status)
+    return replace(virtual, feasible=feasible, status=status, margin=margin, violations=violations)
 
 
 def _check_base(feasible_set: FeasibleSet, base: Vector) -> Verdict:

@@ -33,7 +33,6 @@ class _DualSpace:
 
     places: tuple[tuple[int, int, int], ...]
     pivots: dict[int, dict[int, Fraction]]
-    free: tuple[int, ...]
 
     def complete(self, values: Sequence[Fraction]) -> list[Fraction]:
         """All unknowns, from the free ones among `values`."""
@@ -197,10 +196,8 @@ def _dual_space(feasible_set: FeasibleSet) -> _DualSpace:
     for i, row in enumerate(conditions.base_map):
         for parameter, coefficient in row.items():
             rows[parameter][start + i] = -coefficient
-    total = start + len(conditions.base_map)
     preference = [0] * len(places) + [2] * len(conditions.equations) + [1] * len(conditions.base_map)
-    pivots, free = zero_combination_basis(rows, total, preference)
-    return _DualSpace(tuple(places), {k: dict(row) for k, row in pivots.items()}, free)
+    return _DualSpace(tuple(places), zero_combination_basis(rows, preference))
 
 
 def _beside_the_face(
@@ -276,8 +273,8 @@ def _balanced(
             if parameter not in held:
                 rows.setdefault(parameter, {})[column] = -coefficient
     found = [*direction, *multipliers]
-    pivots, _ = zero_combination_basis(list(rows.values()), len(found), [0] * len(direction) + [1] * len(multipliers))
-    for pivot, row in pivots.items():
+    preference = [0] * len(direction) + [1] * len(multipliers)
+    for pivot, row in zero_combination_basis(list(rows.values()), preference).items():
         found[pivot] = sum((value * found[column] for column, value in row.items()), Fraction(0))
     return found[: len(direction)], found[len(direction) :]
 

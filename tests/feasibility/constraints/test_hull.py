@@ -82,7 +82,7 @@ def test_points_in_a_plane_bind_to_it(two_links, turned):
     rotation = np.linalg.qr(rng.normal(size=(3, 3)))[0] if turned else np.eye(3)
     points = flat @ rotation.T
     hull = CenterOfMassHull("forearm", points)
-    assert hull.hull.dimension == 2
+    assert len(hull.hull.plane_values) == 1
     assert len(hull.equalities(two_links)) == 1
     inside, error = worst(hull, two_links, points.mean(axis=0))
     assert inside > 0
@@ -95,7 +95,7 @@ def test_points_on_a_line_bind_to_it(two_links):
     direction = np.array([1.0, 2.0, -2.0]) / 3
     points = np.array([0.1, 0.2, 0.3]) + np.array([-0.2, 0.0, 0.4])[:, None] * direction
     hull = CenterOfMassHull("forearm", points)
-    assert (hull.hull.dimension, len(hull.points), len(hull.equalities(two_links))) == (1, 2, 2)
+    assert (len(hull.hull.plane_values), len(hull.points), len(hull.equalities(two_links))) == (2, 2, 2)
     inside, error = worst(hull, two_links, points[0] + 0.6 * direction)
     assert inside == pytest.approx(0.0, abs=1e-14)
     assert error < 1e-15
@@ -105,7 +105,7 @@ def test_points_on_a_line_bind_to_it(two_links):
 @pytest.mark.parametrize("points", [[[0.1, 0.2, 0.3]], [[0.1, 0.2, 0.3]] * 5])
 def test_one_point_is_the_centre_of_mass(two_links, points):
     hull = CenterOfMassHull("forearm", points)
-    assert (hull.hull.dimension, hull.blocks(two_links)) == (0, ())
+    assert (len(hull.hull.plane_values), hull.blocks(two_links)) == (3, ())
     assert worst(hull, two_links, [0.1, 0.2, 0.3])[1] < 1e-15
     assert worst(hull, two_links, [0.1, 0.25, 0.3])[1] == pytest.approx(0.1)
 
@@ -113,7 +113,7 @@ def test_one_point_is_the_centre_of_mass(two_links, points):
 def test_thin_bodies_are_no_planes(two_links):
     points = CUBE * [0.5, 0.5, 1e-5] + [0.0, 0.0, 0.1]
     hull = CenterOfMassHull("forearm", points)
-    assert hull.hull.dimension == 3
+    assert len(hull.hull.plane_values) == 0
     assert worst(hull, two_links, [0.1, 0.1, 0.1 + 0.9e-5])[0] > 0
     assert worst(hull, two_links, [0.1, 0.1, 0.1 + 1.1e-5])[0] < 0
 
@@ -122,7 +122,7 @@ def test_flat_mesh_in_single_precision_is_flat():
     rng = np.random.default_rng(4)
     rotation = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     points = np.column_stack([rng.uniform(-1, 1, (50, 2)), np.zeros(50)]) @ rotation.T
-    assert convex_hull(points.astype(np.float32).astype(float)).dimension == 2
+    assert len(convex_hull(points.astype(np.float32).astype(float)).plane_values) == 1
 
 
 @pytest.mark.parametrize("tolerance", [pytest.param(1e-3, marks=pytest.mark.slow), 1e-2])

@@ -542,10 +542,6 @@ class _Method:
 
     # The search.
 
-    def _combine(self, count: Index, out: Array, term: Callable[[Index], Number]) -> None:
-        for k in self.code.range(count):
-            out[k] = term(k)
-
     def _search(self) -> None:
         with self._searching("center") as search:
             search.begin()

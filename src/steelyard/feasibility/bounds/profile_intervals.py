@@ -194,7 +194,6 @@ class _Distance:
         root = covariance.in_deviations()
         self.rows, self.target = root @ feasible_set.K, root @ base
         self.curvature, self.slope = self.rows.T @ self.rows, self.rows.T @ self.target
-        self.constant = float(self.target @ self.target)
 
     def squares(self, points: Matrix) -> Vector:
         errors = points @ self.rows.T - self.target

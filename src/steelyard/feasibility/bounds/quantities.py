@@ -9,6 +9,7 @@ import numpy.typing as npt
 from steelyard.errors import InputError
 from steelyard.files import suggestion
 from steelyard.regression import ParameterCovariance
+from steelyard.robot.inertia import INERTIA_SYMBOLS
 
 from ..feasible_set import FeasibleSet
 
@@ -135,7 +136,7 @@ def _standard(feasible_set: FeasibleSet) -> list[Quantity]:
     positive, units = _positive(feasible_set), _units(feasible_set)
     identity = np.eye(len(names))
     found = []
-    inertial = {f"{symbol}{i + 1}": (symbol, link) for i, link in enumerate(links) for symbol in _INERTIAL}
+    inertial = {f"{symbol}{i + 1}": (symbol, link) for i, link in enumerate(links) for symbol in INERTIA_SYMBOLS}
     for index, name in enumerate(names):
         if name in inertial:
             symbol, link = inertial[name]
@@ -155,14 +156,9 @@ def _standard(feasible_set: FeasibleSet) -> list[Quantity]:
     return found
 
 
-_INERTIAL = ("Lxx", "Lxy", "Lxz", "Lyy", "Lyz", "Lzz", "lx", "ly", "lz", "m")
-
-
 def _positive(feasible_set: FeasibleSet) -> set[int]:
     """Indices of the parameters that the conditions themselves keep from being negative."""
-    names = {name: index for index, name in enumerate(feasible_set.model.parameter_names)}
-    links = range(1, len(feasible_set.model.robot.link_names) + 1)
-    found = {names[f"{symbol}{link}"] for link in links for symbol in ("Lxx", "Lyy", "Lzz", "m")}
+    found = set(feasible_set.link_columns[:, [0, 3, 5, 9]].ravel().tolist())  # Lxx, Lyy, Lzz and m
     for block in feasible_set.blocks:
         if (
             block.size == 1

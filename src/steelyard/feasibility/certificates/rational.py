@@ -1,7 +1,7 @@
 """Exact arithmetic on rational numbers, without floating point."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from fractions import Fraction
 from functools import lru_cache
 from math import lcm
@@ -139,30 +139,24 @@ def _smallness(value: Fraction) -> int:
     return (value.denominator.bit_length() - value.numerator.bit_length()) // 3
 
 
-def zero_combination_basis(
-    rows: SparseRows, columns: int, preference: Sequence[int]
-) -> tuple[Mapping[int, Mapping[int, Fraction]], tuple[int, ...]]:
-    """Solve M u = 0 exactly: each pivot unknown as a combination of the free ones.
+def zero_combination_basis(rows: SparseRows, preference: Sequence[int]) -> dict[int, dict[int, Fraction]]:
+    """Solve M u = 0 exactly: each pivot unknown as a combination of the free ones, which are all the others.
 
     Parameters
     ----------
     rows : sparse rows of M
-    columns : int
-        Number of unknowns.
     preference : sequence of int
         Rank of each unknown as a pivot, smallest first. Among equals those with a large coefficient are taken, so that
         errors of the free unknowns do not grow, and of these the one in the fewest rows.
 
     Returns
     -------
-    pivots : mapping from unknown to mapping from free unknown to coefficient
-    free : tuple of int
+    mapping from pivot unknown to mapping from free unknown to coefficient
 
     Examples
     --------
-    >>> pivots, free = zero_combination_basis([{0: Fraction(2), 1: Fraction(-1)}], 2, [0, 1])
-    >>> pivots, free
-    ({0: {1: Fraction(1, 2)}}, (1,))
+    >>> zero_combination_basis([{0: Fraction(2), 1: Fraction(-1)}], [0, 1])
+    {0: {1: Fraction(1, 2)}}
     """
     work = [{column: value for column, value in row.items() if value} for row in rows]
     where: dict[int, set[int]] = {}
@@ -193,8 +187,7 @@ def zero_combination_basis(
                 elif column in target:
                     del target[column]
                     where[column].discard(other)
-    solved = {
+    return {
         pivot: {column: -value for column, value in work[index].items() if column != pivot}
         for pivot, index in pivots.items()
     }
-    return solved, tuple(column for column in range(columns) if column not in pivots)

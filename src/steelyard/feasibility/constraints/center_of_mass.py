@@ -351,11 +351,6 @@ class ConvexHullForm:
     plane_normals: Matrix
     plane_values: Vector
 
-    @property
-    def dimension(self) -> int:
-        """3 for a body, 2 where all points lie in a plane, 1 on a line, 0 where there is one point."""
-        return 3 - len(self.plane_values)
-
 
 def convex_hull(points: Matrix, tolerance: float = 0.0) -> ConvexHullForm:
     """The convex hull of points.
@@ -375,8 +370,8 @@ def convex_hull(points: Matrix, tolerance: float = 0.0) -> ConvexHullForm:
     --------
     >>> corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 2)], dtype=float)
     >>> hull = convex_hull(corners)
-    >>> len(hull.vertices), len(hull.normals), hull.dimension
-    (8, 6, 3)
+    >>> len(hull.vertices), len(hull.normals), len(hull.plane_values)
+    (8, 6, 0)
     """
     center = points.mean(axis=0)
     axes, extents = _axes(points - center)
