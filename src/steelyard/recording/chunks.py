@@ -31,10 +31,10 @@ from .formats import BLOCK_ROWS, Columns, LogFiles, Source
 from .formats.registry import split_source
 from .measurements import check_order, check_period
 from .options import Processing
-from .plan import KnownBristles, masking_remarks
+from .plan import KnownBristles
 from .recognition import Joints, names_of
 from .recording import Recording
-from .samples import Samples, regrouped
+from .samples import Samples, masking_remarks, regrouped
 from .survey import LogSurvey
 
 if TYPE_CHECKING:
@@ -185,9 +185,12 @@ class LogStream:
         """Read the rows by which the processing is decided: those in the middle of the longest part between gaps."""
         longest = max(even.parts, key=lambda part: part.count)
         start = max(0, (longest.count - rows) // 2)
-        stop = min(longest.count, start + rows)
-        span = even.rows(longest, start, stop)
-        return even.placed(next(self.spans([span])), span[0], longest, start, stop)
+        return self.even_rows(even, longest, start, min(longest.count, start + rows))
+
+    def even_rows(self, even: EvenClock, part: Part, start: int, stop: int) -> Recording:
+        """Read the even rows start:stop of a part."""
+        span = even.rows(part, start, stop)
+        return even.placed(next(self.spans([span])), span[0], part, start, stop)
 
     def _converted(self, block: Any, first: int) -> Signals:
         return convert(block, self.layout, self.columns, self._where(first), self.files.name)
@@ -543,9 +546,7 @@ class OpenedLog:
         while self._goes_on(before) and weight[moving].max(initial=0.0) > NOTHING:
             before -= 1
             piece = self.pieces[before]
-            span = self.even.rows(piece.part, piece.first, piece.last)
-            raw = next(self.stream.spans([span]))
-            recording = self.even.placed(raw, span[0], piece.part, piece.first, piece.last)
+            recording = self.stream.even_rows(self.even, piece.part, piece.first, piece.last)
             row = self._settled(before + 1) - piece.first
             found = plan.bristles_after(recording, self._unknown_at(before), row)
             assert found.state is not None

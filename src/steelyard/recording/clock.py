@@ -88,8 +88,6 @@ class ClockStatistics:
         s: slope of the line through stamps and row numbers, missing rows counted.
     jitter : float
         s: root mean square deviation of the stamps from that line.
-    interval_deviation, shortest, longest : float
-        s: standard deviation of the intervals without gaps, least and greatest interval.
     largest : float
         Greatest deviation of an interval from the period (in gaps: from a whole number of periods), as a fraction of
         the period.
@@ -109,9 +107,6 @@ class ClockStatistics:
     count: int
     period: float
     jitter: float
-    interval_deviation: float
-    shortest: float
-    longest: float
     largest: float
     gap_rows: NDArray[np.int64]
     skipped: NDArray[np.int64]
@@ -212,7 +207,7 @@ def steady_clock(count: int, period: float) -> ClockStatistics:
     """Return the clock of `count` rows without stamps, a period in s apart."""
     none = np.empty(0, dtype=np.int64)
     ends = np.array([0.0, (count - 1) * period])
-    return ClockStatistics(count, period, 0.0, 0.0, period, period, 0.0, none, none, np.empty((0, 2)), none, ends)
+    return ClockStatistics(count, period, 0.0, 0.0, none, none, np.empty((0, 2)), none, ends)
 
 
 def clock_of(blocks: Iterable[Array]) -> ClockStatistics:
@@ -225,16 +220,14 @@ def clock_of(blocks: Iterable[Array]) -> ClockStatistics:
     number, origin, guess = 0, 0.0, float("nan")
     # Of numbers n and of what the stamps are off a first guess of the line: count, n, n², r, n r, r².
     sums = np.zeros(6)
-    intervals = np.zeros(3)
-    low, high, shortest, longest = np.inf, -np.inf, np.inf, 0.0
-    last = 0.0
+    low, high, last = np.inf, -np.inf, 0.0
     for first, t, start, stop in _windows(blocks):
         period, numbers = row_numbers(t, periods[-1] if periods else None)
         periods.append(period)
         if not count:
             origin, guess = float(t[0]), period
         steps = np.diff(t[start : stop + 1])  # the intervals that this window decides
-        off = regular = steps - guess
+        off = steps - guess
         if numbers[-1] - numbers[0] >= len(t):  # rows are missing somewhere
             spans = np.diff(numbers)[start:stop]
             wide = np.flatnonzero(spans > 1.0) + start
@@ -244,10 +237,7 @@ def clock_of(blocks: Iterable[Array]) -> ClockStatistics:
             found = _doubtful(t, numbers, period) + first
             doubtful.append(found[(found > first + start) & (found <= first + stop)])
             off = steps - guess * spans
-            regular = off[spans == 1.0]
         low, high = min(low, off.min(initial=np.inf)), max(high, off.max(initial=-np.inf))
-        shortest, longest = min(shortest, steps.min(initial=np.inf)), max(longest, steps.max(initial=0.0))
-        intervals += [regular.size, regular.sum(), _product(regular, regular)]
         # Rows behind the intervals, and the very first one.
         begin = start + 1 if count else 0
         n = number + numbers[begin : stop + 1] - numbers[start]
@@ -265,14 +255,10 @@ def clock_of(blocks: Iterable[Array]) -> ClockStatistics:
         period = typical
     # Differences of stamps are no better than the stamps' own resolution.
     rounding = 4.0 * np.finfo(float).eps * max(abs(origin), abs(last))
-    mean = intervals[1] / max(intervals[0], 1.0)
     return ClockStatistics(
         count=count,
         period=period,
         jitter=float(np.sqrt(max(variance, 0.0))),
-        interval_deviation=float(np.sqrt(max(intervals[2] / max(intervals[0], 1.0) - mean**2, 0.0))),
-        shortest=float(shortest),
-        longest=float(longest),
         largest=max(float(max(high, -low)) - rounding, 0.0) / period,
         gap_rows=np.concatenate(rows),
         skipped=np.concatenate(skips),

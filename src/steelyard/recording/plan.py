@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard import recording as room
-from steelyard.display import joint_label
 from steelyard.errors import InputError
 
 from . import diagnosis, filters  # their names are imported when they are used
@@ -29,12 +28,12 @@ from .filters.zero_phase import (
 )
 from .measurements import Measurements
 from .options import Processing
-from .samples import FORGOTTEN, TOO_EARLY, Samples, cut_channels
+from .samples import FORGOTTEN, TOO_EARLY, Samples, cut_channels, masking_remarks
 
 if TYPE_CHECKING:
     from steelyard.dynamics import Model
 
-__all__ = ["KnownBristles", "Plan", "masking_remarks"]
+__all__ = ["KnownBristles", "Plan"]
 
 Array = NDArray[np.float64]
 Flags = dict[str, NDArray[np.bool_]]
@@ -482,22 +481,6 @@ class Plan:
             remarks=(*notes, *samples.remarks, *counts),
             filtered_torque=self.processing.filters_torque,
         )
-
-
-def masking_remarks(
-    counts: dict[str, NDArray[np.intp]], joint_names: Sequence[str] | None, when: str = ""
-) -> tuple[str, ...]:
-    """Return one sentence for each reason why rows were masked."""
-    sentences = []
-    for name, of_joints in counts.items():
-        if of_joints.any():
-            shares = ", ".join(
-                f"{count} of {joint_label(j, joint_names)}" for j, count in enumerate(of_joints) if count
-            )
-            if len(of_joints) > 1 and np.all(of_joints == of_joints[0]):
-                shares = f"{of_joints[0]} of each joint"
-            sentences.append(f"Rows left out{' ' * bool(when)}{when} because they are {name}: {shares}.")
-    return tuple(sentences)
 
 
 def _moved(flags: NDArray[np.bool_], rows: float) -> NDArray[np.bool_]:

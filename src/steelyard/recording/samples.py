@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from steelyard.dynamics import Model
     from steelyard.dynamics.bristles import Bristles
 
-__all__ = ["Samples", "regrouped"]
+__all__ = ["Samples", "masking_remarks", "regrouped"]
 
 T = TypeVar("T", bound=np.generic)
 
@@ -189,17 +189,13 @@ class Samples:
         states, weights = model.bristles.along(self.q, self.dq, starts)
         known = weights <= FORGOTTEN
         mask = known if self.mask is None else known & self.mask
-        lost = np.count_nonzero((~known) if self.mask is None else (self.mask & ~known), axis=0)
-        told = ", ".join(
-            f"{count} of {joint_label(j, model.robot.joint_names)}" for j, count in enumerate(lost) if count
-        )
-        remark = f"Rows left out because they are {TOO_EARLY}: {told}."
+        lost = np.asarray(np.count_nonzero((~known) if self.mask is None else (self.mask & ~known), axis=0))
         return replace(
             self,
             mask=None if mask.all() else mask,
             channels={**(self.channels or {}), model.bristles.channel: states},
             bristles=model.bristles,
-            remarks=(*self.remarks, remark) if told else self.remarks,
+            remarks=(*self.remarks, *masking_remarks({TOO_EARLY: lost}, model.robot.joint_names)),
         )
 
     def with_states(self, model: Model) -> Samples:
@@ -301,6 +297,22 @@ class Samples:
             greatest = (f"{np.abs(array).max():.4g}" for array in (dq, ddq, torque))
             rows.append((j + 1, used, f"{q.min():.4g} … {q.max():.4g}", *greatest))
         return html_table(repr(self), heads, rows, self.remarks)
+
+
+def masking_remarks(
+    counts: dict[str, NDArray[np.intp]], joint_names: Sequence[str] | None, when: str = ""
+) -> tuple[str, ...]:
+    """Return one sentence for each reason why rows were masked."""
+    sentences = []
+    for name, of_joints in counts.items():
+        if of_joints.any():
+            shares = ", ".join(
+                f"{count} of {joint_label(j, joint_names)}" for j, count in enumerate(of_joints) if count
+            )
+            if len(of_joints) > 1 and np.all(of_joints == of_joints[0]):
+                shares = f"{of_joints[0]} of each joint"
+            sentences.append(f"Rows left out{' ' * bool(when)}{when} because they are {name}: {shares}.")
+    return tuple(sentences)
 
 
 def regrouped(parts: Iterable[Samples], count: int) -> Iterator[Samples]:

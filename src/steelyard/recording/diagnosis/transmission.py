@@ -13,6 +13,8 @@ from math import inf, nan, pi
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..filters.zero_phase import low_pass
+
 __all__ = ["Transmission", "diagnose_transmission", "position_ratio"]
 
 Array = NDArray[np.float64]
@@ -329,8 +331,4 @@ def _solved(square: Array, side: Array) -> Array:
 
 
 def _smoothed(values: Array, rate: float) -> Array:
-    from scipy.signal import butter, sosfiltfilt
-
-    if rate <= 2.5 * CUTOFF:
-        return values
-    return np.asarray(sosfiltfilt(butter(2, CUTOFF, fs=rate, output="sos"), values))
+    return values if rate <= 2.5 * CUTOFF else low_pass(values[:, None], rate, CUTOFF, 2, "the log")[:, 0]

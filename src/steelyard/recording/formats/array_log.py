@@ -118,14 +118,10 @@ class ArrayLog(LogFile):
 
     def read(self, names: Sequence[str]) -> Columns:
         """Read whole columns."""
-        return next(self.blocks(names, self._rows(names)), {}) if names else {}
-
-    def blocks(self, names: Sequence[str], rows: int) -> Iterator[Columns]:
-        """Read columns in blocks of rows; an array is read once for all of its columns."""
-        return self.blocks_from(0, names, rows)
+        return next(self.blocks_from(0, names, self._rows(names)), {}) if names else {}
 
     def blocks_from(self, start: int, names: Sequence[str], rows: int) -> Iterator[Columns]:
-        """See `LogFile.blocks_from`."""
+        """Read columns in blocks of rows, from row `start` on; an array is read once for all of its columns."""
         total = self._rows(names)
         places = {name: self._columns[name] for name in names}
         matrices = dict.fromkeys(matrix for matrix, _ in places.values())

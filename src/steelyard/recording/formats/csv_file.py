@@ -220,15 +220,11 @@ class CsvFile(LogFile):
             raise InputError(f"{self.path} holds no rows; expected one row per sample under the column names.")
         return {name: np.concatenate([part[name] for part in parts]) for name in names}
 
-    def blocks(self, names: Sequence[str], rows: int) -> Iterator[Columns]:
-        """Read columns in blocks of `rows` rows.
+    def blocks_from(self, start: int, names: Sequence[str], rows: int) -> Iterator[Columns]:
+        """Read columns in blocks of `rows` rows, from row `start` on.
 
         What is to be kept is parsed once, and stands decoded in memory or in a temporary file from then on.
         """
-        return self.blocks_from(0, names, rows)
-
-    def blocks_from(self, start: int, names: Sequence[str], rows: int) -> Iterator[Columns]:
-        """See `LogFile.blocks_from`."""
         if self.begins:
             row, byte = max(place for place in self.begins if place[0] <= start)
             return regrouped_columns(self._parsed(names, row, byte), rows, start - row)

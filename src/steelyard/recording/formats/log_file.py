@@ -111,7 +111,7 @@ class LogFile(ABC):
         return column_length(self.read(self.names[:1]))
 
     def blocks(self, names: Sequence[str], rows: int) -> Iterator[Columns]:
-        """Read columns from the first row to the last, `rows` rows at a time."""
+        """Read columns from the first row to the last, `rows` rows at a time; only `blocks_from` asks for it."""
         columns = self.read(names)
         for start in range(0, column_length(columns), rows):
             yield {name: values[start : start + rows] for name, values in columns.items()}

@@ -179,12 +179,8 @@ class MessageLog(LogFile):
         rows = self._rows
         return rows.columns(names, 0, rows.count)
 
-    def blocks(self, names: Sequence[str], rows: int) -> Iterator[Columns]:
-        """Return columns in blocks of rows; memory is that of a block, since the numbers stand in a file."""
-        return self.blocks_from(0, names, rows)
-
     def blocks_from(self, start: int, names: Sequence[str], rows: int) -> Iterator[Columns]:
-        """See `LogFile.blocks_from`."""
+        """Return columns in blocks of rows; memory is that of a block, since the numbers stand in a file."""
         table = self._rows
         for first in range(start, table.count, rows):
             yield table.columns(names, first, first + rows)

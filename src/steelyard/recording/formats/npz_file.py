@@ -124,14 +124,10 @@ class NpzFile(LogFile):
 
     def read(self, names: Sequence[str]) -> Columns:
         """Read whole columns."""
-        return next(self.blocks(names, self._rows(names)), {}) if names else {}
-
-    def blocks(self, names: Sequence[str], rows: int) -> Iterator[Columns]:
-        """Read columns in blocks of `rows` rows, also from compressed archives and of arrays in Fortran order."""
-        return self.blocks_from(0, names, rows)
+        return next(self.blocks_from(0, names, self._rows(names)), {}) if names else {}
 
     def blocks_from(self, start: int, names: Sequence[str], rows: int) -> Iterator[Columns]:
-        """See `LogFile.blocks_from`."""
+        """Read columns in blocks of rows, also from compressed archives and of arrays in Fortran order."""
         keys = dict.fromkeys(self._columns[name][0] for name in names)
         total = self._rows(names)
         with contextlib.ExitStack() as stack:

@@ -105,12 +105,8 @@ class TableFile(LogFile):
         """Read whole columns."""
         return self._with_times(self._numbers(self._scan, names), 0)
 
-    def blocks(self, names: Sequence[str], rows: int) -> Iterator[Columns]:
-        """Read columns in blocks of `rows` rows; a group of rows is decoded whole, so keep these groups small."""
-        return self.blocks_from(0, names, rows)
-
     def blocks_from(self, start: int, names: Sequence[str], rows: int) -> Iterator[Columns]:
-        """See `LogFile.blocks_from`."""
+        """Read columns in blocks of rows, from row `start` on; a group of rows is decoded whole: keep them small."""
         # Each read decodes the groups of rows that it touches; a single column is read over many of them.
         together = rows * max(1, READ_NUMBERS // (rows * max(1, len(names))))
         return regrouped_columns(self._parts(start, names, together), rows)
