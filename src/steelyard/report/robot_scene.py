@@ -21,7 +21,7 @@ class PlacedLink:
 
     Attributes
     ----------
-    name, joint_name : str
+    joint_name : str
     rotates : bool
         Whether the joint turns, and does not slide.
     parent : int
@@ -36,7 +36,6 @@ class PlacedLink:
         (3,) m each: where the link carries other joints, or, of a last link, its frame and what is fixed farthest away.
     """
 
-    name: str
     joint_name: str
     rotates: bool
     parent: int
@@ -109,7 +108,6 @@ def robot_scene(robot: Robot, q: ArrayLike | None = None) -> RobotScene:
             ends = [max(candidates, key=lambda place: float(np.linalg.norm(place - origin)))]
         links.append(
             PlacedLink(
-                link.name,
                 joint.name,
                 joint.rotates,
                 joint.parent,

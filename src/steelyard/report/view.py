@@ -26,7 +26,7 @@ from steelyard.files import Meanwhile
 from .html_document import escape, number
 from .link_bodies import LinkBody
 from .playback import Nearness, Playback
-from .viewed_robot import KNOWN_OF, TOO_LARGE, KnownOf, ViewedRobot
+from .viewed_robot import KNOWN_OF, TOO_LARGE, KnownOf, ViewedRobot, basis_of
 
 __all__ = ["BASIS_COLORS", "Viewer", "view_robot"]
 
@@ -441,7 +441,7 @@ class Viewer:
         of: KnownOf = self.known_of.value if self.viewed.known else "mass"
         for body, handle in self._colored:
             known = body >= 0 and bool(self.viewed.known)
-            color = BASIS_COLORS[self.viewed.known[body].basis(of)] if known else PLAIN
+            color = BASIS_COLORS[basis_of(self.viewed.known[body], of)] if known else PLAIN
             handle.color = TOO_NEAR if body in self._shown_near else color
 
     def _fade(self, opacity: float) -> None:
@@ -582,9 +582,9 @@ class Viewer:
     def _link_table(self) -> str:
         rows = []
         for known in self.viewed.known:
-            mass = known.rows.mass
+            mass = known.mass
             span = "" if np.isnan(mass.lower) else f"{number(mass.lower, 3)} to {number(mass.upper, 3)}"
-            cells = (known.rows.name, number(mass.value, 3), span, number(mass.cad, 3), mass.basis)
+            cells = (known.name, number(mass.value, 3), span, number(mass.cad, 3), mass.basis)
             color = BASIS_COLORS[mass.basis]
             tags = "".join(f'<td style="padding:.1em .5em .1em 0">{escape(cell)}</td>' for cell in cells)
             rows.append(f'<tr style="border-left:4px solid rgb{color}">{tags}</tr>')

@@ -25,7 +25,7 @@ from steelyard.robot import RobotFile
 
 from .link_bodies import LinkBody, link_body
 
-__all__ = ["KNOWN_OF", "TOO_LARGE", "KnownOf", "LinkKnowledge", "ViewedRobot", "load_viewed_robot"]
+__all__ = ["KNOWN_OF", "TOO_LARGE", "KnownOf", "ViewedRobot", "basis_of", "load_viewed_robot"]
 
 Array = NDArray[np.float64]
 KnownOf = Literal["mass", "centre of mass", "inertia", "all of these"]
@@ -36,17 +36,10 @@ LARGEST_MESH = 60_000_000
 TOO_LARGE = "ellipsoids larger than the robot"
 
 
-@dataclass(frozen=True, eq=False)
-class LinkKnowledge:
-    """The basis of the numbers of a link: data, physics or the prior."""
-
-    rows: LinkRows
-
-    def basis(self, of: KnownOf) -> Basis:
-        """On what the least known of these numbers rests."""
-        groups = {"mass": (self.rows.mass,), "centre of mass": self.rows.center, "inertia": self.rows.moments}
-        rows = [row for key, group in groups.items() if of in (key, "all of these") for row in group]
-        return weakest(rows)
+def basis_of(link: LinkRows, of: KnownOf) -> Basis:
+    """On what the least known of these numbers of a link rests: data, physics or the prior."""
+    groups = {"mass": (link.mass,), "centre of mass": link.center, "inertia": link.moments}
+    return weakest([row for key, group in groups.items() if of in (key, "all of these") for row in group])
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,8 +57,8 @@ class ViewedRobot:
         are none.
     shapes : tuple of PlacedShape
         What the description shows, on moving links and on the base.
-    known : tuple of LinkKnowledge
-        Of each link; empty where there is no table of parameters.
+    known : tuple of LinkRows
+        What the numbers of each link rest on; empty where there is no table of parameters.
     remarks : tuple of str
         What cannot be shown, and why, in sentences.
     """
@@ -76,7 +69,7 @@ class ViewedRobot:
     identified: Array | None
     described: Array
     shapes: tuple[PlacedShape, ...] = ()
-    known: tuple[LinkKnowledge, ...] = ()
+    known: tuple[LinkRows, ...] = ()
     remarks: tuple[str, ...] = field(default=(), repr=False)
 
     def bodies(self, parameters: Array | None) -> tuple[LinkBody | None, ...]:
@@ -183,7 +176,7 @@ def load_viewed_robot(
     model = model_of_estimate(None if result is None else result.estimate, file)
     remarks: list[str] = []
     identified: Array | None = None
-    known: tuple[LinkKnowledge, ...] = ()
+    known: tuple[LinkRows, ...] = ()
     if result is not None:
         identified = matching_estimate(model, result.path).parameters
         if identified is None:
@@ -196,7 +189,7 @@ def load_viewed_robot(
     return replace(viewed, remarks=(*remarks, *_odd(viewed)))
 
 
-def _knowledge(result: SavedResult, model: Model, identified: Array, remarks: list[str]) -> tuple[LinkKnowledge, ...]:
+def _knowledge(result: SavedResult, model: Model, identified: Array, remarks: list[str]) -> tuple[LinkRows, ...]:
     """Return what the numbers of each link rest on, as the estimate tells it."""
     told = result.estimate.parameter_table
     if not told:
@@ -211,7 +204,7 @@ def _knowledge(result: SavedResult, model: Model, identified: Array, remarks: li
         return ()
     if table.confidence is None:
         remarks.append(table.counts)
-    return tuple(LinkKnowledge(link) for link in links)
+    return links
 
 
 def _shapes(model: Model, remarks: list[str]) -> tuple[PlacedShape, ...]:
