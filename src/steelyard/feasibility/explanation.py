@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from steelyard.conic import ConicProblem, solve
 from steelyard.display import combination, few_digits, html_sentences, html_table, percent, text_table
 from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
-from steelyard.files import tell
+from steelyard.files import plain, tell
 from steelyard.regression import ParameterCovariance
 
 from .bounds.confidence_region import region_of
@@ -284,45 +285,11 @@ class InfeasibilityExplanation:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result as plain data for JSON; what is infinite or unknown is None."""
-
-        def number(value: float | None) -> float | None:
-            return float(value) if value is not None and math.isfinite(value) else None
-
-        return {
-            "status": self.status,
-            "consistency": self.consistency,
-            "margin": number(self.margin),
-            "region": number(self.region),
-            "distance": number(self.distance),
-            "probability": number(self.probability),
-            "correlation": number(self.correlation),
-            "chance": number(self.chance),
-            "shares": [{"name": name, "share": share} for name, share in self.shares],
-            "subsystems": [
-                {
-                    "conditions": list(subsystem.conditions),
-                    "shares": [number(share) for share in subsystem.shares],
-                    "direction": subsystem.direction.tolist(),
-                    "value": subsystem.value,
-                    "threshold": subsystem.threshold,
-                }
-                for subsystem in self.subsystems
-            ],
-            "degrees": [
-                {
-                    "name": degree.name,
-                    "expression": degree.expression,
-                    "value": degree.value,
-                    "change": number(degree.change),
-                    "share": number(degree.share),
-                    "alone": number(degree.alone),
-                    "deviation": number(degree.deviation),
-                }
-                for degree in self.degrees
-            ],
-            "base": self.base.tolist(),
-            "nearest": self.nearest.tolist(),
-        }
+        found: dict[str, Any] = plain(self)
+        found["shares"] = [{"name": name, "share": share} for name, share in self.shares]
+        for subsystem in found["subsystems"]:
+            del subsystem["blocks"]
+        return found
 
 
 def _in_words(subsystem: IrreducibleInfeasibleSubsystem, base: Vector, names: list[str]) -> str:
@@ -397,25 +364,28 @@ def explain_infeasibility(
         names = tuple(zip(_base_names(feasible_set), _base_expressions(feasible_set), strict=True))
         count = len(beta)
         deviation = region.covariance.standard_error if region is not None else np.full(count, np.nan)
+        told = partial(
+            InfeasibilityExplanation,
+            status=verdict.status,
+            margin=verdict.margin,
+            region=None if region is None else region.radius,
+            base=beta,
+            consistency=feasible_set.consistency,
+        )
         if verdict.feasible is not False:
             degrees = tuple(
                 BaseParameterDegree(*name, float(value), 0.0, 0.0, 0.0, float(sigma))
                 for name, value, sigma in zip(names, beta, deviation, strict=True)
             )
-            return InfeasibilityExplanation(
-                status=verdict.status,
-                margin=verdict.margin,
+            return told(
                 shares=(),
                 subsystems=(),
                 degrees=degrees,
                 distance=0.0,
                 probability=None if region is None else 0.0,
-                region=None if region is None else region.radius,
                 correlation=None,
                 chance=None,
-                base=beta,
                 nearest=beta,
-                consistency=feasible_set.consistency,
             )
         axes, unknown = (region.axes, region.unknown) if region is not None else (np.eye(count), np.zeros((count, 0)))
         nearest = nearest_in_region(feasible_set, beta, axes, unknown, solver)
@@ -436,20 +406,15 @@ def explain_infeasibility(
         for name, *values in zip(names, beta, change, shares, alone, deviation, strict=True)
     )
     correlation, chance = _correlation(degrees) if region is not None else (None, None)
-    return InfeasibilityExplanation(
-        status=verdict.status,
-        margin=verdict.margin,
+    return told(
         shares=tuple((feasible_set.blocks[i].name, float(nearest.shares[i])) for i in kept),
         subsystems=subsystems,
         degrees=degrees,
         distance=math.sqrt(max(squared, 0.0)),
         probability=None if region is None else region.probability(math.sqrt(max(squared, 0.0))),
-        region=None if region is None else region.radius,
         correlation=correlation,
         chance=chance,
-        base=beta,
         nearest=corrected,
-        consistency=feasible_set.consistency,
     )
 
 

@@ -340,9 +340,7 @@ class Nearest:
     shares: Vector = field(repr=False)
 
 
-def nearest_in_region(
-    feasible_set: FeasibleSet, base: Vector, axes: Matrix, unknown: Matrix, solver: str = "clarabel"
-) -> Nearest:
+def nearest_in_region(feasible_set: FeasibleSet, base: Vector, axes: Matrix, unknown: Matrix, solver: str) -> Nearest:
     """Minimise ‖u‖ such that some δ of the set has K δ = base + axes u + unknown v.
 
     Parameters

@@ -288,7 +288,7 @@ def read_middle(
     return middle_of(LogStream(source, columns, joints), Processing() if processing is None else processing, rows)
 
 
-def middle_of(stream: LogStream, processing: Processing, rows: int = DECISION_ROWS) -> Recording:
+def middle_of(stream: LogStream, processing: Processing, rows: int) -> Recording:
     """Return what `read_middle` reads, of a log that is open."""
     check_period(stream.clock.period, stream.files.name)
     return stream.middle(stream.even(processing), _positive_rows(rows))
@@ -406,6 +406,8 @@ class OpenedLog:
 
     Attributes
     ----------
+    rate : float
+        Of the rows that are filtered, Hz.
     remarks : tuple of str
         What was found and chosen; `samples` brings them with the first of the log.
     """
@@ -426,7 +428,7 @@ class OpenedLog:
             look(head)
         self.first = head.chosen(np.arange(head.count) == 0)
         self.even = even = stream.even(processing)
-        rate = stream.rate if even.as_is else 1.0 / even.period
+        self.rate = stream.rate if even.as_is else 1.0 / even.period
         sample = stream.middle(even)
         plan = settle(decide(processing, [sample], model), sample, model)
         if plan.held.mask.any() and sample.count < stream.count:  # they may move in other rows
@@ -442,10 +444,10 @@ class OpenedLog:
         step = processing.step
         inner = decimation_padding(processing.decimate)
         inner += -inner % step
-        outer = plan.padding(rate)
+        outer = plan.padding(self.rate)
         size = max(PIECE_ROWS, 4 * outer)
         size = max(step, size - size % step)
-        kept = plan.kept([part.count for part in even.parts], rate, stream.files.name)
+        kept = plan.kept([part.count for part in even.parts], self.rate, stream.files.name)
         self.pieces = [
             Piece(part, start, min(start + size, end), begin, end, inner, outer)
             for part, (begin, end) in zip(even.parts, kept, strict=True)
@@ -512,8 +514,7 @@ class OpenedLog:
     def _settled(self, number: int) -> int:
         """Return the row of its part from which on the state of presliding friction in a piece goes on."""
         piece = self.pieces[number]
-        rate = self.stream.rate if self.even.as_is else 1.0 / self.even.period
-        return self.plan.settled(piece.first, piece.begin, rate)
+        return self.plan.settled(piece.first, piece.begin, self.rate)
 
     def _unknown_at(self, number: int) -> KnownBristles:
         """Return that nothing is known of presliding friction where a piece begins; of none behind the last."""

@@ -77,10 +77,10 @@ class EvenClock:
     def __init__(
         self,
         clock: ClockStatistics,
-        resample: bool | float = True,
-        longest_gap: float | None = None,
-        needs_even_rows: bool = True,
-        source: str = "recording",
+        resample: bool | float,
+        longest_gap: float | None,
+        needs_even_rows: bool,
+        source: str,
     ) -> None:
         self.clock, self.source = clock, source
         rate = None if isinstance(resample, bool) else resample

@@ -365,40 +365,46 @@ class _Search:
 
     def layout(self) -> Layout:
         """Find everything."""
-        found = {kind: self._find(kind) for kind in KINDS}
+        found = {kind: group for kind in KINDS if (group := self._find(kind)) is not None}
         for kind in ("position", "torque"):
-            if found[kind] is None:
+            if kind not in found:
                 raise self._absent(kind)
         self._check_counts(found)
         self._require_same_joints(found)
         units = self._units(found)
-        time, time_unit, time_rest, by = self._time(found["position"])
-        held = {kind: None if group is None else group.columns for kind, group in found.items()}
-        position, torque = held["position"], held["torque"]
-        assert position is not None
-        assert torque is not None
-        layout = Layout(time, time_unit, position, held["velocity"], held["acceleration"], torque, time_rest, units)
+        time, time_unit, time_rest, by = self._time(found["position"].topic)
         table = []
         if time is not None:
             table.append(ColumnMeaning(time, "", "time", time_unit, by))
         if time_rest is not None:
             table.append(ColumnMeaning(time_rest[0], "", "time", time_rest[1], by))
         for kind, group in found.items():
-            if group is not None:
-                told = zip(group.columns, units[kind], strict=True)
-                table += [
-                    ColumnMeaning(column, self._joint(kind, i), kind, unit, group.told())
-                    for i, (column, unit) in enumerate(told)
-                ]
-        has_matrix = any(self._matrix(kind) is not None for kind, group in found.items() if group is not None)
-        channels = self._channels(len(position) if not has_matrix else self.joint_count)
+            table += [
+                ColumnMeaning(column, self._joint(kind, i), kind, unit, group.told())
+                for i, (column, unit) in enumerate(zip(group.columns, units[kind], strict=True))
+            ]
+        has_matrix = any(self._matrix(kind) is not None for kind in found)
+        columns = {kind: group.columns for kind, group in found.items()}
+        channels = self._channels(len(columns["position"]) if not has_matrix else self.joint_count)
         table += [
             ColumnMeaning(column, self._joint("torque", i) if len(own) > 1 else "", name, "", _STATED)
             for name, own in channels
             for i, column in enumerate(own)
         ]
-        guesses = tuple(self.guesses)
-        return replace(layout, table=tuple(table), guesses=guesses, has_matrix=has_matrix, channels=channels)
+        return Layout(
+            time=time,
+            time_unit=time_unit,
+            position=columns["position"],
+            velocity=columns.get("velocity"),
+            acceleration=columns.get("acceleration"),
+            torque=columns["torque"],
+            time_rest=time_rest,
+            units=units,
+            table=tuple(table),
+            guesses=tuple(self.guesses),
+            has_matrix=has_matrix,
+            channels=channels,
+        )
 
     def _channels(self, joints: int | None) -> tuple[tuple[str, tuple[str, ...]], ...]:
         """Return the columns of what else is read."""
@@ -508,10 +514,9 @@ class _Search:
         return f"of {len(self.described)} numbered columns, which count joints that are locked, too ({_listing(held)})"
 
     def _by_numbers_in_names(self, kind: str, group: _Group) -> _Group:
-        found = [re.findall(r"[0-9]+", name) for name in self.joint_names]
-        if not 0 < len(found) < len(group.columns) or not all(found) or self._matrix(kind) is not None:
+        numbers, count = _last_numbers(self.joint_names), len(self.joint_names)
+        if not 0 < len(numbers) == count < len(group.columns) or self._matrix(kind) is not None:
             return group
-        numbers = [int(one[-1]) for one in found]
         labels = [re.findall(r"[0-9]+", name) for name in group.columns]
         from_0, from_1 = (
             any(
@@ -572,7 +577,7 @@ class _Search:
 
     def _require_order(self, kind: str, group: _Group) -> None:
         """Refuse columns that are numbered in one order where the joints of the robot are numbered in another."""
-        numbers = [int(found[-1]) for name in self.joint_names if (found := re.findall(r"[0-9]+", name))]
+        numbers = _last_numbers(self.joint_names)
         count = len(self.joint_names)
         first = min(numbers, default=0)
         if len(numbers) != count or sorted(numbers) != list(range(first, first + count)) or first not in (0, 1):
@@ -681,9 +686,8 @@ class _Search:
             self.guesses.append(f"The {kind} is read from {_listing(columns)} {self._count_of_all()}.")
         return columns
 
-    def _check_counts(self, found: Mapping[str, _Group | None]) -> None:
+    def _check_counts(self, found: Mapping[str, _Group]) -> None:
         position = found["position"]
-        assert position is not None
         plain = self.columns.position_matrix is None
         count = len(position.columns) if plain else len(self.columns.position_matrix or ())
         if self.joint_count is not None and count != self.joint_count:
@@ -692,15 +696,13 @@ class _Search:
             if plain and self.joint_count and count > self.joint_count and self.described == self.joint_names:
                 line = f"`position` (the first ones: `position = {_toml(position.columns[: self.joint_count])}`)"
             held = ""
-            if self.joint_count is not None and count < self.joint_count:
+            if count < self.joint_count:
                 held = ", or hold joints that were not logged still with `locked = [...]` in [description]"
             raise InputError(
                 f"{self.source} has positions of {count} joints {how} but the robot has {self.joint_count}; "
                 f"name the right columns with {line} in [log]{held}, or use the robot that was logged."
             )
         for kind, group in found.items():
-            if group is None:
-                continue
             matrix = self._matrix(kind)
             need = count if matrix is None else len(matrix[0])
             if len(group.columns) != need:
@@ -712,14 +714,14 @@ class _Search:
             if matrix is not None and len(matrix) != count:
                 raise InputError(f"torque_matrix in [log] has {len(matrix)} rows but there are {count} joints.")
 
-    def _require_same_joints(self, found: Mapping[str, _Group | None]) -> None:
+    def _require_same_joints(self, found: Mapping[str, _Group]) -> None:
         """Refuse numbered columns that count joints that are locked, beside a list of columns that does not."""
 
         def steps(group: _Group) -> list[int]:
-            numbers = [int(digits[-1]) for name in group.columns if (digits := re.findall(r"[0-9]+", name))]
+            numbers = _last_numbers(group.columns)
             return [b - a for a, b in pairwise(numbers)] if len(set(numbers)) == len(group.columns) else []
 
-        groups = [(kind, group) for kind, group in found.items() if group is not None and self._matrix(kind) is None]
+        groups = [(kind, group) for kind, group in found.items() if self._matrix(kind) is None]
         lists = [(kind, group) for kind, group in groups if isinstance(getattr(self.columns, kind), tuple)]
         for kind, group in groups:
             for other, listed in lists:
@@ -729,7 +731,7 @@ class _Search:
                         f"{_listing(group.columns)} {group.chosen_by}; state `{kind}` as a list as well."
                     )
 
-    def _units(self, found: Mapping[str, _Group | None]) -> dict[str, tuple[str, ...]]:
+    def _units(self, found: Mapping[str, _Group]) -> dict[str, tuple[str, ...]]:
         """Return the units of the columns of each quantity: as stated, as the columns say, or as is usual."""
         columns, units = self.columns, {}
         stated: dict[str, str | tuple[str, ...] | None] = {
@@ -742,8 +744,6 @@ class _Search:
                 PER_SECOND[str(per_second)] if single else tuple(PER_SECOND[unit] for unit in per_second)
             )
         for kind, group in found.items():
-            if group is None:
-                continue
             count, said = len(group.columns), stated.get(kind)
             if said is not None:
                 if not isinstance(said, str) and len(said) != count:
@@ -823,8 +823,11 @@ class _Search:
                 f"{self.source} has no column {name!r} (wanted for {kind}); {suggestion(name, self.names)}"
             )
 
-    def _time(self, position: _Group | None) -> tuple[str | None, str, tuple[str, str] | None, str]:
-        """Return the column of time, its unit, the column and unit of what is left of whole seconds, and what tells."""
+    def _time(self, topic: str) -> tuple[str | None, str, tuple[str, str] | None, str]:
+        """Return the column of time, its unit, the column and unit of what is left of whole seconds, and what tells.
+
+        `topic` is that of the positions.
+        """
         columns = self.columns
         if columns.time is None and columns.rate is not None:
             return None, "s", None, ""
@@ -841,7 +844,6 @@ class _Search:
         found = _clocks(self.names) or _clocks(self.names, FURTHER_TIME_WORDS)
         if len(found) > 1:
             found = [clock for clock in found if self._runs(clock)] or found
-            topic = "" if position is None else position.topic
             ranks = [clock.rank(topic) for clock in found]
             found = [clock for clock, rank in zip(found, ranks, strict=True) if rank == min(ranks)]
         if not found:
@@ -1105,6 +1107,11 @@ def _fits(style: ColumnStyle, unit: str | None) -> bool:
 def _unit_of(column: str, kind: str) -> str | None:
     """Return the unit that a column's name says, where it is one of a quantity."""
     return next((unit for _, unit in units_said(column) if unit in UNITS[kind]), None)
+
+
+def _last_numbers(names: Sequence[str]) -> list[int]:
+    """Return the last number in each name that has one."""
+    return [int(found[-1]) for name in names if (found := re.findall(r"[0-9]+", name))]
 
 
 def _pattern(columns: Sequence[str], joints: Sequence[str]) -> str | None:

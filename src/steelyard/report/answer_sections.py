@@ -13,7 +13,7 @@ from steelyard.identification.parameter_table import BASES, HEADS, ParameterRow,
 from steelyard.robot import Robot
 
 from .charts import Chart, Curve, charts_markup
-from .html_document import Markup, bullets, escape, percent, table
+from .html_document import Markup, bullets, escape, paragraphs, percent, table
 from .interval_bars import across, bar
 
 __all__ = ["has_price", "number_tables", "parameters", "prediction", "price", "prior"]
@@ -91,7 +91,7 @@ def parameters(identification: Identification) -> Markup:
             "their scale, but for that of all links together.</p>"
         )
     caveat = (identification.caveat,) if identification.caveat else ()
-    parts = [text, *(f"<p>{escape(sentence)}</p>" for sentence in (*caveat, *told.sentences))]
+    parts = [text, paragraphs((*caveat, *told.sentences))]
     if has_intervals:
         boxes = "".join(
             f'<label><input type="checkbox" checked autocomplete="off" value="{basis}">{basis} '

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
 
-from .html_document import Markup, escape, plotly_text, script_data
+from .html_document import WITHOUT_SCRIPTS, Markup, escape, plotly_text, script_data
 from .packed_curves import extreme_rows
 
 if TYPE_CHECKING:
@@ -109,8 +109,7 @@ def charts_markup(charts: Sequence[Chart], *, identifier: str) -> Markup:
     )
     data = script_data([_data(chart) for chart in charts])
     return Markup(
-        f'<div class="charts">{figures}</div>'
-        "<noscript><p>The figures are drawn by a script, and scripts are turned off here.</p></noscript>"
+        f'<div class="charts">{figures}</div>{WITHOUT_SCRIPTS}'
         f'<script type="application/json" class="chart-data" data-for="{identifier}">{data}</script>'
     )
 

@@ -14,7 +14,7 @@ from steelyard.identification.comparison import ParameterDifference
 from steelyard.identification.prediction_difference import labels
 
 from .drawing import turnable
-from .html_document import Markup, Section, bullets, escape, html_document, percent, table
+from .html_document import Markup, Section, bullets, escape, html_document, paragraphs, percent, table
 from .interval_bars import BAR, across, bar, interval_bar
 from .link_bodies import link_body
 from .robot_picture import DrawnLink, drawing_of_links
@@ -59,11 +59,7 @@ def comparison_html(comparison: Comparison) -> str:
     True
     """
     first, *others = comparison.sentences
-    lead = Markup(
-        f'<p class="lead">{escape(first)}</p>'
-        + "".join(f"<p>{escape(sentence)}</p>" for sentence in others)
-        + _results(comparison)
-    )
+    lead = Markup(f'<p class="lead">{escape(first)}</p>{paragraphs(others)}{_results(comparison)}')
     parts = (
         ("robot", "The robots", _robots(comparison)),
         ("links", "Links and joints", _links(comparison)),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from steelyard.identification import Identification
 
-from .html_document import Markup, bullets, escape, table
+from .html_document import Markup, bullets, escape, paragraphs, table
 
 __all__ = ["elastic_joints", "friction"]
 
@@ -43,6 +43,5 @@ def elastic_joints(identification: Identification) -> Markup:
         return Markup("")
     heads, rows = identification.elastic_table()
     sentences = [*(one.sentence for one in identification.elastic_joints), *identification.elastic_sentences]
-    told = "".join(f"<p>{escape(one)}</p>" for one in sentences)
     caption = "Stiffness with its interval of 95 %, on the joint side of the gears"
-    return Markup(table(caption, heads, rows, identifier="elastic-joints", texts=[1, 5]) + told)
+    return Markup(table(caption, heads, rows, identifier="elastic-joints", texts=[1, 5]) + paragraphs(sentences))

@@ -23,7 +23,7 @@ from .answer_sections import number_tables
 from .charts import Chart, Curve, charts_markup
 from .drawing import LOOKS, Drawing, turnable
 from .head import card
-from .html_document import Markup, Section, bullets, escape, html_document, number, table
+from .html_document import Markup, Section, bullets, escape, html_document, number, paragraphs, table
 from .link_bodies import link_body
 from .robot_picture import PlacedRobot, ground, skeleton
 from .robot_scene import robot_scene
@@ -330,9 +330,10 @@ def _shows(model: Model, expected: PredictedIntervals) -> Markup:
         "<strong>bounded</strong> data and physics confine to its size; what will be <strong>assumed</strong> this "
         "motion does not show.</p>"
     )
-    sentences = "".join(f"<p>{escape(sentence)}</p>" for sentence in expected.table.sentences)
-    heading = f"<p>{escape(expected.table.counts)}</p>"
-    return Markup(f"{intro}{heading}{basis}{sentences}{number_tables(expected.table, model.robot)}")
+    found = expected.table
+    return Markup(
+        f"{intro}{paragraphs([found.counts])}{basis}{paragraphs(found.sentences)}{number_tables(found, model.robot)}"
+    )
 
 
 def _combinations(expected: PredictedIntervals) -> Markup:

@@ -300,13 +300,12 @@ def _usual(fleet: Fleet) -> Markup:
             if cause.kind == "link":
                 continue
             spread, least = float(compared.spread[k]), float(compared.least_named[k])
-            ratio = cause.has_ratio
-            usual = "" if cause.kind in ("friction", "gain") else _size(cause.nominal if ratio else 0.0)
+            has_size = cause.has_ratio and cause.kind not in ("friction", "gain")
             rows.append(
                 (
-                    f"{cause.name}" if cause.kind != "term" else f"{cause.name}: {cause.what} of {cause.part}",
+                    cause.name if cause.kind != "term" else f"{cause.name}: {cause.what} of {cause.part}",
                     cause.unit,
-                    usual if ratio else "",
+                    f"{cause.nominal:.3g}" if has_size else "",
                     _amount(spread, cause),
                     _amount(least, cause),
                 )
@@ -323,10 +322,6 @@ def _usual(fleet: Fleet) -> Markup:
         "these. Above 100 % the logs do not show the part by itself."
     )
     return Markup(f"<p>{text}</p>{''.join(drawn)}")
-
-
-def _size(value: float) -> str:
-    return f"{value:.3g}"
 
 
 def _amount(value: float, cause: Cause) -> str:

@@ -12,7 +12,7 @@ from steelyard.identification import Identification
 from steelyard.identification.next_steps import NextStep, found, next_steps
 
 from .extent import gathered, short_names, shown_logs
-from .html_document import Markup, bullets, escape, figures, percent
+from .html_document import Markup, bullets, escape, figures, paragraphs, percent
 
 __all__ = ["card", "head", "remarks"]
 
@@ -26,12 +26,12 @@ _MARKS = {"good": "✓", "bad": "✕", "open": "!"}
 def head(identification: Identification) -> Markup:
     """Return both verdicts, what was found, what to do next, and the figures that matter."""
     cards = (_verdict_of_answer, _verdict_of_prediction, _verdict_of_least_squares)
-    sentences = "".join(f"<p>{escape(sentence)}</p>" for sentence in found(identification))
     steps = "".join(f"<li>{_step(step)}</li>" for step in next_steps(identification))
     return Markup(
         f'<p class="lead">{escape(identification.headline)}</p>\n'
         f'<div class="verdicts">{"".join(write(identification) for write in cards)}</div>\n'
-        f'<div class="outcome"><section aria-labelledby="found"><h2 id="found">What was found</h2>{sentences}</section>'
+        f'<div class="outcome"><section aria-labelledby="found"><h2 id="found">What was found</h2>'
+        f"{paragraphs(found(identification))}</section>"
         f'<section aria-labelledby="next"><h2 id="next">What to do next</h2><ol class="steps">{steps}</ol></section>'
         "</div>\n"
         f'<dl class="figures" aria-label="Key figures">{figures(_figures(identification))}</dl>\n'
@@ -53,9 +53,8 @@ def remarks(identification: Identification) -> Markup:
 def card(title: str, kind: str, word: str, lines: Sequence[str]) -> str:
     """Return a verdict: its title, one of good, bad, open and plain, the word, and sentences."""
     mark = f'<span aria-hidden="true">{_MARKS[kind]}</span> ' if kind in _MARKS else ""
-    body = "".join(f"<p>{escape(line)}</p>" for line in lines)
     verdict = f'<p class="verdict">{mark}{escape(word)}</p>'
-    return f'<section class="card {kind}"><h2>{escape(title)}</h2>{verdict}{body}</section>'
+    return f'<section class="card {kind}"><h2>{escape(title)}</h2>{verdict}{paragraphs(lines)}</section>'
 
 
 def _verdict_of_answer(identification: Identification) -> str:

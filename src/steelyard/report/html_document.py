@@ -15,6 +15,7 @@ from importlib import resources
 from steelyard.errors import printable
 
 __all__ = [
+    "WITHOUT_SCRIPTS",
     "Markup",
     "Section",
     "bullets",
@@ -24,6 +25,7 @@ __all__ = [
     "html_document",
     "number",
     "package_text",
+    "paragraphs",
     "percent",
     "plotly_text",
     "script_data",
@@ -41,6 +43,12 @@ class Markup(str):
     """
 
     __slots__ = ()
+
+
+WITHOUT_SCRIPTS = Markup(
+    "<noscript><p>The figures are drawn by a script, and scripts are turned off here.</p></noscript>"
+)
+"""What stands in the place of figures where no script draws them."""
 
 
 def escape(text: object) -> Markup:
@@ -69,6 +77,17 @@ def bullets(sentences: Iterable[str]) -> Markup:
     """
     items = "".join(f"<li>{escape(sentence)}</li>" for sentence in sentences)
     return Markup(f"<ul>{items}</ul>" if items else "")
+
+
+def paragraphs(sentences: Iterable[str]) -> Markup:
+    """Return sentences as a paragraph each.
+
+    Examples
+    --------
+    >>> paragraphs(["a < b", "c"])
+    '<p>a &lt; b</p><p>c</p>'
+    """
+    return Markup("".join(f"<p>{escape(sentence)}</p>" for sentence in sentences))
 
 
 def figures(told: Iterable[tuple[str, str, str]]) -> Markup:

@@ -20,7 +20,7 @@ from steelyard.identification.missed_terms import undescribed_kinds
 from steelyard.recording.formats import content_hash, hashed_log
 
 from .extent import MOST_LOGS, shared_words, short_names, shown_logs
-from .html_document import Markup, escape, number, percent, table
+from .html_document import Markup, escape, number, paragraphs, percent, table
 
 __all__ = [
     "base_parameters",
@@ -236,7 +236,7 @@ def columns(identification: Identification) -> Markup:
         title = f"Columns of {listed(logs, MOST_LOGS)}"
         rows = layout.rows()
         parts.append(table(title, layout.heads, rows, identifier=f"columns-{index}", texts=range(len(layout.heads))))
-        parts += [f"<p>{escape(guess)}</p>" for guess in layout.guesses]
+        parts.append(paragraphs(layout.guesses))
     return Markup("".join(parts) or "<p>The data was in memory, without names of columns.</p>")
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from steelyard.identification import Identification, Prediction
 
 from .extent import default_log, shared_words, short_names, shown_logs
-from .html_document import Markup, escape, percent, script_data, table
+from .html_document import WITHOUT_SCRIPTS, Markup, escape, percent, script_data, table
 from .packed_curves import PackedCurves, extreme_rows
 from .residual_patterns import autocorrelation, spectrum
 from .torque_sources import shares, torque_sources
@@ -97,8 +97,7 @@ def torques(identification: Identification) -> Markup:
         f"{''.join(groups)}</select></label>"
         f'<span class="legend" role="group" aria-label="Curves">{legend}</span>{_buttons()}</div>'
         '<p class="thinned" id="torque-rows" aria-live="polite"></p>'
-        "<noscript><p>The figures are drawn by a script, and scripts are turned off here.</p></noscript>"
-        f'<div class="plots">{figures}</div>'
+        f'{WITHOUT_SCRIPTS}<div class="plots">{figures}</div>'
         f'<script type="application/json" id="torque-data">{script_data(told)}</script>{packed.markup("torque-curves")}'
     )
 

@@ -227,7 +227,7 @@ class BoundFinder:
         As in `steelyard.conic.solve`.
     """
 
-    def __init__(self, center: AnalyticCenter, solver: str = "clarabel") -> None:
+    def __init__(self, center: AnalyticCenter, solver: str) -> None:
         self.center = center
         self.solver = solver
         self.dual = SliceBound(center)
@@ -271,7 +271,7 @@ class BoundFinder:
         attained = float(row @ parameters)
         return Bound(min(value + found.proved, attained - self._rounding(row)), attained, parameters)
 
-    def least_ratio(self, row: Vector, mass: Vector, moments: Sequence[Vector] = ()) -> Bound:
+    def least_ratio(self, row: Vector, mass: Vector, moments: Sequence[Vector]) -> Bound:
         """The least value of (row · δ) / (mass · δ), where the mass is positive in the whole slice.
 
         Parameters

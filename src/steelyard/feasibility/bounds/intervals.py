@@ -11,7 +11,7 @@ import numpy.typing as npt
 from steelyard.display import few_digits, html_table, outward, percent, text_table
 from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
-from steelyard.files import listed, shown, tell
+from steelyard.files import listed, plain, shown, tell
 from steelyard.regression import ParameterCovariance
 
 from ..feasible_set import FeasibleSet
@@ -99,11 +99,8 @@ class ParameterInterval:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the interval as plain data for JSON; infinite ends are None."""
-        numbers = ("lower", "upper", "attained_lower", "attained_upper")
-        found: dict[str, Any] = {key: getattr(self, key) for key in ("name", "meaning", "unit", "identifiable")}
-        for key in numbers:
-            value = float(getattr(self, key))
-            found[key] = value if math.isfinite(value) else None
+        found: dict[str, Any] = plain(self)
+        del found["lower_parameters"], found["upper_parameters"]
         return found
 
 

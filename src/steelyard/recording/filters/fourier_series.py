@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar, Self
 
 import numpy as np
@@ -107,7 +107,7 @@ class FourierFit(MotionFilter):
 
     def settled(self, cutoff: float | None, order: int, where: str) -> Self:
         """See `MotionFilter.settled`; the cutoff of [processing] plays no part."""
-        return replace(self)
+        return self
 
     def series(self, t: ArrayLike, q: ArrayLike, source: str = "recording") -> FourierSeries:
         """Fit the series to positions (S, N) at times (S,).
@@ -286,7 +286,7 @@ def _first_return(curve: Array) -> float | None:
     if not len(away):
         return None
     begin = int(away[0])
-    low = np.flatnonzero(curve[begin:] < max(2.0 * REPEATS, 0.0)) + begin
+    low = np.flatnonzero(curve[begin:] < 2.0 * REPEATS) + begin
     if not len(low):
         return None
     ends = np.flatnonzero(np.diff(low) > 1)
