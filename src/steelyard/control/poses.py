@@ -17,6 +17,7 @@ __all__ = [
     "PoseReference",
     "PoseTarget",
     "PoseTrajectory",
+    "is_pose",
     "pose_reference",
     "rotation_matrix",
     "rotation_vector",
@@ -261,12 +262,20 @@ def _pose(pose: ArrayLike) -> Array:
         ) from None
     if found.shape[-2:] != (4, 4):
         raise InputError(f"A pose must have shape (..., 4, 4), got {found.shape}.")
-    turn = found[..., :3, :3]
-    identity = np.allclose(turn @ np.swapaxes(turn, -1, -2), np.eye(3), atol=1e-6)
-    if (
-        not identity
-        or not (np.linalg.det(turn) > 0.0).all()
-        or not np.array_equal(found[..., 3, :], np.broadcast_to([0.0, 0.0, 0.0, 1.0], found[..., 3, :].shape))
-    ):
+    if not is_pose(found):
         raise InputError("A pose must consist of a rotation matrix, a position and the last row 0 0 0 1.")
     return found
+
+
+def is_pose(matrices: Array) -> bool:
+    """Return whether matrices (..., 4, 4) all consist of a rotation, a finite position and the last row 0 0 0 1.
+
+    Examples
+    --------
+    >>> is_pose(np.eye(4)), is_pose(np.diag([1.0, 1.0, -1.0, 1.0]))
+    (True, False)
+    """
+    turn = matrices[..., :3, :3]
+    orthogonal = np.allclose(turn @ np.swapaxes(turn, -1, -2), np.eye(3), atol=1e-6)
+    ends = np.all(matrices[..., 3, :] == [0.0, 0.0, 0.0, 1.0])
+    return bool(orthogonal and ends and np.all(np.linalg.det(turn) > 0.0) and np.isfinite(matrices).all())

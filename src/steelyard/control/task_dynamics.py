@@ -210,7 +210,7 @@ class TaskDynamics:
                 f"A task of {len(self.rows)} axes is too much for {part.model.robot.name} with {part.dof} "
                 "joints; name fewer axes, such as axes='position'."
             )
-        self._all_rows = self.rows == tuple(range(6))
+        self._chosen = slice(None) if self.rows == tuple(range(6)) else list(self.rows)  # a slice copies nothing
         self._compensates = compensate_drives
         self._matrix, self._torque, *_ = self.needed(tool, compensate_drives)
         weights = np.array([1.0, 1.0, 1.0, *[positive(length, "length", "m")] * 3])[list(self.rows)]
@@ -243,7 +243,7 @@ class TaskDynamics:
 
     def chosen_rows(self, jacobian: Array) -> Array:
         """Return the controlled rows (..., k, N) of a Jacobian (..., 6, N)."""
-        return jacobian if self._all_rows else jacobian[..., self.rows, :]
+        return jacobian[..., self._chosen, :]
 
     def state(self, q: Array, dq: Array) -> TaskState:
         """Compute kinematics and dynamics of the tool.
@@ -272,14 +272,13 @@ class TaskDynamics:
         """Return displacement (m) and rotation vector (rad) from the tool to its target (..., k), base axes."""
         displacement = target.pose[..., :3, 3] - state.pose[..., :3, 3]
         if max(self.rows) < 3:
-            return displacement if len(self.rows) == 3 else displacement[..., self.rows]
+            return self.chosen(displacement)
         rotation = target.pose[..., :3, :3] @ np.swapaxes(state.pose[..., :3, :3], -1, -2)
-        both = np.concatenate((displacement, rotation_vector(rotation)), axis=-1)
-        return both if self._all_rows else both[..., self.rows]
+        return self.chosen(np.concatenate((displacement, rotation_vector(rotation)), axis=-1))
 
     def chosen(self, values: Array) -> Array:
-        """Return the controlled components (..., k) of vectors (..., 6)."""
-        return values if self._all_rows else values[..., self.rows]
+        """Return the controlled components (..., k) of vectors (..., 6); (..., 3) are enough for positions."""
+        return values[..., self._chosen]
 
     def acceleration(self, state: TaskState, wanted: Array, null_space: Array, force: Array | float = 0.0) -> Array:
         """Return joint accelerations that give the tool a desired acceleration.

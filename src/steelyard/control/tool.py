@@ -11,6 +11,8 @@ from steelyard.errors import InputError
 from steelyard.files.arguments import real_array
 from steelyard.simulation import Measurement
 
+from .poses import is_pose
+
 __all__ = ["ForceSensing", "Tool", "require_force"]
 
 Array = NDArray[np.float64]
@@ -48,9 +50,7 @@ class Tool:
         if given.shape == (3,):
             given, place = np.eye(4), given
             given[:3, 3] = place
-        turn = given[:3, :3] if given.shape == (4, 4) else np.zeros((3, 3))
-        proper = np.isfinite(given).all() and np.allclose(turn @ turn.T, np.eye(3), atol=1e-6)
-        if not proper or np.linalg.det(turn) < 0.0 or not np.array_equal(given[3], [0.0, 0.0, 0.0, 1.0]):
+        if given.shape != (4, 4) or not is_pose(given):
             raise InputError(
                 f"The placement of a tool on {self.link!r} must be {expected}, got "
                 f"{np.asarray(self.placement).tolist()}."
