@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from steelyard.errors import InputError
-
 from . import cutoff as cutoffs
 from . import diagnosis  # as those of `cutoff`, its names are imported when they are used
 from .cutoff import CutoffChoice
@@ -161,13 +159,8 @@ def settle(decision: Decision, recording: Measurements, model: Model | None = No
     if processing.saturation is True:
         levels = saturation_levels(recording.torque)
     elif processing.saturation is not False:
-        given = np.asarray(processing.saturation, dtype=np.float64)
-        if given.ndim and given.size != joints:
-            raise InputError(
-                f"{recording.source} has {joints} joints but `saturation` in [processing] has {given.size} levels; "
-                "give one number or one per joint."
-            )
-        levels = np.stack(np.broadcast_arrays(-given, given), axis=-1) * np.ones((joints, 1))
+        given = processing.of_joints("saturation", recording, "levels")
+        levels = np.column_stack([-given, given])
     held = HeldJoints.of(recording)
     choice, remarks = decision.cutoff_choice, decision.remarks
     plan = Plan(processing, chosen, np.zeros(joints), stiction, levels, choice, remarks, held)
@@ -177,9 +170,8 @@ def settle(decision: Decision, recording: Measurements, model: Model | None = No
 
 def _with_delay(plan: Plan, recording: Measurements, model: Model | None) -> Plan:
     """Take the delay of the torques from the options, or estimate it."""
-    processing, joints = plan.processing, recording.joint_count
-    delay = processing.delay
-    if isinstance(delay, str):
+    processing = plan.processing
+    if isinstance(processing.delay, str):
         even = replace(processing, trim=0.0, decimate=(), velocity_threshold=None, average=False, filter=Butterworth())
         # Noise of the accelerations would pull the estimate: the motion is filtered as the data asks for.
         own = Butterworth(cutoffs.choose_cutoff(recording, processing.order).cutoff, processing.order)
@@ -197,11 +189,5 @@ def _with_delay(plan: Plan, recording: Measurements, model: Model | None) -> Pla
             f"Torques were moved back by {1e3 * found.delay:.3g} ms (± {1e3 * found.standard_deviation:.2g} ms), "
             f"the delay behind the motion that {by}; set `delay` in [processing] to choose."
         )
-        return replace(plan, delay=np.full(joints, found.delay), remarks=(*plan.remarks, remark))
-    given = np.asarray(delay, dtype=np.float64)
-    if given.ndim and given.size != joints:
-        raise InputError(
-            f"{recording.source} has {joints} joints but `delay` in [processing] has {given.size} values; "
-            "give one number or one per joint."
-        )
-    return replace(plan, delay=np.broadcast_to(given, (joints,)).astype(np.float64))
+        return replace(plan, delay=np.full(recording.joint_count, found.delay), remarks=(*plan.remarks, remark))
+    return replace(plan, delay=processing.of_joints("delay", recording))

@@ -224,6 +224,23 @@ class Processing(TomlSection):
         widths = (getattr(own, name, None) for name in ("cutoff", "window", "density"))
         return own.kind != "fourier" and all(width is None for width in widths)
 
+    def of_joints(self, name: str, recording: Measurements, what: str = "values") -> NDArray[np.float64]:
+        """Return an option that is a number, or one per joint, for the joints (N,) of a recording.
+
+        Raises
+        ------
+        InputError
+            Where it is a list of another length, of `what`.
+        """
+        given = np.asarray(getattr(self, name), dtype=np.float64)
+        joints = recording.joint_count
+        if given.ndim and given.size != joints:
+            raise InputError(
+                f"{recording.source} has {joints} joints but `{name}` in [processing] has {given.size} {what}; "
+                "give one number or one per joint."
+            )
+        return np.full(joints, given)
+
     def excluded(self, recording: Measurements) -> list[int]:
         """Return the indices of the excluded joints."""
         names = recording.joint_names or ()

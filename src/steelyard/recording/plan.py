@@ -439,16 +439,10 @@ class Plan:
 
     def usual_mask(self, recording: Measurements, dq: Array) -> NDArray[np.bool_]:
         """Return a mask (S, N) that is false for slow rows and excluded joints."""
-        width, processing = recording.joint_count, self.processing
+        processing = self.processing
         mask = np.ones(dq.shape, dtype=bool)
         if processing.velocity_threshold is not None:
-            threshold = np.asarray(processing.velocity_threshold, dtype=np.float64)
-            if threshold.ndim == 1 and threshold.size != width:
-                raise InputError(
-                    f"{recording.source} has {width} joints but `velocity_threshold` in [processing] has "
-                    f"{threshold.size} values; give one number or one per joint."
-                )
-            mask &= np.abs(dq) >= threshold
+            mask &= np.abs(dq) >= processing.of_joints("velocity_threshold", recording)
         mask[:, processing.excluded(recording)] = False
         return mask
 
@@ -487,10 +481,7 @@ def _moved(flags: NDArray[np.bool_], rows: float) -> NDArray[np.bool_]:
     """Return the flags of a channel that is moved forwards by `rows`; what interpolates a flagged row is flagged."""
     if rows == 0.0 or not flags.any():
         return flags
-    later, _ = diagnosis.advanced(flags.astype(np.float64), np.floor(rows))
-    result = later > 0.5
-    if rows != np.floor(rows):
-        for offset in (-1, 1, 2):
-            more, _ = diagnosis.advanced(flags.astype(np.float64), np.floor(rows) + offset)
-            result |= more > 0.5
-    return np.asarray(result)
+    values, whole = flags.astype(np.float64), float(np.floor(rows))
+    offsets = (0.0,) if rows == whole else (-1.0, 0.0, 1.0, 2.0)
+    moved = [diagnosis.advanced(values, whole + offset)[0] > 0.5 for offset in offsets]
+    return np.asarray(np.any(moved, axis=0))

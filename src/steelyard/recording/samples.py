@@ -189,7 +189,7 @@ class Samples:
         states, weights = model.bristles.along(self.q, self.dq, starts)
         known = weights <= FORGOTTEN
         mask = known if self.mask is None else known & self.mask
-        lost = np.asarray(np.count_nonzero((~known) if self.mask is None else (self.mask & ~known), axis=0))
+        lost = self.used - np.count_nonzero(mask, axis=0)
         return replace(
             self,
             mask=None if mask.all() else mask,

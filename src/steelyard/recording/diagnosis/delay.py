@@ -175,8 +175,7 @@ def _problems(
     if model is not None:
         columns = model.base_columns
         entries = columns.of_motion(q, dq, ddq, samples.channels_for(model, rows))
-        parts = np.split(entries, np.cumsum([len(c) for c in columns.joints])[:-1], axis=1)
-        for k, part in enumerate(parts):
+        for k, part in enumerate(columns.by_joint(entries)):
             yield _basis(part[used[:, k]]), rows[used[:, k]], samples.torque[:, k]
         return
     features = _features(q, dq, ddq)

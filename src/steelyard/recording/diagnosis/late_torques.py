@@ -176,15 +176,10 @@ class _Rows:
         total = sum(samples.count for samples, _ in stretches)
         every = max(-(-total // ROWS), 1)
         between = max(round(LAG / step), 1)
-        lags = between * np.arange(
-            -max(round(LONGEST / step / between), 2), max(round(LONGEST / step / between), 2) + 1
-        )
+        most = max(round(LONGEST / step / between), 2)
+        lags = between * np.arange(-most, most + 1)
         half, around = max(round(0.5 * SMOOTHED / step), every // 2), max(round(AROUND / step), 1)
-        end, size, columns = (
-            int(lags[-1]) + half + 1,
-            max(total // BATCHES, round(SHORTEST / step), 1),
-            model.base_columns,
-        )
+        end, size = int(lags[-1]) + half + 1, max(total // BATCHES, round(SHORTEST / step), 1)
         entries, used, rates, torques, at, batches = [], [], [], [], [], []
         first = begin = 0
         for samples, predicted in stretches:
@@ -205,7 +200,7 @@ class _Rows:
         if not entries:
             return None
         return cls(
-            columns.by_joint(np.concatenate(entries)),
+            model.base_columns.by_joint(np.concatenate(entries)),
             np.concatenate(used),
             np.concatenate(rates),
             np.concatenate(torques),
@@ -246,9 +241,9 @@ def _told(rows: _Rows) -> LateTorques | None:
     told = [k for k in joints if shown[:, k].any()]
     if not told:
         return None
-    powers = np.einsum("nk,nk->k", shown, shown)[told]
-    variances = np.array([_variance(scores(k, 0.0)) for k in told])
-    common = _crossing(lags, curves[:, told] @ (powers / np.maximum(variances, ROUNDING * powers**2)), 0.0)
+    powers = np.einsum("nk,nk->k", shown, shown)
+    own, variances = powers[told], np.array([_variance(scores(k, 0.0)) for k in told])
+    common = _crossing(lags, curves[:, told] @ (own / np.maximum(variances, ROUNDING * own**2)), 0.0)
     if common is None:
         return None
     delays, deviations, parts = np.full(len(changes), np.nan), np.full(len(changes), np.nan), {}
@@ -257,7 +252,7 @@ def _told(rows: _Rows) -> LateTorques | None:
         if found is not None:
             parts[k] = scores(k, found[0]) / found[1]
             delays[k], deviations[k] = found[0], max(np.sqrt(_variance(parts[k])), EXACT)
-    unexplained = np.einsum("nk,nk->k", shown, shown) / np.maximum(rows.used.sum(axis=0), 1)
+    unexplained = powers / np.maximum(rows.used.sum(axis=0), 1)
     return None if not parts else _decided(delays, deviations, parts, tuple(changes), unexplained)
 
 
