@@ -838,8 +838,8 @@ class _Search:
             if len(names) > 1:
                 whole, rest = (re.split(r"[/._]", normalised(name))[-1] for name in names)
                 return names[0], "s", (names[1], SECONDS_AND_REST.get((whole, rest), "ns")), _STATED
-            clock = next(iter(_clocks(names, any_word=True)))
-            unit, _ = self._time_unit(replace(clock, unit=columns.time_unit or clock.unit))
+            said = next((unit for _, unit in _times_said(names[0]) if unit is not None), None)
+            unit, _ = self._time_unit(_Clock(names[0], columns.time_unit or said))
             return names[0], unit, None, _STATED
         found = _clocks(self.names) or _clocks(self.names, FURTHER_TIME_WORDS)
         if len(found) > 1:
@@ -934,8 +934,15 @@ class _Clock:
         return 1 if not self.topic else 2 if owner == topic else 3
 
 
-def _clocks(names: Sequence[str], words: Sequence[str] = TIME_WORDS, any_word: bool = False) -> list[_Clock]:
-    """Return the columns of times, or all as such; two that make one time come once."""
+def _times_said(name: str) -> list[tuple[str, str | None]]:
+    """Return how the name of a column may be read as a time: what stands before its unit, and the unit."""
+    text = normalised(name)
+    said = [(base, unit) for base, unit in units_said(name) if unit in TIME_UNITS]
+    return [(text, None), time_unit_behind(text), *said]
+
+
+def _clocks(names: Sequence[str], words: Sequence[str] = TIME_WORDS) -> list[_Clock]:
+    """Return the columns of times; two that make one time come once."""
     by_text = {normalised(name): name for name in reversed(names)}
     found: list[_Clock] = []
     taken: set[str] = set()
@@ -949,15 +956,10 @@ def _clocks(names: Sequence[str], words: Sequence[str] = TIME_WORDS, any_word: b
     for name in names:
         if name in taken:
             continue
-        text = normalised(name)
-        said = [(base, unit) for base, unit in units_said(name) if unit in TIME_UNITS]
-        options: list[tuple[str, str | None]] = [(text, None), time_unit_behind(text), *said]
-        if any_word:
-            return [_Clock(name, next((unit for _, unit in options if unit is not None), None))]
         clock = next(
             (
                 _Clock(name, unit, None, base[:cut])
-                for base, unit in options
+                for base, unit in _times_said(name)
                 for cut in _cuts(base, len(base))
                 if base[cut:] in words and not _is_commanded(base[:cut])
             ),
