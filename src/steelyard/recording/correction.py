@@ -22,6 +22,8 @@ __all__ = ["Correction", "Settings", "correction_settings", "toml_inline", "toml
 
 Array = NDArray[np.float64]
 BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")  # of TOML, that needs no quotes
+ALIKE, OF_TORQUES = (("rad", "deg"), ("m", "mm"), ("A", "mA")), ("N·m", "mN·m")
+"""Units of one kind; torques have further spellings, for which these stand."""
 Settings = dict[str, Any]
 """Sections of a robot file by name, each a table; `terms` is a list of tables."""
 
@@ -235,11 +237,8 @@ def _changed_units(units: Sequence[str], factors: Array, scales: Mapping[str, fl
         return None
     found = []
     for unit, factor in zip(units, factors, strict=True):
-        family = ("rad", "deg") if unit in ("rad", "deg") else ("m", "mm") if unit in ("m", "mm") else ()
-        family = family or (("A", "mA") if unit in ("A", "mA") else ("N·m", "mN·m"))
-        if family[0] == "m" and factor != 1.0 and "N·m" in scales:
-            return None
-        names = [unit] if factor == 1.0 else [name for name in family if name in scales]
+        family = next((names for names in ALIKE if unit in names), OF_TORQUES)
+        names = (unit,) if factor == 1.0 else family
         match = [name for name in names if abs(scales[name] / (scales[unit] * factor) - 1.0) < 1e-6]
         if not match:
             return None
