@@ -124,8 +124,8 @@ def robot_svg(identification: Identification, q: ArrayLike | None = None) -> Mar
     -------
     str
     """
-    ground = f'<rect width="{WIDTH:g}" height="{HEIGHT:g}" rx="8" fill="#fdfdfb"/>'
-    card = f"<style>{package_text('drawing.css')}</style>{ground}"
+    rectangle = f'<rect width="{WIDTH:g}" height="{HEIGHT:g}" rx="8" fill="#fdfdfb"/>'
+    card = f"<style>{package_text('drawing.css')}</style>{rectangle}"
     picture = drawing_of_links(identification.model.robot, drawn_links(identification), q, before=card)
     return Markup(picture.replace("<svg ", f'<svg width="{WIDTH:g}" height="{HEIGHT:g}" ', 1))
 
