@@ -159,7 +159,7 @@ def settle(decision: Decision, recording: Measurements, model: Model | None = No
     if processing.saturation is True:
         levels = saturation_levels(recording.torque)
     elif processing.saturation is not False:
-        given = processing.of_joints("saturation", recording, "levels")
+        given = processing.for_joints("saturation", recording, "levels")
         levels = np.column_stack([-given, given])
     held = HeldJoints.of(recording)
     choice, remarks = decision.cutoff_choice, decision.remarks
@@ -190,4 +190,4 @@ def _with_delay(plan: Plan, recording: Measurements, model: Model | None) -> Pla
             f"the delay behind the motion that {by}; set `delay` in [processing] to choose."
         )
         return replace(plan, delay=np.full(recording.joint_count, found.delay), remarks=(*plan.remarks, remark))
-    return replace(plan, delay=processing.of_joints("delay", recording))
+    return replace(plan, delay=processing.for_joints("delay", recording))

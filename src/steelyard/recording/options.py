@@ -224,7 +224,7 @@ class Processing(TomlSection):
         widths = (getattr(own, name, None) for name in ("cutoff", "window", "density"))
         return own.kind != "fourier" and all(width is None for width in widths)
 
-    def of_joints(self, name: str, recording: Measurements, what: str = "values") -> NDArray[np.float64]:
+    def for_joints(self, name: str, recording: Measurements, what: str = "values") -> NDArray[np.float64]:
         """Return an option that is a number, or one per joint, for the joints (N,) of a recording.
 
         Raises

@@ -442,7 +442,7 @@ class Plan:
         processing = self.processing
         mask = np.ones(dq.shape, dtype=bool)
         if processing.velocity_threshold is not None:
-            mask &= np.abs(dq) >= processing.of_joints("velocity_threshold", recording)
+            mask &= np.abs(dq) >= processing.for_joints("velocity_threshold", recording)
         mask[:, processing.excluded(recording)] = False
         return mask
 
