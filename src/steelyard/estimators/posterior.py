@@ -296,7 +296,7 @@ def posterior(
         _require_bounded(info, feasible_set, covariance)
     prepared = None if prior is None else prior.prepare(feasible_set, prior_weight)
     density = _Density(info, covariance, feasible_set, prepared, prior_weight, used)
-    start = density.inside(info, prior)
+    start = density.inside(prior)
     mode = density.mode(start, MODE_BARRIER)
     random = np.random.default_rng(seed)
     walk = _Walk(density, random, density.mode(start, START_BARRIER))
@@ -453,7 +453,7 @@ class _Density:
         self.barrier.add_derivatives(points, np.ones(len(points)), ignored, hessians)
         return gradients, hessians
 
-    def inside(self, info: Information, prior: Prior | None) -> Vector:
+    def inside(self, prior: Prior | None) -> Vector:
         """A point of the set."""
         found = fit_reduced(self.problem, self.feasible_set, prior=prior, prior_weight=self.weight)
         return self.feasible_set.project_on_equations(found.parameters)
