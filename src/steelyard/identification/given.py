@@ -26,6 +26,7 @@ __all__ = [
     "GivenRobot",
     "GivenSamples",
     "One",
+    "describes_masses",
     "digests",
     "given_constraints",
     "given_logs",
@@ -87,6 +88,12 @@ def wider_model(file: RobotFile, model: Model) -> Model | None:
     """Return the model with rotor inertia at every joint; None where the robot has it, or its terms are stated."""
     stated = not file.terms_are_default or any(isinstance(term, RotorInertia) for term in model.robot.terms)
     return None if stated else model.with_rotors
+
+
+def describes_masses(model: Model) -> bool:
+    """Return whether the description has a mass for every link."""
+    parameters = np.asarray(model.robot.parameters)
+    return all(parameters[columns[9]] > 0.0 for columns in model.link_columns)
 
 
 def given_settings(

@@ -25,7 +25,7 @@ from steelyard.recording import Processing, Samples
 from steelyard.regression import Estimate
 from steelyard.robot import Joint, RobotFile
 
-from ..given import Data, GivenLog, GivenSamples, given_logs
+from ..given import Data, GivenLog, GivenSamples, describes_masses, given_logs
 from ..log_reader import Progress
 from ..result import Identification
 from .elastic_model import elastic_model
@@ -481,12 +481,13 @@ def _scale_error(
         rows = (links, rest, motor[1][:, place], motor[2][:, place], np.full(one.first.count, float(log)))
         columns.append(np.column_stack(rows)[used])
     links, rest, speed, acceleration, log_of = np.concatenate(columns).T
+    is_described = describes_masses(transmissions.model)
     if len(links) < 100:
-        return _DESCRIBED_SCALE if transmissions.is_described else np.inf
+        return _DESCRIBED_SCALE if is_described else np.inf
     scale, found = torque_scale(links, rest, speed, None if given else acceleration, log_of.astype(np.intp))
     # What the scale is off by more than its noise explains: a prior has drawn the parameters of the links that far.
     drawn = np.sqrt(max((scale - 1.0) ** 2 - found**2, 0.0)) if np.isfinite(found) else 0.0
-    if transmissions.is_described:
+    if is_described:
         found = 1.0 / float(np.hypot(1.0 / max(found, 1e-12), 1.0 / _DESCRIBED_SCALE))
         drawn = min(drawn, _DESCRIBED_SCALE)
     return float(np.hypot(found, drawn))

@@ -60,12 +60,6 @@ class Transmissions:
         place = self.rotors[joint]
         return 0.0 if place < 0 else float(self.parameters[place])
 
-    @property
-    def is_described(self) -> bool:
-        """Whether the description has a mass for every link."""
-        described = np.asarray(self.model.robot.parameters)
-        return all(described[columns[9]] > 0.0 for columns in self.model.link_columns)
-
     def tells_rotor(self, joint: int) -> bool:
         """Return whether torques alone tell the inertia of a joint's rotor from that of the links."""
         base = self.model.base_parameters()
