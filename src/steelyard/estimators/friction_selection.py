@@ -305,14 +305,9 @@ class FrictionSelection:
 
         Errors of joints that lose laws become those without any.
         """
-        kinds = {one.kind for one in kept}
-        trials = [
-            replace(one, verdict="taken back") if one.verdict == "chosen" and one.kind not in kinds else one
-            for one in self.trials
-        ]
         joints = {one.joint for one in kept}
         errors = [self.errors[k] if k in joints else self.plain_errors[k] for k in range(len(self.joint_names))]
-        return replace(self, chosen=tuple(kept), trials=tuple(trials), errors=np.array(errors))
+        return replace(self, chosen=tuple(kept), trials=_taken_back(self.trials, kept), errors=np.array(errors))
 
     def table(self) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
         """Heads and rows of the table of laws that were tried."""
@@ -503,11 +498,6 @@ def select_friction(
         joint.refine()
     _number_together(model, joints)
     chosen = [one for k, joint in enumerate(joints) for one in joint.chosen(k)]
-    kept = {one.kind for one in chosen}
-    trials = [
-        replace(one, verdict="taken back") if one.verdict == "chosen" and one.kind not in kept else one
-        for one in trials
-    ]
     remarks = []
     silent = [name for name, joint in zip(names, joints, strict=True) if not joint.tells]
     if silent:
@@ -520,10 +510,19 @@ def select_friction(
     return FrictionSelection(
         names,
         tuple(sorted(chosen, key=lambda one: one.joint)),
-        tuple(trials),
+        _taken_back(trials, chosen),
         np.array([joint.error(joint.laws) for joint in joints]),
         np.array([joint.error([]) for joint in joints]),
         tuple(remarks),
+    )
+
+
+def _taken_back(trials: Sequence[FrictionTrial], kept: Sequence[ChosenFriction]) -> tuple[FrictionTrial, ...]:
+    """Return trials of which those that were chosen, and are not kept at any joint, are taken back."""
+    kinds = {one.kind for one in kept}
+    return tuple(
+        replace(one, verdict="taken back") if one.verdict == "chosen" and one.kind not in kinds else one
+        for one in trials
     )
 
 

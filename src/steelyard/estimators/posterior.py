@@ -302,7 +302,7 @@ def posterior(
     walk = _Walk(density, random, density.mode(start, START_BARRIER))
     every = max(1, int(chains) * int(steps) // int(kept))
     drawn, acceptance = walk.run(walk.starts(int(chains)), int(steps), every)
-    return _told(info, feasible_set, density, mode, asked, drawn, acceptance, int(steps), used, random)
+    return _told(info, density, mode, asked, drawn, acceptance, int(steps), used, random)
 
 
 def bayesian(
@@ -590,7 +590,6 @@ class _Walk:
 
 def _told(
     info: Information,
-    feasible_set: FeasibleSet,
     density: _Density,
     mode: Vector,
     asked: Sequence[Quantity],
@@ -601,6 +600,7 @@ def _told(
     random: np.random.Generator,
 ) -> Posterior:
     """The posterior of samples (chains, kept, n)."""
+    feasible_set = density.feasible_set
     if density.basis is not None:
         # Rounding of thousands of steps along the equations is taken out.
         drawn = np.array([[feasible_set.project_on_equations(one) for one in chain] for chain in drawn])

@@ -172,9 +172,8 @@ class _Fit:
 
     def late(self, log: GivenLog) -> list[LateLog]:
         """Tell whether the torques are late, as `identify` does."""
-        information, estimate, kept = self.log.information, self.estimate, self.log.drawn
-        errors = [errors_of(self.reader.model, window, estimate.base) for window in kept.windows]
-        return late_logs(self.reader, [log], information, [information], [kept], [errors], estimate)
+        errors = [errors_of(self.reader.model, window, self.estimate.base) for window in self.log.drawn.windows]
+        return late_logs(self.reader, [log], [self.log], self.log.information, [errors], self.estimate)
 
     def overfitting(self) -> float | None:
         """Error on stretches that are left out in turn, over that on the whole log; None where the log is too short."""

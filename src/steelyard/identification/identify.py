@@ -314,8 +314,7 @@ def identify(
     # Rows that an estimator made have other sums, and the numbers of a robot that changes are those of none.
     if information is measured and prediction.word != "wrong" and not read.changes:
         left = [one.trace.residuals for one in predictions]
-        own, drawn = [log.information for log in read.logs], [log.drawn for log in read.logs]
-        late = late_logs(reader, logs, information, own, drawn, left, unconstrained)
+        late = late_logs(reader, logs, read.logs, information, left, unconstrained)
     table = None
     if estimate.parameters is not None:
         standstill = None

@@ -53,37 +53,32 @@ def transmission_findings(
     findings: list[Finding] = []
     facts: dict[str, str] = {}
     if file.section("elastic").get("position") is not None:
-        _second_encoders(log, file, columns, recording, names, findings, facts)
+        findings, facts = _second_encoders(log, file, columns, recording, names)
     if file.section("drive").get("command") is not None:
         findings += _commands(log, file, columns, recording)
     return findings, facts
 
 
 def _second_encoders(
-    log: Any,
-    file: RobotFile,
-    columns: LogColumns,
-    recording: Recording,
-    names: Sequence[str],
-    findings: list[Finding],
-    facts: dict[str, str],
-) -> None:
+    log: Any, file: RobotFile, columns: LogColumns, recording: Recording, names: Sequence[str]
+) -> tuple[list[Finding], dict[str, str]]:
     where = f"{file.path}, [elastic]"
     settings = SecondEncoders.from_dict(file.section("elastic"), where)
     layout = recording.layout
     if layout is None or layout.has_matrix:
-        return
+        return [], {}
     own, places = settings.columns(names, where), settings.indices(names, where)
     there = list(LogFiles(log, columns).names)
     missing = [one for one in own if one not in there]
     if missing:
         statement = f"The log has no column {missing[0]!r}, which [elastic] names as a second encoder."
         advice = f"Correct `position` in [elastic]: {suggestion(missing[0], there)}."
-        findings.append(Finding("second encoder", statement, "refused", advice=advice))
-        return
+        return [Finding("second encoder", statement, "refused", advice=advice)], {}
     others = dict(zip(places, own, strict=True))
     recording, beside = _beside(log, columns, recording, file.robot, others, settings.position_unit)
     scales = list(settings.scale or [1.0] * len(own))
+    findings: list[Finding] = []
+    facts: dict[str, str] = {}
     told: list[tuple[int, Transmission]] = []
     for order, place in enumerate(places):
         first, second = recording.q[:, place], scales[order] * beside.q[:, place]
@@ -129,14 +124,11 @@ def _second_encoders(
             )
         else:
             facts[fact] = "not told: the torque that it carries does not change its sign, or only with the velocity"
-    if not told:
-        return
-    other_side = "link" if settings.side == "link" else "motor"
     causes = [found.cause for _, found in told]
     for (order, _), (_, ratio) in zip(told, causes, strict=True):
         scales[order] *= float(f"{ratio if settings.side == 'link' else 1.0 / ratio:.7g}")
     remedy: Settings = {"elastic": {"scale": scales}}
-    if len(told) == len(own) and all(words == f"degrees on the {other_side}'s side" for words, _ in causes):
+    if len(told) == len(own) and all(words == f"degrees on the {settings.side}'s side" for words, _ in causes):
         remedy = {"elastic": {"position_unit": "deg"}}
     for (order, found), (words, _) in zip(told, causes, strict=True):
         statement = (
@@ -146,6 +138,7 @@ def _second_encoders(
             "encoder is right, the line below mends it."
         )
         findings.append(Finding("gear ratio", statement, "wrong", abs(found.ratio - 1.0), remedy))
+    return findings, facts
 
 
 def _gap(found: Transmission, label: str, unit: str, late: str, settings: SecondEncoders) -> Finding:

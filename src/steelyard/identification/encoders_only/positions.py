@@ -178,7 +178,7 @@ def identify_from_positions(
         chosen = DriveSettings.from_dict(file.section("drive"), f"{file.path}, [drive]")
     else:
         chosen = settings if isinstance(settings, DriveSettings) else DriveSettings.from_dict(settings)
-    say = progress or (lambda text: None)
+    say = progress or (lambda _: None)
     fitted, held_out, of_units = read_drive_logs(file, chosen, logs, validate)
     if not fitted:
         raise InputError("There is no log; give one with commands and positions.")
@@ -191,12 +191,7 @@ def identify_from_positions(
     choice: DriveChoice | None = None
     if friction == "auto":
         choice = choose_drive_terms(
-            lambda tried: _problem(body, branches, chosen, fitted, tried),
-            fitted,
-            terms,
-            FURTHER_TERMS,
-            weights,
-            tell=say,
+            lambda tried: _problem(body, branches, chosen, fitted, tried), fitted, terms, weights, say
         )
         terms = choice.terms
         remarks += choice.remarks(body)
