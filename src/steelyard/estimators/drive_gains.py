@@ -30,7 +30,7 @@ __all__ = ["DriveGains", "KnownPayload", "estimate_drive_gains", "gains_from_equ
 Array = NDArray[np.float64]
 
 STEPS = 50
-"""The most steps of Gauss and Newton; ten are usual."""
+"""The most steps of the search; ten are usual."""
 
 SETTLED = 1e-10
 """Relative change of the squared residual with which they have converged."""
@@ -369,39 +369,35 @@ class _Search:
 
     def settled(self) -> tuple[Array, Array, Array]:
         """x and h of the least weighted residual, and the weights of the joints."""
+        from scipy.optimize import least_squares
+
         (columns,) = np.nonzero(self.asked)
         xi, h = self.started()
-        weights = 1.0 / self.noise
+        free, values, weights = len(xi), np.concatenate([xi, h[columns]]), 1.0 / self.noise
+
+        def unknowns(values: Array) -> tuple[Array, Array]:
+            h = np.ones(len(self.rho))
+            h[columns] = values[free:]
+            return self.origin + self.directions @ values[:free], h
+
+        def weighted(values: Array) -> Array:
+            return np.concatenate([w * r for w, r in zip(weights, self.residuals(*unknowns(values)), strict=True)])
+
+        def slopes(values: Array) -> Array:
+            x, h = unknowns(values)
+            found = [np.zeros((len(R), len(values))) for R in self.R]
+            for k, (own, R) in enumerate(zip(found, self.R, strict=True)):
+                own[:, :free] = -weights[k] * h[k] * (R @ self.directions)
+                if self.asked[k]:
+                    own[:, free + int(np.searchsorted(columns, k))] = -weights[k] * (R @ x)
+            return np.vstack(found)
+
         for _ in range(2):  # with weights of each joint by itself, then with those of the common residuals
-            x = self.origin + self.directions @ xi
-            best = sum(w**2 * float(r @ r) for w, r in zip(weights, self.residuals(x, h), strict=True))
-            damping = 0.0
-            for _ in range(STEPS):
-                rows, targets = [], []
-                for k, (R, residual, weight) in enumerate(zip(self.R, self.residuals(x, h), weights, strict=True)):
-                    row = np.zeros((len(R), len(xi) + len(columns)))
-                    row[:, : len(xi)] = h[k] * (R @ self.directions)
-                    if self.asked[k]:
-                        row[:, len(xi) + int(np.searchsorted(columns, k))] = R @ x
-                    rows.append(weight * row)
-                    targets.append(weight * residual)
-                matrix, target = np.vstack(rows), np.concatenate(targets)
-                gained = None
-                for _ in range(30):
-                    step = _least_squares(matrix, target, damping)
-                    tried_xi, tried_h = xi + step[: len(xi)], h.copy()
-                    tried_h[columns] += step[len(xi) :]
-                    tried_x = self.origin + self.directions @ tried_xi
-                    pairs = zip(weights, self.residuals(tried_x, tried_h), strict=True)
-                    value = sum(w**2 * float(r @ r) for w, r in pairs)
-                    if value <= best:
-                        gained = best - value
-                        xi, h, x, best = tried_xi, tried_h, tried_x, value
-                        damping = damping / 10.0 if damping > 1e-8 else 0.0
-                        break
-                    damping = max(10.0 * damping, 1e-6)
-                if gained is None or gained <= SETTLED * best:
-                    break
+            found = least_squares(
+                weighted, values, slopes, x_scale="jac", ftol=SETTLED, xtol=None, gtol=None, max_nfev=STEPS
+            )
+            values = found.x
+            x, h = unknowns(values)
             errors = [float(r @ r) / n for r, n in zip(self.residuals(x, h), self.counts, strict=True)]
             weights = 1.0 / np.maximum(np.sqrt(errors), NOISE_FREE * self.sizes / np.sqrt(self.counts))
         return x, h, weights
@@ -503,12 +499,8 @@ def _inverted(h: float, half: float) -> tuple[float, float]:
     return low, high
 
 
-def _least_squares(matrix: Array, target: Array, damping: float = 0.0) -> Array:
-    """Least squares with columns of length one, damped in these units."""
+def _least_squares(matrix: Array, target: Array) -> Array:
+    """Least squares with columns of length one."""
     lengths = np.linalg.norm(matrix, axis=0)
     scale = np.where(lengths > 0.0, lengths, 1.0)
-    scaled = matrix / scale
-    if damping:
-        scaled = np.vstack([scaled, np.sqrt(damping) * np.eye(scaled.shape[1])])
-        target = np.concatenate([target, np.zeros(scaled.shape[1])])
-    return np.asarray(np.linalg.lstsq(scaled, target, rcond=1e-10)[0] / scale)
+    return np.asarray(np.linalg.lstsq(matrix / scale, target, rcond=1e-10)[0] / scale)

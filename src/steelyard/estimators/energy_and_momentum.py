@@ -18,7 +18,6 @@ from steelyard.files import read_number
 from steelyard.recording import Samples
 from steelyard.regression import Estimate, Information
 from steelyard.regression.batch_means import BatchSums
-from steelyard.regression.factor import Factor
 from steelyard.regression.information import FILTERED
 from steelyard.regression.reduction import empty_factors, empty_whole, joint_rows, require_joints
 from steelyard.regression.time_blocks import SHORTEST, TimeBlocks
@@ -72,19 +71,6 @@ JITTER = 0.01
 
 PIECE = 2048
 """Samples of which the regressors stand in memory together."""
-
-
-@dataclass(frozen=True)
-class _Balance:
-    """The regressors of what is kept and of what flows, and the flow of the drives, of some samples."""
-
-    kept: list[Array]
-    flow: list[Array]
-    supplied: list[Array]
-
-
-_Kind = Callable[[Model, Samples, Array], _Balance]
-"""The balances of samples, given the velocity of `_smooth_velocity` and its derivative, (2, S, N)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,7 +222,7 @@ def momentum_parts(
     With parts, all errors are those of the rows as measured, with their accelerations: so predictions are judged alike,
     whatever made the estimate. Without, they are those of the averages over windows.
     """
-    return _reduced(model, samples, window, count, _momentum_balance, empty_factors(model))
+    return _reduced(model, samples, window, count, "momentum")
 
 
 def energy_parts(
@@ -247,8 +233,7 @@ def energy_parts(
     With parts, all errors are those of the rows as measured, with their accelerations: so predictions are judged alike,
     whatever made the estimate. Without, they are those of the averages over windows.
     """
-    kind = _energy_balance if count else _energy_and_momentum_balances
-    return _reduced(model, samples, window, count, kind, (empty_whole(model), *empty_factors(model)))
+    return _reduced(model, samples, window, count, "energy")
 
 
 def momentum(info: Information, feasible_set: FeasibleSet, weights: Any = "joint", **options: Any) -> Estimate:
@@ -336,50 +321,29 @@ momentum.rows = momentum_parts  # type: ignore[attr-defined]
 energy.rows = energy_parts  # type: ignore[attr-defined]
 
 
-def _joint_balances(model: Model, samples: Samples) -> tuple[Array, Array]:
-    """P and R (S, N, n_b), by the base parameters."""
-    given = samples.channels_for(model)
-    channels = None if given is None else list(given.T)
-    base = model.base_parameters().Pb
-    kept, flow = momentum_balance_with_numpy(ParameterLayout(model.robot), samples.q, samples.dq, channels)
-    return kept @ base, flow @ base
+def _balances(model: Model, samples: Samples, smooth: Array, kinds: Sequence[str]) -> list[tuple[Array, Array, Array]]:
+    """The balances of samples, each as the regressors of what is kept and of what flows, and the flow of the drives.
 
-
-def _momentum_balance(model: Model, samples: Samples, smooth: Array) -> _Balance:
-    return _of_momentum(model, samples, *_joint_balances(model, samples))
-
-
-def _of_momentum(model: Model, samples: Samples, kept: Array, flow: Array) -> _Balance:
-    joints = model.base_columns.joints
-    return _Balance(
-        [kept[:, k, own] for k, own in enumerate(joints)],
-        [flow[:, k, own] for k, own in enumerate(joints)],
-        list(samples.torque.T),
-    )
-
-
-def _energy_balance(model: Model, samples: Samples, smooth: Array) -> _Balance:
-    return _of_energy(samples, smooth, *_joint_balances(model, samples))
-
-
-def _of_energy(samples: Samples, smooth: Array, kept: Array, flow: Array) -> _Balance:
-    """``v'(dP/dt + R)`` is ``d(v'P)/dt + v'R - (dv/dt)'P``, whatever the velocities v are."""
+    Those of momentum are one for each joint. That of energy is along the velocity of `_smooth_velocity`:
+    ``v'(dP/dt + R)`` is ``d(v'P)/dt + v'R - (dv/dt)'P``, whatever the velocities v are.
+    """
 
     def product(velocity: Array, values: Array) -> Array:
         return np.asarray(np.einsum("sk,sk...->s...", velocity, values))
 
-    velocity, slope = smooth
-    return _Balance(
-        [product(velocity, kept)],
-        [product(velocity, flow) - product(slope, kept)],
-        [product(velocity, samples.torque)],
-    )
-
-
-def _energy_and_momentum_balances(model: Model, samples: Samples, smooth: Array) -> _Balance:
-    kept, flow = _joint_balances(model, samples)
-    energy, joints = _of_energy(samples, smooth, kept, flow), _of_momentum(model, samples, kept, flow)
-    return _Balance([*energy.kept, *joints.kept], [*energy.flow, *joints.flow], [*energy.supplied, *joints.supplied])
+    given = samples.channels_for(model)
+    channels = None if given is None else list(given.T)
+    both = momentum_balance_with_numpy(ParameterLayout(model.robot), samples.q, samples.dq, channels)
+    kept, flow = (one @ model.base_parameters().Pb for one in both)  # P and R (S, N, n_b)
+    torque, found = samples.torque, []
+    if "energy" in kinds:
+        velocity, slope = smooth
+        flowing = product(velocity, flow) - product(slope, kept)
+        found.append((product(velocity, kept), flowing, product(velocity, torque)))
+    if "momentum" in kinds:
+        joints = enumerate(model.base_columns.joints)
+        found += [(kept[:, k, own], flow[:, k, own], torque[:, k]) for k, own in joints]
+    return found
 
 
 def _smooth_velocity(dq: Array, half: int, step: float) -> Array:
@@ -414,16 +378,18 @@ def _used(samples: Samples, of_energy: bool) -> tuple[npt.NDArray[np.bool_], Arr
 
 
 def _reduced(
-    model: Model, samples: Given, window: float | None, count: int, kind: _Kind, empty: tuple[Factor, ...]
+    model: Model, samples: Given, window: float | None, count: int, kept: str
 ) -> tuple[BalanceInformation, tuple[Information, ...]]:
     if window is not None:
         read_number(window, "window", "a positive number of seconds, such as 0.2", above=0)
     _require_constant_inertias(model)
+    of_energy, of_joints = kept == "energy", empty_factors(model)
+    empty = (empty_whole(model),) if of_energy else of_joints
+    fitted = len(empty)
     # Without parts, errors joint by joint are those of the balances of momentum also where that of energy is fitted.
-    of_energy = empty[0].joint is None
-    fitted = 1 if of_energy else len(empty)
-    blocks = TimeBlocks((*empty[:fitted], *empty_factors(model)) if count else empty)
-    sums = BatchSums(empty[:fitted])
+    kinds = [kept] if count or not of_energy else ["energy", "momentum"]
+    blocks = TimeBlocks((*empty, *of_joints) if count or of_energy else empty)
+    sums = BatchSums(empty)
     filtered, longest, span = False, 0.0, 0.0
     given = samples() if callable(samples) else [samples] if isinstance(samples, Samples) else samples
     for one in given:
@@ -440,9 +406,9 @@ def _reduced(
                     f"need {2 * FEWEST} at least: give a window of {2 * FEWEST * step:.3g} s or more."
                 )
             stretch = one.rows(first, last)
-            rows, mask = _rows(model, stretch, used[first:last], still[first:last], half, step, kind)
+            rows, mask = _rows(model, stretch, used[first:last], still[first:last], half, step, kinds)
             if count:
-                own = rows[:fitted] or [np.zeros((0, len(factor.columns) + 1)) for factor in empty[:fitted]]
+                own = rows[:fitted] or [np.zeros((0, len(factor.columns) + 1)) for factor in empty]
                 _add_beside_measured(blocks, model, stretch, own, mask, _spacing(half))
             elif rows:
                 blocks.add(rows, mask)
@@ -454,7 +420,7 @@ def _reduced(
         raise InputError(
             f"No balance can be made over {span:.3g} s: the longest stretch of samples lasts {longest:.3g} s, and rows "
             "that a mask leaves out end a window. Record longer stretches, leave out fewer rows, or call "
-            f"steelyard.estimators.{'energy' if of_energy else 'momentum'}_information with a shorter window."
+            f"steelyard.estimators.{kept}_information with a shorter window."
         )
     base = model.base_parameters()
     whole = BalanceInformation(
@@ -466,7 +432,7 @@ def _reduced(
         remarks=(FILTERED,) if filtered else (),
         batch_means=sums.factors(),
         filtered_torque=filtered,
-        kept="energy" if of_energy else "momentum",
+        kept=kept,
         window=span,
     )
     parts = blocks.folds(count) if count else ()
@@ -493,7 +459,13 @@ def _add_beside_measured(
 
 
 def _rows(
-    model: Model, samples: Samples, used: npt.NDArray[np.bool_], still: Array, half: int, step: float, kind: _Kind
+    model: Model,
+    samples: Samples,
+    used: npt.NDArray[np.bool_],
+    still: Array,
+    half: int,
+    step: float,
+    kinds: Sequence[str],
 ) -> tuple[list[Array], npt.NDArray[np.bool_]]:
     """The rows ``[W omega]`` of all windows within a stretch, and which of them count; none where it is too short."""
     test, slope = _test_function(half, step)
@@ -505,7 +477,7 @@ def _rows(
     for index in range(0, len(starts), every):
         some = starts[index : index + every]
         part = slice(int(some[0]), int(some[-1]) + 2 * half + 1)
-        balance = kind(model, samples.rows(part.start, part.stop), smooth[:, part])
+        balances = _balances(model, samples.rows(part.start, part.stop), smooth[:, part], kinds)
         places = some - part.start
 
         held.append(
@@ -516,7 +488,7 @@ def _rows(
                         _integrated(supplied, test, places),
                     ]
                 )
-                for kept, flow, supplied in zip(balance.kept, balance.flow, balance.supplied, strict=True)
+                for kept, flow, supplied in balances
             ]
         )
         # The test function is zero at the ends of a window.

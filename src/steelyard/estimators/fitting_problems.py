@@ -503,17 +503,24 @@ class Fitting:
             gradient = gradient + factor * self.prior.slope(parameters)
             root = np.vstack([root, np.sqrt(factor) * self.prior.root()])
             entropy = factor * self.prior.entropy
+        return self._convex(parameters, value, gradient, root, self.size(value), entropy)
+
+    def _convex(
+        self, parameters: Vector, value: float, gradient: Vector, root: Matrix, size: float, entropy: float
+    ) -> ConvexProblem:
+        """A problem over all parameters, without bounds on them."""
+        count = self.feasible_set.parameter_count
         return ConvexProblem(
-            feasible_set=feasible_set,
+            feasible_set=self.feasible_set,
             point=parameters,
-            directions=np.eye(feasible_set.parameter_count),
+            directions=np.eye(count),
             units=self._typical,
             value=value,
             gradient=gradient,
             root=root,
-            rows=np.zeros((0, feasible_set.parameter_count)),
+            rows=np.zeros((0, count)),
             slack=np.zeros(0),
-            size=self.size(value),
+            size=size,
             entropy=entropy,
         )
 
@@ -590,20 +597,8 @@ class Fitting:
 
     def _preferring(self, tie_break: TieBreak | PreparedPrior, parameters: Vector) -> ConvexProblem:
         """The tie-break around δ, for its lower bound."""
-        count = self.feasible_set.parameter_count
-        return ConvexProblem(
-            feasible_set=self.feasible_set,
-            point=parameters,
-            directions=np.eye(count),
-            units=self._typical,
-            value=tie_break.value(parameters),
-            gradient=tie_break.slope(parameters),
-            root=tie_break.root(),
-            rows=np.zeros((0, count)),
-            slack=np.zeros(0),
-            size=tie_break.size(parameters),
-            entropy=tie_break.entropy,
-        )
+        value, size = tie_break.value(parameters), tie_break.size(parameters)
+        return self._convex(parameters, value, tie_break.slope(parameters), tie_break.root(), size, tie_break.entropy)
 
     def _choice(self, problem: ConvexProblem, multipliers: Multipliers, value: float) -> Choice:
         """The choice, with the lower bounds that the multipliers prove."""

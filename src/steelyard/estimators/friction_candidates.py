@@ -111,6 +111,12 @@ class FrictionCandidate:
         """Linear parameters and shapes together."""
         return len(self.nonnegative) + len(self.shape_names)
 
+    @property
+    def free_names(self) -> list[str]:
+        """The numbers of its shape that take any value."""
+        fixed = {name for name, _ in self.steps}
+        return [name for name in self.shape_names if name not in fixed]
+
 
 def _plain(function: Callable[[JointMotion], list[Array]]) -> Callable[[JointMotion, Sequence[Shape]], list[Array]]:
     return lambda motion, shapes: [np.column_stack(function(motion))] * len(shapes)

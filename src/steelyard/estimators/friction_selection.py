@@ -305,14 +305,9 @@ class FrictionSelection:
 
         Errors of joints that lose laws become those without any.
         """
-        kinds = {one.kind for one in kept}
-        trials = [
-            replace(one, verdict="taken back") if one.verdict == "chosen" and one.kind not in kinds else one
-            for one in self.trials
-        ]
         joints = {one.joint for one in kept}
         errors = [self.errors[k] if k in joints else self.plain_errors[k] for k in range(len(self.joint_names))]
-        return replace(self, chosen=tuple(kept), trials=tuple(trials), errors=np.array(errors))
+        return replace(self, chosen=tuple(kept), trials=_taken_back(self.trials, kept), errors=np.array(errors))
 
     def table(self) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
         """Heads and rows of the table of laws that were tried."""
@@ -493,21 +488,16 @@ def select_friction(
             if trial.candidate.has_state:
                 joints[k] = moved[k]
             elif moved and joints[k] is not moved[k]:
-                moved[k].add(moved[k].likewise(trial))
-            trial.joint.add(trial)
+                moved[k].laws.append(moved[k].likewise(trial))
+            trial.joint.laws.append(trial)
     for joint in joints:
         for trial in tuple(joint.laws):
             if not joint.needs(trial, least_gain):
-                joint.remove(trial)
+                joint.laws.remove(trial)
     for joint in joints:
         joint.refine()
     _number_together(model, joints)
     chosen = [one for k, joint in enumerate(joints) for one in joint.chosen(k)]
-    kept = {one.kind for one in chosen}
-    trials = [
-        replace(one, verdict="taken back") if one.verdict == "chosen" and one.kind not in kept else one
-        for one in trials
-    ]
     remarks = []
     silent = [name for name, joint in zip(names, joints, strict=True) if not joint.tells]
     if silent:
@@ -520,10 +510,19 @@ def select_friction(
     return FrictionSelection(
         names,
         tuple(sorted(chosen, key=lambda one: one.joint)),
-        tuple(trials),
+        _taken_back(trials, chosen),
         np.array([joint.error(joint.laws) for joint in joints]),
         np.array([joint.error([]) for joint in joints]),
         tuple(remarks),
+    )
+
+
+def _taken_back(trials: Sequence[FrictionTrial], kept: Sequence[ChosenFriction]) -> tuple[FrictionTrial, ...]:
+    """Return trials of which those that were chosen, and are not kept at any joint, are taken back."""
+    kinds = {one.kind for one in kept}
+    return tuple(
+        replace(one, verdict="taken back") if one.verdict == "chosen" and one.kind not in kinds else one
+        for one in trials
     )
 
 
@@ -787,8 +786,6 @@ class _Joint:
         self.moves = self.rest.shape[1] + self.sign.shape[1] > 0 and len(own) > 2 * MOST_BLOCKS
         self.independent = 0.0  # rows, as the best law left them
         self._kept: dict[str, tuple[_Trial | None, tuple[_Trial, ...]]] = {}
-        self._known: dict[tuple[_Trial, ...], tuple[Array, Array]] = {}
-        self._bases: dict[tuple[object, ...], Array] = {}
         self._states: dict[str, list[tuple[Array, Array]]] = {}
 
     @cached_property
@@ -807,13 +804,9 @@ class _Joint:
         sign = self.sign[:, :0] if replaced else self.sign
         return np.hstack([self.rest, sign, *(law.columns for law in laws)])
 
-    def _basis(self, laws: Sequence[_Trial], keep_sign: bool = False) -> Array:
-        """An orthonormal basis of what the model and some laws explain."""
-        key = (keep_sign, *laws)
-        if key not in self._bases:
-            matrix = self._matrix(laws, keep_sign)[:, self.rest.shape[1] :]
-            self._bases[key] = _with_columns(self.rest, matrix)
-        return self._bases[key]
+    def _basis(self, keep_sign: bool = False) -> Array:
+        """An orthonormal basis of what the model and the laws that were added explain."""
+        return _with_columns(self.rest, self._matrix(self.laws, keep_sign)[:, self.rest.shape[1] :])
 
     @staticmethod
     def _nonnegative(laws: Sequence[_Trial], count: int) -> NDArray[np.bool_]:
@@ -881,7 +874,7 @@ class _Joint:
             shapes = law.candidate.shapes(self.motion)
             tried = np.array(shapes).reshape(len(shapes), len(law.shape))
             names = law.candidate.shape_names
-            free = tuple(names.index(name) for name in _free_names(law.candidate))
+            free = tuple(names.index(name) for name in law.candidate.free_names)
             lower, upper = tried.min(axis=0) / REACH, tried.max(axis=0) * REACH
             columns = partial(self._grid_columns, law)
             laws.append(MovableLaw(columns, law.shape, free, tuple(lower), tuple(upper)))
@@ -900,7 +893,7 @@ class _Joint:
             law.shape = shape
             ((law.columns, law.lengths),) = self._columns(law.candidate, [shape])
             law.columns[:, undamped] = 0.0
-        self._known, self._bases, self._kept = {}, {}, {}
+        self._kept = {}
         good = (
             all(value >= 0.0 for value, flag in zip(np.concatenate(coefficients), flags, strict=True) if flag)
             and all(_is_within(law.candidate, law.shape, law.candidate.shapes(self.motion)) for law in self.laws)
@@ -911,7 +904,7 @@ class _Joint:
             self.told = None
             for law, kept in zip(self.laws, old, strict=True):
                 law.shape, law.columns, law.lengths = kept
-            self._known, self._bases, self._kept = {}, {}, {}
+            self._kept = {}
 
     def tried(self, candidate: FrictionCandidate) -> _Trial | None:
         """Try a law beside those that were added, with the shape that explains most; None where nothing is told."""
@@ -927,7 +920,7 @@ class _Joint:
         if not shapes or (candidate.replaces and not self.sign.shape[1]):
             return None
         # What takes the place of a term explains what the term does, too.
-        without = self._basis(self.laws)
+        without = self._basis()
         basis = self.rest if candidate.replaces else without
         if candidate.replaces:
             for law in self.laws:
@@ -970,7 +963,7 @@ class _Joint:
         """
         from scipy.special import fdtrc
 
-        without = self._basis(self.laws, keep_sign=True)
+        without = self._basis(keep_sign=True)
         columns = trial.columns - without @ (without.T @ trial.columns)
         lengths = np.linalg.norm(columns, axis=0)
         columns = columns[:, lengths > 1e-6]
@@ -998,28 +991,8 @@ class _Joint:
 
     def _grams(self, laws: Sequence[_Trial]) -> Array:
         """The Gram matrix of columns of the model, of laws, and the torque, of each stretch, (folds, m + 1, m + 1)."""
-        known = tuple(laws[:-1])
-        if not laws or known not in self._known:
-            matrix = np.column_stack([self._matrix(known), self.torque])
-            self._known = {known: (matrix, np.array([matrix[part].T @ matrix[part] for part in self.folds]))}
-        if not laws:
-            return np.asarray(self._known[known][1])
-        matrix, grams = self._known[known]
-        columns, size = laws[-1].columns, matrix.shape[1] - 1
-        width = columns.shape[1]
-        result: Array = np.empty((len(grams), size + width + 1, size + width + 1))
-        old = [*range(size), size + width]
-        for place, part in enumerate(self.folds):
-            result[place][np.ix_(old, old)] = grams[place]
-            cross = matrix[part].T @ columns[part]
-            result[place][old, size : size + width] = cross
-            result[place][size : size + width, old] = cross.T
-            result[place][size : size + width, size : size + width] = columns[part].T @ columns[part]
-        if laws[-1].candidate.replaces:  # the columns of the model are those of all its terms here
-            place = self.rest.shape[1]
-            kept = [k for k in range(result.shape[1]) if not place <= k < place + self.sign.shape[1]]
-            result = result[np.ix_(range(len(result)), kept, kept)]
-        return np.asarray(result)
+        rows = np.column_stack([self._matrix(laws), self.torque])
+        return np.array([rows[part].T @ rows[part] for part in self.folds])
 
     def _held_out(self, laws: Sequence[_Trial]) -> Array:
         """Squared residuals of each stretch, of the fit of the others."""
@@ -1078,9 +1051,6 @@ class _Joint:
         laws[-1].columns[:, 1] = 0.0
         return self._dissipates(laws)
 
-    def add(self, trial: _Trial) -> None:
-        self.laws.append(trial)
-
     def likewise(self, trial: _Trial) -> _Trial:
         """Return a law that was added by other rows of the joint, for these."""
         ((columns, lengths),) = self._columns(trial.candidate, [trial.shape])
@@ -1088,9 +1058,6 @@ class _Joint:
         own = replace(trial, joint=self, columns=columns, lengths=lengths, before=before, losses=before)
         own.losses = self._held_out([*self.laws, own])
         return own
-
-    def remove(self, trial: _Trial) -> None:
-        self.laws.remove(trial)
 
     def needs(self, trial: _Trial, least_gain: float) -> bool:
         """Return whether the error rises where a law is left out, with the others in place."""
@@ -1116,7 +1083,7 @@ class _Joint:
             ((law.columns, law.lengths),) = self._columns(law.candidate, [law.shape])
             if law.candidate.kind == "lugre" and not self._dissipates(self.laws):
                 law.columns[:, 1] = 0.0
-        self._known, self._bases, self._kept = {}, {}, {}
+        self._kept = {}
 
     def _most(self, candidate: FrictionCandidate) -> float:
         """Return what the best of the laws that were tried before explains, beside those that were added."""
@@ -1162,7 +1129,7 @@ class _Joint:
         sweeps: int,
     ) -> Shape:
         """Move a shape to where it explains most: parabolas in the logarithm of each of its numbers in turn."""
-        free = [candidate.shape_names.index(name) for name in _free_names(candidate)]
+        free = [candidate.shape_names.index(name) for name in candidate.free_names]
         tried = np.log(np.array([[one[k] for k in free] for one in shapes]).reshape(len(shapes), len(free)))
         here = np.log(np.array(shape)) if shape else np.zeros(0)
 
@@ -1193,7 +1160,7 @@ class _Joint:
     def chosen(self, number: int) -> list[ChosenFriction]:
         """The laws that were added, with their coefficients."""
         viscous, coulomb, of_laws = self._coefficients(self.laws) if self.told is None else self.told
-        free = [_free_names(law.candidate) for law in self.laws]
+        free = [law.candidate.free_names for law in self.laws]
         of_shapes = self.free_errors or [np.full(len(names), np.inf) for names in free]
         of_coefficients = self.coefficient_errors or [np.full(len(own), np.inf) for own in of_laws]
         return [
@@ -1217,12 +1184,6 @@ class _Joint:
         ]
 
 
-def _free_names(candidate: FrictionCandidate) -> list[str]:
-    """The numbers of a shape that take any value."""
-    fixed = {name for name, _ in candidate.steps}
-    return [name for name in candidate.shape_names if name not in fixed]
-
-
 def _known(error: float) -> float | None:
     return float(error) if np.isfinite(error) else None
 
@@ -1235,11 +1196,10 @@ def _is_within(candidate: FrictionCandidate, shape: Shape, shapes: Sequence[Shap
     """Return whether no number of a shape is nearest to the first or the last of those that were tried first."""
     if len(candidate.shape_names) >= MANY_SHAPES:  # of which few values are tried, and the search goes further
         return True
-    fixed = {name for name, _ in candidate.steps}
     for k, name in enumerate(candidate.shape_names):
         tried = np.unique([one[k] for one in shapes])
         nearest = int(np.argmin(np.abs(np.log(tried / shape[k]))))
-        if name not in fixed and len(tried) > 2 and nearest in (0, len(tried) - 1):
+        if name in candidate.free_names and len(tried) > 2 and nearest in (0, len(tried) - 1):
             return False
     return True
 

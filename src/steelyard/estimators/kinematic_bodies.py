@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -34,14 +32,6 @@ ASSUMED_REACH = 0.3
 
 MANY_POINTS = 1000
 """Points of a link from which on not all pairs are compared, which takes 24 bytes each: 24 MB for a thousand points."""
-
-
-class _Step(NamedTuple):
-    """The place of a joint: its frame in the link before it, and how far along its axis."""
-
-    origin: Array
-    axis: Array
-    along: float
 
 
 def lengths_beyond(robot: Robot) -> Array:
@@ -144,25 +134,26 @@ def _points(robot: Robot) -> list[Array]:
     """Points of every link: where it meets its joints, and the frames that are fixed to it."""
     found: list[list[Array]] = [[] for _ in robot.joints]
     for index, joint in enumerate(robot.joints):
-        steps = _steps(robot, index)
         back = inverse(joint.after)
         found[index] += [np.zeros(3), back[:3, 3]]
         found[index] += [one.placement[:3, 3] for one in robot.links[index].attachments]
-        for step in steps:
+        for point, along in _places(robot, index):
             if joint.parent >= 0:
-                found[joint.parent].append(step.origin - step.along * step.axis)
+                found[joint.parent].append(point)
             # The link's own frame has moved with the joint; seen from it, the shared length lies along the joint's z.
-            found[index].append(back[:3, 3] - step.along * back[:3, 2])
+            found[index].append(back[:3, 3] - along * back[:3, 2])
     return [np.array(points) for points in found]
 
 
-def _steps(robot: Robot, index: int) -> list[_Step]:
+def _places(robot: Robot, index: int) -> list[tuple[Array, float]]:
+    """Points in the link before a joint to which that reaches, and how far along the axis before the joint they lie."""
     joint = robot.joints[index]
     origin, axis = joint.before[:3, 3], joint.before[:3, 2]
     if not joint.rotates:
         ends = [end for end in (joint.lower, joint.upper) if np.isfinite(end)]
-        return [_Step(origin + end * axis, axis, 0.0) for end in ends or [0.0]]
+        return [(origin + end * axis, 0.0) for end in ends or [0.0]]
     if joint.parent < 0:
-        return [_Step(origin, axis, 0.0)]
+        return [(origin, 0.0)]
     before = inverse(robot.joints[joint.parent].after)[:3, 3]
-    return [_Step(origin, axis, 0.5 * float((origin - before) @ axis))]
+    along = 0.5 * float((origin - before) @ axis)
+    return [(origin - along * axis, along)]

@@ -35,7 +35,7 @@ from .joint_stiffness import Motion, motion_behind
 if TYPE_CHECKING:
     from steelyard.dynamics import Model
 
-__all__ = ["Compliances", "deflected", "estimate_compliances"]
+__all__ = ["Compliances", "estimate_compliances"]
 
 Array = NDArray[np.float64]
 Torques = Callable[[Array, Array, Array], Array]
@@ -106,11 +106,12 @@ def estimate_compliances(
     places : sequence of int
         The J elastic joints.
     """
+    regression = _Regression(model, logs, links, drives, places)
     lowest = _SPANS / max(log.count * _period(log) for log in logs)
     cutoff = min(max(lowest, *(_below_noise(log) for log in logs)), *(0.125 / _period(log) for log in logs))
-    values, _ = _settled(model, logs, links, drives, places, None)
+    values, _ = regression.settled(None)
     while True:
-        before, (values, errors) = values, _settled(model, logs, links, drives, places, cutoff)
+        before, (values, errors) = values, regression.settled(cutoff)
         drawn = np.where(np.isfinite(errors), np.abs(values - before) / _FALL, 0.0)
         if np.all(drawn <= _SMALL * errors) or cutoff < 2.0 * lowest:
             return Compliances(np.maximum(values, 0.0), np.hypot(errors, drawn))
@@ -132,79 +133,75 @@ def _period(log: Samples) -> float:
     return float(np.median(np.diff(log.t)))
 
 
-def _settled(
-    model: Model,
-    logs: Sequence[Samples],
-    links: Torques,
-    drives: Torques,
-    places: Sequence[int],
-    cutoff: float | None,
-) -> tuple[Array, Array]:
-    """Compliances, below zero where the last step leads there, and their standard errors, by rows with a cutoff."""
-    now = np.zeros(len(places))
-    for _ in range(_ROUNDS):
-        step, errors = _step(model, logs, links, drives, places, now, cutoff)
-        found = now + step
-        before, now = now, np.maximum(found, 0.0)
-        if np.all(np.abs(now - before) <= _SETTLED * errors):
-            break
-    return found, errors
+@dataclass(frozen=True, eq=False)
+class _Regression:
+    """What the base parameters and the compliances are regressed on; see `estimate_compliances`."""
 
+    model: Model
+    logs: Sequence[Samples]
+    links: Torques
+    drives: Torques
+    places: Sequence[int]
 
-def _step(
-    model: Model,
-    logs: Sequence[Samples],
-    links: Torques,
-    drives: Torques,
-    places: Sequence[int],
-    now: Array,
-    cutoff: float | None,
-) -> tuple[Array, Array]:
-    """One step of Gauss-Newton for the compliances, and their standard errors."""
-    base, columns = model.base_parameters(), model.base_columns
-    width = base.count + len(places)
-    own = [np.concatenate([c, np.arange(base.count, width)]) for c in columns.joints]
-    empty = tuple(Factor(k, c, np.zeros((len(c) + 1, len(c) + 1)), 0) for k, c in enumerate(own))
-    sums, gathered = BatchSums(empty), [list[Array]() for _ in own]
-    scales: Array | None = None
-    for log in logs:
-        motor = log.q, log.dq, log.ddq
-        motion = deflected(log, links, places, now)
-        beside = drives(*motor) - drives(*motion)
-        slopes = _slopes(log, links, places, motion)
-        if scales is None:
-            size = np.sqrt(np.mean(slopes**2, axis=(0, 1)))
-            scales = np.where(size > 0.0, size, 1.0)
-        samples = Samples(*motion, torque=log.torque - beside)
-        mask = np.ones(log.q.shape, dtype=bool) if log.mask is None else log.mask
-        parts: list[list[Array]] = [[] for _ in own]
-        for part, rows in joint_rows(model, samples, BLOCK):
-            for held, one, k in zip(parts, rows, range(len(own)), strict=True):
-                held.append(np.column_stack([one[:, :-1], slopes[part, k] / scales, one[:, -1]]) * mask[part, k, None])
-        # What the mask leaves out is zero on both sides before the filter, so that no row takes of it.
-        joined = [_filtered(np.concatenate(held), log, cutoff) * mask[:, k, None] for k, held in enumerate(parts)]
-        sums.add(joined)
-        for held, one, k in zip(gathered, joined, range(len(own)), strict=True):
-            held.append(one[mask[:, k]])
-        sums.end()
-    assert scales is not None
-    factors = tuple(
-        Factor(k, c, triangular(np.concatenate(held)), sum(map(len, held)))
-        for k, (c, held) in enumerate(zip(own, gathered, strict=True))
-    )
-    names = tuple(f"compliance {k + 1}" for k in places)
-    information = Information(
-        (*base.names, *names),
-        (*base.expressions, *names),
-        tuple(model.robot.joint_names),
-        factors,
-        batch_means=sums.factors(),
-    )
-    weights = information.joint_weights("joint")
-    found = solve(information.reduced(weights))
-    covariance = ParameterCovariance.of(information, found, weights)
-    errors = np.where(covariance.unknown, np.inf, covariance.standard_error)[base.count :]
-    return found[base.count :] / scales, errors / scales
+    def settled(self, cutoff: float | None) -> tuple[Array, Array]:
+        """Compliances, below zero where the last step leads there, and their standard errors, by rows with a cutoff."""
+        now = np.zeros(len(self.places))
+        for _ in range(_ROUNDS):
+            step, errors = self._step(now, cutoff)
+            found = now + step
+            before, now = now, np.maximum(found, 0.0)
+            if np.all(np.abs(now - before) <= _SETTLED * errors):
+                break
+        return found, errors
+
+    def _step(self, now: Array, cutoff: float | None) -> tuple[Array, Array]:
+        """One step of Gauss-Newton for the compliances, and their standard errors."""
+        model, places = self.model, self.places
+        base, columns = model.base_parameters(), model.base_columns
+        width = base.count + len(places)
+        own = [np.concatenate([c, np.arange(base.count, width)]) for c in columns.joints]
+        empty = tuple(Factor(k, c, np.zeros((len(c) + 1, len(c) + 1)), 0) for k, c in enumerate(own))
+        sums, gathered = BatchSums(empty), [list[Array]() for _ in own]
+        scales: Array | None = None
+        for log in self.logs:
+            motor = log.q, log.dq, log.ddq
+            motion = deflected(log, self.links, places, now)
+            beside = self.drives(*motor) - self.drives(*motion)
+            slopes = _slopes(log, self.links, places, motion)
+            if scales is None:
+                size = np.sqrt(np.mean(slopes**2, axis=(0, 1)))
+                scales = np.where(size > 0.0, size, 1.0)
+            samples = Samples(*motion, torque=log.torque - beside)
+            mask = np.ones(log.q.shape, dtype=bool) if log.mask is None else log.mask
+            parts: list[list[Array]] = [[] for _ in own]
+            for part, rows in joint_rows(model, samples, BLOCK):
+                for k, (held, one) in enumerate(zip(parts, rows, strict=True)):
+                    whole = np.column_stack([one[:, :-1], slopes[part, k] / scales, one[:, -1]])
+                    held.append(whole * mask[part, k, None])
+            # What the mask leaves out is zero on both sides before the filter, so that no row takes of it.
+            joined = [_filtered(np.concatenate(held), log, cutoff) * mask[:, k, None] for k, held in enumerate(parts)]
+            sums.add(joined)
+            for k, (held, one) in enumerate(zip(gathered, joined, strict=True)):
+                held.append(one[mask[:, k]])
+            sums.end()
+        assert scales is not None
+        factors = tuple(
+            Factor(k, c, triangular(np.concatenate(held)), sum(map(len, held)))
+            for k, (c, held) in enumerate(zip(own, gathered, strict=True))
+        )
+        names = tuple(f"compliance {k + 1}" for k in places)
+        information = Information(
+            (*base.names, *names),
+            (*base.expressions, *names),
+            tuple(model.robot.joint_names),
+            factors,
+            batch_means=sums.factors(),
+        )
+        weights = information.joint_weights("joint")
+        found = solve(information.reduced(weights))
+        covariance = ParameterCovariance.of(information, found, weights)
+        errors = np.where(covariance.unknown, np.inf, covariance.standard_error)[base.count :]
+        return found[base.count :] / scales, errors / scales
 
 
 def _filtered(rows: Array, log: Samples, cutoff: float | None) -> Array:

@@ -39,6 +39,8 @@ __all__ = ["KnownRobot", "PayloadEstimate", "PayloadQuantities", "PayloadQuantit
 
 Array = NDArray[np.float64]
 
+CONFIDENCE = 0.95
+
 NOISE_FREE = 3e-4
 """Relative error of the torques below which a log counts as free of noise, and intervals are those of this error: no
 drive tells its torque better. Regions without extent cannot be searched; with 1e-4 rounding makes the search for the
@@ -279,18 +281,8 @@ def estimate_payload(
     >>> round(found.mass, 4), found.center_of_mass.round(4).tolist(), found["mass"].standing
     (0.5, [0.02, 0.03, 0.1], 'measured')
     """
-    if (unloaded is None) == (robot is None):
-        raise InputError(
-            "A payload is found from a log without and a log with it, or from the latter and the parameters of the "
-            "robot: give one of unloaded= and robot=, not both."
-        )
     with one_thread():
-        if unloaded is not None:
-            problem = _with_both(body, loaded, unloaded, consistency, constraints, weights)
-        else:
-            assert robot is not None
-            problem = _with_known(body, loaded, robot, consistency, weights)
-        return _estimated(problem, solver)
+        return _estimated(_problem(body, loaded, unloaded, robot, consistency, constraints, weights), solver)
 
 
 def unexplained_with(
@@ -309,11 +301,7 @@ def unexplained_with(
         As in `estimate_payload`.
     """
     with one_thread():
-        if unloaded is not None:
-            problem = _with_both(body, loaded, unloaded, "full", (), weights)
-        else:
-            assert robot is not None
-            problem = _with_known(body, loaded, robot, "full", weights)
+        problem = _problem(body, loaded, unloaded, robot, "full", (), weights)
         return loaded.relative_error(problem.carrying @ problem.base + problem.offset)
 
 
@@ -332,6 +320,25 @@ class _Problem:
     alone: Array  # base parameters of the robot as they are in the base parameters here: alone @ base + offset
     carrying: Array
     offset: Array
+
+
+def _problem(
+    body: CarriedBody,
+    loaded: Information,
+    unloaded: Information | None,
+    robot: KnownRobot | None,
+    consistency: Literal["full", "inertia"],
+    constraints: Sequence[Constraint],
+    weights: Any,
+) -> _Problem:
+    if unloaded is not None and robot is None:
+        return _with_both(body, loaded, unloaded, consistency, constraints, weights)
+    if robot is not None and unloaded is None:
+        return _with_known(body, loaded, robot, consistency, weights)
+    raise InputError(
+        "A payload is found from a log without and a log with it, or from the latter and the parameters of the robot: "
+        "give one of unloaded= and robot=, not both."
+    )
 
 
 def _with_both(
@@ -546,24 +553,21 @@ class _ProfileRegion(ConfidenceRegion):
 
 def _ends(problem: _Problem, asked: list[Quantity], found: Array, distance: float, solver: str) -> Array:
     """Both ends of every interval, (k, 2)."""
-    from scipy.special import ndtr
-
     feasible_set, covariance = problem.feasible_set, problem.covariance
-    reach = NORMAL
     errors = standard_errors(feasible_set, covariance, [one.slope(found) for one in asked])
     # Where nothing else can be told: what the data say, without physics.
     middle = np.array([one.value(found) for one in asked])
-    ends = np.column_stack([middle - reach * errors, middle + reach * errors])
-    ends[[one.never_negative for one in asked], 0] = np.maximum(ends[[one.never_negative for one in asked], 0], 0.0)
+    ends = np.column_stack([middle - NORMAL * errors, middle + NORMAL * errors])
+    positive = [one.never_negative for one in asked]
+    ends[positive, 0] = np.maximum(ends[positive, 0], 0.0)
     told = np.isfinite(errors)
-    confidence = float(np.clip(1.0 - 2.0 * ndtr(-reach), 0.0, 1.0 - 1e-9))
     chosen = np.flatnonzero(told)
     if len(chosen):
         try:
             # In regions that are thin beside what is unidentifiable, rounding leaves no Newton step.
             with np.errstate(all="ignore"):
                 quick = profile_intervals(
-                    feasible_set, problem.base, covariance, [asked[k] for k in chosen], found, confidence
+                    feasible_set, problem.base, covariance, [asked[k] for k in chosen], found, CONFIDENCE
                 )
             both = np.column_stack([quick.lower, quick.upper])
             ends[chosen] = np.where(np.isfinite(both), both, ends[chosen])
@@ -572,7 +576,7 @@ def _ends(problem: _Problem, asked: list[Quantity], found: Array, distance: floa
     if told.all():
         return ends
     # Its ends beside an infinite one have no proof, and what is a payload at all hangs on the least mass.
-    region = _ProfileRegion(problem.base, covariance, 0.95, reach=float(np.hypot(distance, reach)))
+    region = _ProfileRegion(problem.base, covariance, CONFIDENCE, reach=float(np.hypot(distance, NORMAL)))
     try:
         finder = given_region(feasible_set, region, solver).finder
         for index in np.flatnonzero(~told):

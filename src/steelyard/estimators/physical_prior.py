@@ -23,7 +23,7 @@ from steelyard.robot.inertia import moment_row, parameters_of_pseudo_inertia, ps
 from .kinematic_bodies import SHORTEST_REACH, kinematic_bodies, lengths_beyond, reach_of
 
 if TYPE_CHECKING:
-    from steelyard.collision import PlacedShape, RobotGeometry
+    from steelyard.collision import PlacedShape
     from steelyard.collision.described_shapes import GeometryElement
     from steelyard.feasibility.constraints import MeasuredMass, SymmetricLink, TotalMass
 
@@ -250,9 +250,7 @@ class PhysicalPrior:
         return replace(found, sentences=(*self.sentences, said))
 
 
-def physical_prior(
-    model: Model, constraints: Sequence[Constraint] = (), geometry: RobotGeometry | None = None
-) -> PhysicalPrior:
+def physical_prior(model: Model, constraints: Sequence[Constraint] = ()) -> PhysicalPrior:
     """Gather what is known of the links of a robot before it moves.
 
     In this order: the inertials of the description; where they are missing, impossible or placeholders, the shape of
@@ -264,8 +262,6 @@ def physical_prior(
     model : Model
     constraints : sequence of Constraint
         Those of the user, such as `MeasuredMass`, `TotalMass` and `SymmetricLink`.
-    geometry : RobotGeometry, optional
-        Shapes of the links; those of the description by default.
 
     Raises
     ------
@@ -288,7 +284,7 @@ def physical_prior(
     >>> prior.masses.round(1).tolist()
     [0.3, 2.0]
     """
-    return _Gathering(model, tuple(constraints), geometry).prior()
+    return _Gathering(model, tuple(constraints)).prior()
 
 
 def reference_bodies(robot: Robot) -> list[dict[str, tuple[Array, bool]]]:
@@ -301,7 +297,7 @@ def reference_bodies(robot: Robot) -> list[dict[str, tuple[Array, bool]]]:
         the moving link, and whether they are those of a shape. Without a shape the moving link itself has the body that
         spans its joints, and what is fixed to it is left out.
     """
-    gathering = _Gathering(Model(robot), (), None)
+    gathering = _Gathering(Model(robot), ())
     found = []
     for index, link in enumerate(robot.links):
         bodies: dict[str, tuple[Array, bool]] = {}
@@ -318,7 +314,7 @@ def reference_bodies(robot: Robot) -> list[dict[str, tuple[Array, bool]]]:
 class _Gathering:
     """Gathers the bodies of the links, and what is to be said of them."""
 
-    def __init__(self, model: Model, constraints: tuple[Constraint, ...], geometry: RobotGeometry | None) -> None:
+    def __init__(self, model: Model, constraints: tuple[Constraint, ...]) -> None:
         robot = model.robot
         if robot.lengths:
             raise InputError(
@@ -330,18 +326,16 @@ class _Gathering:
         self.reasons: dict[tuple[str, str], list[str]] = {}
         self.reach = reach_of(robot)
         self.bodies = kinematic_bodies(robot)
-        self.shapes = self._shapes(geometry)
+        self.shapes = self._shapes()
         self.described = described_bodies(robot)
         self.is_last = [not any(joint.parent == index for joint in robot.joints) for index in range(len(robot.links))]
 
     # Where the shapes are
 
-    def _shapes(self, geometry: RobotGeometry | None) -> dict[GeometryElement, list[PlacedShape]]:
+    def _shapes(self) -> dict[GeometryElement, list[PlacedShape]]:
         """Shapes of the moving links, by the kind of element."""
         found: dict[GeometryElement, list[PlacedShape]] = {"visual": [], "collision": []}
-        if geometry is not None:
-            found["collision"] = [one for one in geometry.shapes if one.body >= 0]
-        elif self.robot.source is not None:
+        if self.robot.source is not None:
             skipped: list[tuple[str, str]] = []
             try:
                 found = collision.shapes_of_moving_links(self.robot, self.robot.source, skipped, LARGEST_MESH)

@@ -296,13 +296,13 @@ def posterior(
         _require_bounded(info, feasible_set, covariance)
     prepared = None if prior is None else prior.prepare(feasible_set, prior_weight)
     density = _Density(info, covariance, feasible_set, prepared, prior_weight, used)
-    start = density.inside(info, prior)
+    start = density.inside(prior)
     mode = density.mode(start, MODE_BARRIER)
     random = np.random.default_rng(seed)
     walk = _Walk(density, random, density.mode(start, START_BARRIER))
     every = max(1, int(chains) * int(steps) // int(kept))
     drawn, acceptance = walk.run(walk.starts(int(chains)), int(steps), every)
-    return _told(info, feasible_set, density, mode, asked, drawn, acceptance, int(steps), used, random)
+    return _told(info, density, mode, asked, drawn, acceptance, int(steps), used, random)
 
 
 def bayesian(
@@ -453,7 +453,7 @@ class _Density:
         self.barrier.add_derivatives(points, np.ones(len(points)), ignored, hessians)
         return gradients, hessians
 
-    def inside(self, info: Information, prior: Prior | None) -> Vector:
+    def inside(self, prior: Prior | None) -> Vector:
         """A point of the set."""
         found = fit_reduced(self.problem, self.feasible_set, prior=prior, prior_weight=self.weight)
         return self.feasible_set.project_on_equations(found.parameters)
@@ -590,7 +590,6 @@ class _Walk:
 
 def _told(
     info: Information,
-    feasible_set: FeasibleSet,
     density: _Density,
     mode: Vector,
     asked: Sequence[Quantity],
@@ -601,6 +600,7 @@ def _told(
     random: np.random.Generator,
 ) -> Posterior:
     """The posterior of samples (chains, kept, n)."""
+    feasible_set = density.feasible_set
     if density.basis is not None:
         # Rounding of thousands of steps along the equations is taken out.
         drawn = np.array([[feasible_set.project_on_equations(one) for one in chain] for chain in drawn])

@@ -298,28 +298,21 @@ class PreparedPrior:
 
     def gradients(self, points: Matrix) -> Matrix:
         """Gradients of the distances of many δ, (p, n); much cheaper than with the Hessians."""
-        errors = points - self.reference
-        found = errors * self.diagonal
-        columns = self.feasible_set.link_columns
-        if self.metric is not None:
-            found[:, columns] += np.einsum("bij,pbj->pbi", self.metric, errors[:, columns])
-        else:
+        found, columns = self.slope(points), self.feasible_set.link_columns
+        if self.metric is None:
             inverses = np.linalg.inv(pseudo_inertia(points[:, columns]))
-            found[:, columns] += self._traces - np.einsum("pbij,kji->pbk", inverses, PSEUDO_INERTIA)
-        return np.asarray(found)
+            found[:, columns] -= np.einsum("pbij,kji->pbk", inverses, PSEUDO_INERTIA)
+        return found
 
     def add_derivatives(self, points: Matrix, factors: Vector, gradients: Matrix, hessians: Matrix) -> None:
         """Add the gradients and Hessians of the distances of δ (p, n), each times a factor (p,)."""
-        errors, diagonal = points - self.reference, np.arange(points.shape[1])
-        gradients += factors[:, None] * (errors * self.diagonal)
-        hessians[:, diagonal, diagonal] += factors[:, None] * self.diagonal
+        gradients += factors[:, None] * self.slope(points)
+        np.einsum("pii->pi", hessians)[...] += factors[:, None] * self.diagonal
         columns = self.feasible_set.link_columns
         if self.metric is not None:
-            gradients[:, columns] += factors[:, None, None] * np.einsum("bij,pbj->pbi", self.metric, errors[:, columns])
             for own, metric in zip(columns, self.metric, strict=True):
                 hessians[:, own[:, None], own] += factors[:, None, None] * metric
             return
-        gradients[:, columns] += factors[:, None, None] * self._traces
         coefficients = np.broadcast_to(PSEUDO_INERTIA, (len(columns), *PSEUDO_INERTIA.shape))
         matrices = pseudo_inertia(points[:, columns])
         add_log_determinants(matrices, coefficients, columns, -factors, gradients, hessians)
@@ -338,15 +331,15 @@ class PreparedPrior:
         """The distance."""
         return self.distance(parameters)
 
-    def slope(self, parameters: Vector) -> Vector:
-        """Gradient of the distance at δ without the term -Σ log det P (see `entropy`), (n,)."""
+    def slope(self, parameters: Matrix) -> Matrix:
+        """Gradient of the distance at δ (..., n) without the term -Σ log det P (see `entropy`), (..., n)."""
         error = parameters - self.reference
-        found = self.diagonal * error
+        found: Matrix = self.diagonal * error
         columns = self.feasible_set.link_columns
         if self.metric is not None:
-            found[columns] += np.einsum("bij,bj->bi", self.metric, error[columns])
+            found[..., columns] += np.einsum("bij,...bj->...bi", self.metric, error[..., columns])
         else:
-            found[columns] += self._traces
+            found[..., columns] += self._traces
         return found
 
     @property

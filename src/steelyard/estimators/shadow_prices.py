@@ -12,7 +12,7 @@ from steelyard.dynamics.threads import one_thread
 from steelyard.errors import InputError
 from steelyard.feasibility.feasible_set import FeasibleSet, reduced_regression
 from steelyard.feasibility.growth import mass_bound_of
-from steelyard.files import read_number
+from steelyard.files import plain, read_number
 from steelyard.lmi import vector_to_symmetric
 
 from .fitting_problems import GAP, Fitting, Optimum
@@ -144,31 +144,8 @@ class ShadowPrices:
         return html_table(" ".join(self.sentences()), HEADS, self._rows())
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the result as plain data for JSON."""
-
-        def entry(price: ShadowPrice) -> dict[str, Any]:
-            return {
-                "name": price.name,
-                "kind": price.kind,
-                "active": price.active,
-                "squared_saving": price.squared_saving,
-                "saving": price.saving,
-                "marginal": None if math.isnan(price.marginal) else price.marginal,
-                "unit": price.unit,
-            }
-
-        return {
-            "consistency": self.consistency,
-            "squared_residual": self.squared_residual,
-            "relative_error": self.relative_error,
-            "least_squares_error": self.least_squares_error,
-            "mass_bound": self.mass_bound,
-            "stopped_by_bound": self.stopped_by_bound,
-            "optimality_gap": self.optimality_gap,
-            "groups": [entry(price) for price in self.groups],
-            "prices": [entry(price) for price in self.prices],
-            "parameters": self.parameters.tolist(),
-        }
+        """Return the result as plain data for JSON, with None for numbers that are not finite."""
+        return {**plain(self)}
 
 
 HEADS = ("saved", "squared", "marginal", "per", "condition")

@@ -24,7 +24,7 @@ from .log_reader import Progress
 from .prediction_difference import PredictionDifference, difference_on_logs, difference_on_random_motion, labels
 from .saved import matching_estimate
 from .saved_result import SavedResult
-from .validation import read_as_fitted, total
+from .validation import read_as_fitted
 
 __all__ = ["Comparison", "ParameterDifference", "compare_estimates", "holm"]
 
@@ -350,7 +350,7 @@ def compare_estimates(
             read = read_as_fitted(file, model, first, logs, progress=progress)
             remarks += read.remarks
             source = str(logs[0]) if len(logs) == 1 else f"{len(logs)} logs"
-            prediction = difference_on_logs(model, total(read.parts), names, bases, source)
+            prediction = difference_on_logs(model, read.information, names, bases, source)
         else:
             prediction = difference_on_random_motion(model, names, bases, seed=seed)
         explanations = [
@@ -471,31 +471,30 @@ def _reach(confidence: float) -> float:
     return float(stdtrit(FREEDOM, 0.5 + 0.5 * confidence))
 
 
-def _times(difference: Array, half_width: Array) -> Array:
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(np.where(difference == 0.0, 0.0, np.abs(difference) / half_width))
+def _difference(
+    name: str,
+    kind: Literal["base", "link", "elastic"],
+    results: tuple[SavedResult, SavedResult],
+    values: Sequence[float],
+    half_width: float,
+    meaning: str = "",
+    unit: str = "",
+) -> ParameterDifference:
+    first, second = results
+    one, two = map(float, values)
+    with np.errstate(divide="ignore"):
+        times = 0.0 if one == two else float(np.abs(two - one) / np.float64(half_width))
+    return ParameterDifference(name, kind, meaning, unit, first.name, second.name, one, two, float(half_width), times)
 
 
 def _base_differences(first: SavedResult, second: SavedResult, confidence: float) -> list[ParameterDifference]:
     one, two = _data(first.estimate), _data(second.estimate)
-    half = _reach(confidence) * _errors(first.estimate, second.estimate)
-    times = _times(two - one, half)
+    halves = _reach(confidence) * _errors(first.estimate, second.estimate)
     names = first.estimate.base_expressions
     return [
-        ParameterDifference(
-            names[k],
-            "base",
-            "",
-            "",
-            first.name,
-            second.name,
-            float(one[k]),
-            float(two[k]),
-            float(half[k]),
-            float(times[k]),
-        )
-        for k in range(len(names))
-        if np.isfinite(half[k])
+        _difference(name, "base", (first, second), values, half)
+        for name, *values, half in zip(names, one, two, halves, strict=True)
+        if np.isfinite(half)
     ]
 
 
@@ -514,21 +513,8 @@ def _link_differences(first: SavedResult, second: SavedResult, confidence: float
         least = ROUNDING * max(map(abs, values))
         own = (0.5 * wider * (r["upper"] - r["lower"]) for r in (row, other))
         half = max(float(np.hypot(*own)), least)
-        times = float(_times(np.array(values[1] - values[0]), np.array(half)))
-        found.append(
-            ParameterDifference(
-                row["name"],
-                "link",
-                str(row.get("meaning", row["name"])),
-                str(row.get("unit", "")),
-                first.name,
-                second.name,
-                values[0],
-                values[1],
-                half,
-                times,
-            )
-        )
+        meaning, unit = str(row.get("meaning", row["name"])), str(row.get("unit", ""))
+        found.append(_difference(row["name"], "link", (first, second), values, half, meaning, unit))
     return found
 
 
@@ -548,22 +534,9 @@ def _elastic_differences(first: SavedResult, second: SavedResult, confidence: fl
         half = _reach(confidence) * float(np.hypot(joint.compliance_standard_error, other.compliance_standard_error))
         if "measured" not in (joint.verdict, other.verdict) or not np.isfinite(half):
             continue
-        times = float(_times(np.array(other.compliance - joint.compliance), np.array(half)))
-        unit = "/".join(reversed(joint.unit.split("/")))
-        found.append(
-            ParameterDifference(
-                f"compliance of {name}",
-                "elastic",
-                f"compliance of {name}",
-                unit.replace("N·m", "(N·m)"),
-                first.name,
-                second.name,
-                joint.compliance,
-                other.compliance,
-                half,
-                times,
-            )
-        )
+        told, unit = f"compliance of {name}", "/".join(reversed(joint.unit.split("/"))).replace("N·m", "(N·m)")
+        values = joint.compliance, other.compliance
+        found.append(_difference(told, "elastic", (first, second), values, half, told, unit))
     return found
 
 

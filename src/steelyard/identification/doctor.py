@@ -22,7 +22,6 @@ from steelyard.recording import (
     LogFile,
     Processing,
     Recording,
-    Samples,
     choose_cutoff,
     estimate_delay,
 )
@@ -39,7 +38,6 @@ from steelyard.recording.logged_joints import locked_that_move, logged_joints
 from steelyard.recording.recognition import Layout
 from steelyard.recording.survey import LogSurvey
 from steelyard.regression import Estimate, Information, least_squares
-from steelyard.regression.batch_means import BatchSums
 from steelyard.regression.body_change import BodyChange
 from steelyard.regression.drift import FrictionDrift, drift_sentence, friction_drifts
 from steelyard.regression.reduction import empty_factors, errors_of
@@ -51,7 +49,7 @@ from .doubts import mistakes_in_logs
 from .examination import HARMS, Examination, Finding, Harm, merged, stated_remedy
 from .given import GivenLog, GivenRobot, GivenSamples, One, given_constraints, given_logs, given_robot
 from .late_logs import LateLog, late_hypotheses, late_logs
-from .log_reader import DrawnRows, LogReader, against_limits
+from .log_reader import LogReader, LogTask, ReducedLog, against_limits
 from .prediction_verdict import few_rows_of, said_of
 from .reduced_logs import SHORTEST_DRIFT, change_in_log
 from .unlogged_torques import told_by_unlogged_torques
@@ -166,25 +164,22 @@ class _Fit:
     """Least squares by the model, and what they were made of."""
 
     reader: LogReader
-    information: Information
+    log: ReducedLog
     estimate: Estimate
-    samples: Samples
-    drawn: DrawnRows
     stretches: tuple[Information, ...]
     change: BodyChange | None
     drifts: tuple[FrictionDrift, ...]
 
     def late(self, log: GivenLog) -> list[LateLog]:
         """Tell whether the torques are late, as `identify` does."""
-        information, estimate, kept = self.information, self.estimate, self.drawn.kept
-        errors = [errors_of(self.reader.model, window, estimate.base) for window in kept.windows]
-        return late_logs(self.reader, [log], information, [information], [kept], [errors], estimate)
+        errors = [errors_of(self.reader.model, window, self.estimate.base) for window in self.log.drawn.windows]
+        return late_logs(self.reader, [log], [self.log], self.log.information, [errors], self.estimate)
 
     def overfitting(self) -> float | None:
         """Error on stretches that are left out in turn, over that on the whole log; None where the log is too short."""
         if len(self.stretches) < STRETCHES:
             return None
-        within = np.array([factor.residual2(self.estimate.base) for factor in self.information.factors])
+        within = np.array([factor.residual2(self.estimate.base) for factor in self.log.information.factors])
         beyond = Information.held_out_squares(self.stretches, lambda others: least_squares(others, "joint").base)
         told = (within > 0.0) & (beyond > 0.0)
         return float(np.exp(0.5 * np.mean(np.log(beyond[told] / within[told])))) if told.any() else None
@@ -593,7 +588,7 @@ class _Patient:
             else:
                 fit = better
                 self.add(finding)
-        reader, information, estimate = fit.reader, fit.information, fit.estimate
+        information, estimate = fit.log.information, fit.estimate
         if information.count <= information.base_count:
             statement = f"The log leaves {information.count} rows for {information.base_count} base parameters."
             self.add(Finding("too few rows", statement, "refused", 1.0, advice="Record a longer motion."))
@@ -611,7 +606,7 @@ class _Patient:
             f"least squares leave {estimate.relative_error:.2%} of the torques; condition number "
             f"{information.condition_number:.4g} with {information.base_count} base parameters"
         )
-        self._noise(recording, reader.processing)
+        self._noise(recording, fit.reader.processing)
         return information
 
     def _mistakes(
@@ -619,12 +614,12 @@ class _Patient:
     ) -> None:
         """Look for mistakes in the log of one robot, and without them at what the motion shows."""
         assert self.model is not None
-        reader, information, estimate, file = fit.reader, fit.information, fit.estimate, self._file()
+        reader, information, estimate, file = fit.reader, fit.log.information, fit.estimate, self._file()
         worst = float(np.nanmax(information.joint_relative_error(estimate.base), initial=estimate.relative_error))
-        priors, samples = body_priors(self.model, given_constraints(file)), {name: fit.samples}
+        priors, samples = body_priors(self.model, given_constraints(file)), {name: fit.log.samples}
         found = mistakes_in_logs(reader, file, priors, {name: self.log}, samples, {name: worst}, self.say).get(name, ())
         layout = reader.layouts.get(name)
-        scale = scale_by_description(self.model, [fit.samples], file, layout)
+        scale = scale_by_description(self.model, [fit.log.samples], file, layout)
         if scale is not None and found and scale.outweighs(found[0]):
             found = ()
         for hypothesis in found[:1]:
@@ -656,16 +651,13 @@ class _Patient:
         assert self.model is not None
         reader = LogReader(self._file(further), self.model, CHUNK_ROWS)
         reader.decide([self.log], self.say)
-        blocks = TimeBlocks(empty_factors(self.model))
-        drawn = DrawnRows(self.model, DRAWN_ROWS)
-        sums = BatchSums(blocks.empty)
-        information, thinned = reader.reduce(self.log, POINTS, sums, blocks, drawn=drawn)
-        stretches = information.stretches(blocks, STRETCHES)
-        change = change_in_log(self.model, blocks, drawn.kept.samples)
+        log = reader.reduced(LogTask(self.log, POINTS, DRAWN_ROWS, 1, True), self.model)
+        reader.note(log)
+        blocks = TimeBlocks.of_held(empty_factors(self.model), log.blocks)
+        stretches = log.information.stretches(blocks, STRETCHES)
+        change = change_in_log(self.model, blocks, log.drawn.samples)
         drifts = () if change else friction_drifts(blocks, self.model.base_parameters().names)
-        information = replace(information, batch_means=sums.factors())
-        estimate = least_squares(information, "joint")
-        return _Fit(reader, information, estimate, thinned.samples, drawn, stretches, change, drifts)
+        return _Fit(reader, log, least_squares(log.information, "joint"), stretches, change, drifts)
 
     def _better_with(self, finding: Finding, before: _Fit) -> _Fit | None:
         """Fit the model with the remedy of a finding that the motion alone suggests; None where that does not help."""
@@ -687,14 +679,14 @@ class _Patient:
     def _events(self, name: str, fit: _Fit) -> None:
         """Tell of few rows that hold much of the error, as where the arm ran into a stop."""
         assert self.model is not None
-        few = few_rows_of(name, "identification", fit.information, self.model, fit.estimate.base, fit.drawn.kept)
+        few = few_rows_of(name, "identification", fit.log.information, self.model, fit.estimate.base, fit.log.drawn)
         if few:
             advice = 'Empty the torques of these moments in the log, and state missing = "fill" in [log].'
             self.add(Finding("few rows", said_of(few), "worse", few[0].relative_error, advice=advice))
 
     def _excitation(self, fit: _Fit) -> None:
         """Say whether the motion shows the robot: by the error on stretches that are left out, and by what is weak."""
-        information = fit.information
+        information = fit.log.information
         unlogged = told_by_unlogged_torques(fit.reader.model, information)  # no motion shows these
         errors = dict(zip(fit.estimate.base_expressions, fit.estimate.relative_standard_error, strict=True))
         weak = [name for name in fit.estimate.weak if name not in unlogged]
@@ -809,7 +801,7 @@ class _Patient:
             return
         self.facts.update(facts)
         for one in found:
-            self.add(Finding(**one), used=False)
+            self.add(one, used=False)
 
     def _estimated_delay(self, recording: Recording, stated: Any, longest: float) -> DelayEstimate | None:
         """Estimate the delay by the longest stretch without gaps; None where it does not tell."""

@@ -23,7 +23,6 @@ from steelyard.recording.correction import Settings, toml_value
 from steelyard.recording.formats import LogFiles
 from steelyard.recording.logged_joints import LoggedJoints, logged_joints
 from steelyard.recording.recognition import Layout
-from steelyard.regression.batch_means import BatchSums
 from steelyard.regression.reduction import empty_factors
 from steelyard.regression.time_blocks import TimeBlocks
 from steelyard.robot import RobotFile
@@ -32,7 +31,7 @@ from steelyard.robot.description import URDF, description_format
 from .default_terms import decide_rotors
 from .doctor import CHUNK_ROWS, POINTS, examine
 from .examination import Examination, merged
-from .log_reader import LogReader
+from .log_reader import LogReader, LogTask
 
 __all__ = ["FirstRobotFile", "Guess", "first_robot_file"]
 
@@ -285,15 +284,14 @@ class _Draft:
         model = Model.from_file(file)
         wider = model.with_rotors
         reader = LogReader(file, model, CHUNK_ROWS)
-        blocks, sums = TimeBlocks(empty_factors(wider)), BatchSums(empty_factors(wider))
         try:
             reader.decide([self._path], lambda _: None)
-            information, _ = reader.reduce(self._path, POINTS, sums, blocks, model=wider)
+            log = reader.reduced(LogTask(self._path, POINTS, POINTS, 1, True), wider)
         except InputError:  # a log that cannot be used has its findings already
             self.left_out = "where motors drive through gears; the log does not tell"
             return
-        information = replace(information, batch_means=sums.factors())
-        decision = decide_rotors(FeasibleSet(model), wider, information, information.stretches(blocks))
+        stretches = log.information.stretches(TimeBlocks.of_held(empty_factors(wider), log.blocks))
+        decision = decide_rotors(FeasibleSet(model), wider, log.information, stretches)
         if decision.taken:
             self.terms["rotor_inertia"] = decision.reason
         else:

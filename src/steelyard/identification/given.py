@@ -26,6 +26,7 @@ __all__ = [
     "GivenRobot",
     "GivenSamples",
     "One",
+    "describes_masses",
     "digests",
     "given_constraints",
     "given_logs",
@@ -89,6 +90,12 @@ def wider_model(file: RobotFile, model: Model) -> Model | None:
     return None if stated else model.with_rotors
 
 
+def describes_masses(model: Model) -> bool:
+    """Return whether the description has a mass for every link."""
+    parameters = np.asarray(model.robot.parameters)
+    return all(parameters[columns[9]] > 0.0 for columns in model.link_columns)
+
+
 def given_settings(
     file: RobotFile, columns: LogColumns | Mapping[str, Any] | None, processing: Processing | Mapping[str, Any] | None
 ) -> RobotFile:
@@ -135,10 +142,9 @@ def given_logs(data: Data, validate: Data | None) -> tuple[tuple[GivenLog, ...],
 
 def _listed(data: object, name: str) -> list[tuple[str, Any]]:
     """Return logs one by one, each with the name that it has by itself; an empty one where it has none."""
-    if isinstance(data, (str, os.PathLike)):
-        return [("", one) for one in _expanded([data])]
-    if isinstance(data, (list, tuple)) and all(isinstance(one, (str, os.PathLike)) for one in data):
-        return [("", one) for one in _expanded(data)]
+    paths = [data] if isinstance(data, (str, os.PathLike)) else data
+    if isinstance(paths, (list, tuple)) and all(isinstance(one, (str, os.PathLike)) for one in paths):
+        return [("", one) for one in _expanded(paths)]
     from steelyard.recording.formats.memory import REMEDY, is_table  # what is not asked for is not loaded
 
     if isinstance(data, Samples) or is_table(data):

@@ -32,6 +32,7 @@ from .doubts import doubts_of, heavy_ends
 from .given import (
     Data,
     GivenRobot,
+    describes_masses,
     digests,
     given_constraints,
     given_logs,
@@ -249,9 +250,8 @@ def identify(
         information, stretches = own_rows(model, lambda: reader.samples(logs), count=folds)
     if motion_rows is not None:
         say("the motion without noise, and what the estimator makes of it")
-        moved = motions_of_logs(reader, logs, model, controller)
-        reader.remarks.extend(moved.remarks)
-        information, stretches = motion_rows(moved.samples, feasible_set, moved.motions, weights=weights, count=folds)
+        samples, motions = motions_of_logs(reader, logs, model, controller)
+        information, stretches = motion_rows(samples, feasible_set, motions, weights=weights, count=folds)
     if information is not measured:
         rotors = None  # whose fits are of other rows
         _require_excitation(information, model, "rows of the estimator")
@@ -278,7 +278,7 @@ def identify(
         held_out = plausible.held_out_error
     else:
         if prefer == "auto" and not own_prior:
-            prefer = "cad" if _has_cad(model) else "lightest"
+            prefer = "cad" if describes_masses(model) else "lightest"
         options = {"weights": weights, "prefer": prefer, "residual_slack": residual_slack}
         estimate = estimate_with(estimator, information, feasible_set, **options)
         say("how well it predicts stretches that are left out")
@@ -314,8 +314,7 @@ def identify(
     # Rows that an estimator made have other sums, and the numbers of a robot that changes are those of none.
     if information is measured and prediction.word != "wrong" and not read.changes:
         left = [one.trace.residuals for one in predictions]
-        own, drawn = [log.information for log in read.logs], [log.drawn for log in read.logs]
-        late = late_logs(reader, logs, information, own, drawn, left, unconstrained)
+        late = late_logs(reader, logs, read.logs, information, left, unconstrained)
     table = None
     if estimate.parameters is not None:
         standstill = None
@@ -451,11 +450,6 @@ def _held_out(stretches: Sequence[Information], estimate: Callable[[Information]
         return None
     counts = np.sum([[factor.count for factor in one.measured] for one in stretches], axis=0)
     return np.asarray(np.sqrt(squares / np.maximum(counts, 1)))
-
-
-def _has_cad(model: Model) -> bool:
-    parameters = np.asarray(model.robot.parameters)
-    return all(parameters[columns[9]] > 0.0 for columns in model.link_columns)
 
 
 def _dear(unconstrained: Estimate, estimate: Estimate) -> tuple[str, ...]:

@@ -22,7 +22,7 @@ from steelyard.robot import RobotFile
 from .given import GivenLog, GivenSamples
 from .log_reader import LogReader
 
-__all__ = ["ControllerSettings", "MotionsOfLogs", "motions_of_logs"]
+__all__ = ["ControllerSettings", "motions_of_logs"]
 
 Array = NDArray[np.float64]
 
@@ -137,31 +137,15 @@ class ControllerSettings(TomlSection):
         return settings
 
 
-@dataclass(frozen=True, eq=False)
-class MotionsOfLogs:
-    """The samples of each log, and what makes its motion without noise.
-
-    Attributes
-    ----------
-    samples : list of Samples
-    motions : list of Samples or ClosedLoop
-    remarks : tuple of str
-    """
-
-    samples: list[Samples]
-    motions: list[Samples | ClosedLoop]
-    remarks: tuple[str, ...]
-
-
 def motions_of_logs(
     reader: LogReader, logs: Sequence[GivenLog], model: Model, settings: ControllerSettings
-) -> MotionsOfLogs:
-    """Read logs whole, with their references.
+) -> tuple[list[Samples], list[Samples | ClosedLoop]]:
+    """Read logs whole, and return the samples of each and what makes its motion without noise, of which a remark tells.
 
     Parameters
     ----------
     reader : LogReader
-        With the processing that was decided.
+        With the processing that was decided; it is told the remark.
     logs : sequence of logs
     model : Model
     settings : ControllerSettings
@@ -194,9 +178,8 @@ def motions_of_logs(
         )
     else:
         told = "the reference, which the robot is taken to follow, since [controller] states no gains"
-    return MotionsOfLogs(
-        [one for one, _ in found], [two for _, two in found], (f"The motion without noise is {told}.",)
-    )
+    reader.remarks.append(f"The motion without noise is {told}.")
+    return [samples for samples, _ in found], [motion for _, motion in found]
 
 
 def _motion_of_log(
@@ -217,13 +200,13 @@ def _motion_of_log(
             wanted = _whole(Recording.read(log, columns, robot), processing, log)
         except InputError as error:
             raise InputError(f"{error} These are the columns that `reference` in [controller] names.") from None
-    # Nothing in a simulation is late, clipped or stuck.
-    alike = replace(processing, delay=0.0, saturation=False, stiction=False, repeated=False, velocity="derive")
     threshold: Any = (
         processing.velocity_threshold if settings.velocity_threshold is None else settings.velocity_threshold
     )
     threshold = 0.0 if threshold is None or isinstance(threshold, str) else threshold
-    alike = replace(alike, velocity_threshold=None)
+    # Nothing in a simulation is late, clipped or stuck.
+    sound: dict[str, Any] = {"delay": 0.0, "saturation": False, "stiction": False, "repeated": False}
+    alike = replace(processing, **sound, velocity="derive", velocity_threshold=None)
 
     def process(recording: Recording) -> Samples:
         return recording.process(alike, model)

@@ -20,7 +20,7 @@ from steelyard.regression.parameter_covariance import NORMAL, inverse_root_of
 from steelyard.regression.reduction import errors_of
 
 from .given import GivenLog, GivenSamples
-from .log_reader import DrawnLog, LogReader
+from .log_reader import LogReader, ReducedLog
 from .mistakes import Hypothesis
 
 __all__ = ["LateLog", "late_hypotheses", "late_log", "late_logs"]
@@ -67,9 +67,8 @@ class LateLog:
 def late_logs(
     reader: LogReader,
     logs: Sequence[GivenLog],
+    reduced: Sequence[ReducedLog],
     information: Information,
-    own: Sequence[Information],
-    drawn: Sequence[DrawnLog],
     errors: Sequence[Sequence[Array]],
     unconstrained: Estimate,
 ) -> list[LateLog]:
@@ -80,12 +79,10 @@ def late_logs(
     reader : LogReader
         That has read them.
     logs : sequence of GivenLog
+    reduced : sequence of ReducedLog
+        The same, and perhaps others behind them.
     information : Information
         Of all logs together.
-    own : sequence of Information
-        Of each.
-    drawn : sequence of DrawnLog
-        Likewise.
     errors : sequence of sequence of (L, N)
         What is left of the torques in the stretches of each, see `errors_of`.
     unconstrained : Estimate
@@ -94,17 +91,17 @@ def late_logs(
     model, processing, found = reader.model, reader.processing, []
     if isinstance(processing.delay, str):
         return []
-    for log, one, kept, left in zip(logs[:MOST_LOGS], own, drawn, errors, strict=False):
+    for log, one, left in zip(logs[:MOST_LOGS], reduced, errors, strict=False):
         if isinstance(log, GivenSamples) and log.samples.t is None:
             continue
-        stretches = list(zip(kept.windows, left, strict=True))
-        if sum(window.count for window in kept.windows) < min(kept.seen, ENOUGH_ROWS):
+        stretches = list(zip(one.drawn.windows, left, strict=True))
+        if sum(window.count for window in one.drawn.windows) < min(one.drawn.seen, ENOUGH_ROWS):
             try:
                 dense = reader.dense(log, DENSE_ROWS)
             except InputError:  # a stretch by itself, which may be at rest
                 dense = None
             stretches = [] if dense is None else [(dense, errors_of(model, dense, unconstrained.base))]
-        late = late_log(str(log), model, information, one, unconstrained, stretches, processing.cutoff)
+        late = late_log(one.name, model, information, one.information, unconstrained, stretches, processing.cutoff)
         if late is not None:
             found.append(late)
     return found

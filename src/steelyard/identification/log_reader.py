@@ -36,7 +36,7 @@ from steelyard.recording.recognition import Layout
 from steelyard.recording.samples import column_ranges, regrouped
 from steelyard.recording.survey import LogSurvey
 from steelyard.regression import Information
-from steelyard.regression.batch_means import BatchMeans, BatchMeansTree, BatchSums
+from steelyard.regression.batch_means import BatchMeans, BatchMeansTree
 from steelyard.regression.factor import solve
 from steelyard.regression.reduction import FEWEST_EXACT, empty_factors, narrowed, reduce_by_joint, residuals
 from steelyard.regression.time_blocks import FOLDS, MOST, TimeBlocks
@@ -279,43 +279,6 @@ class LogReader:
         self.remarks.extend(f"{remark}{others}" for remark in decision.remarks)
         if decision.cutoff_choice is not None:
             self.cutoff_choices.append(("all logs", decision.cutoff_choice))
-
-    def reduce(
-        self,
-        log: GivenLog,
-        points: int,
-        sums: BatchSums | None = None,
-        blocks: TimeBlocks | None = None,
-        model: Model | None = None,
-        drawn: DrawnRows | None = None,
-    ) -> tuple[Information, ThinnedSamples]:
-        """Reduce one log, and keep a copy of its samples, thinned to so many or twice as many points.
-
-        Parameters
-        ----------
-        log : str, Path, LogFile or GivenSamples
-        points : int
-        sums : BatchSums, optional
-            Receives the sums of batches. They are kept for all the logs together: they are nine tenths of an
-            Information.
-        blocks : TimeBlocks, optional
-            Receives the stretches of the log.
-        model : Model, optional
-            In whose base parameters the log is reduced, in place of that of the reader. Where torques are filtered its
-            regressor is, too.
-        drawn : DrawnRows, optional
-            Receives the rows, too.
-        """
-        model = self.model if model is None else model
-        thinned = ThinnedSamples(points)
-        own = None if blocks is None else TimeBlocks(empty_factors(model))
-        keep: list[ThinnedSamples | DrawnRows] = [thinned] if drawn is None else [drawn, thinned]
-        information = _information_of(self._watched(log, model), model, keep, sums, own)
-        if drawn is not None:
-            drawn.finish()
-        if blocks is not None and own is not None:
-            blocks.append(own)
-        return information, thinned
 
     def reduced(self, task: LogTask, model: Model) -> ReducedLog:
         """Reduce a log by itself, with its batch means; nothing is noted in this reader until it is told of it.
@@ -607,39 +570,22 @@ def _kept_of(
     lead: int = chunks.LEAD,
 ) -> _Kept:
     """Reduce the `total` samples, or more, of one of so many sections of a log, and thin them on the way."""
-    empty = empty_factors(model)
     drawn = DrawnRows(model, max(task.rows // sections, 1), total)
-    sums = BatchSums(empty)
     # Of many logs one may be longer than all the others, and is then to be cut into folds by itself.
     most = max(-(-MOST // (task.logs * sections)), FOLDS if sections == 1 else 1)
-    blocks = TimeBlocks(empty, most) if task.fitted else None
-    information = _information_of(stream, model, [drawn, thinned], sums, blocks, exact, lead)
-    # Of a log that is only predicted the shortest batches do, which tell its white noise.
-    information = replace(information, batch_means=sums.factors()[: None if task.fitted else 1])
-    drawn.finish()
-    return _Kept(information, () if blocks is None else blocks.held, drawn.kept)
-
-
-def _information_of(
-    stream: Iterable[Samples],
-    model: Model,
-    keep: Sequence[ThinnedSamples | DrawnRows],
-    sums: BatchSums | None,
-    blocks: TimeBlocks | None,
-    exact: int | None = None,
-    lead: int = chunks.LEAD,
-) -> Information:
-    """Reduce samples while those that follow are read and kept; see `Information.from_chunks`."""
+    blocks = TimeBlocks(empty_factors(model), most) if task.fitted else None
 
     def watched() -> Iterator[Samples]:
         for samples in stream:
-            for one in keep:
-                one.add(samples)
+            drawn.add(samples)
+            thinned.add(samples)
             yield samples
 
-    return Information.from_chunks(
-        model, ahead(watched(), lead), batch_means=False, sums=sums, blocks=blocks, exact=exact
-    )
+    information = Information.from_chunks(model, ahead(watched(), lead), blocks=blocks, exact=exact)
+    drawn.finish()
+    if not task.fitted:  # of a log that is only predicted the shortest batches do, which tell its white noise
+        information = replace(information, batch_means=information.batch_means[:1])
+    return _Kept(information, () if blocks is None else blocks.held, drawn.kept)
 
 
 @dataclass(frozen=True)

@@ -19,14 +19,13 @@ from steelyard.estimators.payload_estimate import KnownRobot, PayloadEstimate, e
 from steelyard.feasibility.constraints.toml_section import read_placement
 from steelyard.files import TomlTable, suggestion, write_json
 from steelyard.regression import Estimate, Information, least_squares
-from steelyard.regression.batch_means import BatchSums
-from steelyard.regression.reduction import empty_factors
+from steelyard.regression.batch_means import BatchMeansTree
 from steelyard.robot import RobotFile
 from steelyard.robot.inertia import inertia_tensor
 
 from .default_terms import model_of_estimate
 from .given import given_constraints
-from .log_reader import LogReader
+from .log_reader import LogReader, LogTask, one_by_one
 from .reduced_logs import copies_among, told_by_rows
 from .saved import matching_estimate
 
@@ -501,12 +500,14 @@ class _Logs:
 
     def _reduced(self, logs: Sequence[str], role: str) -> Information | None:
         """Reduce the logs of one kind together."""
-        sums = BatchSums(empty_factors(self.model))
-        parts = []
-        for log in logs:
-            self.say(f"reading {log}")
-            parts.append(self.reader.reduce(log, _POINTS, sums)[0])
-            other, before = self._names.setdefault(told_by_rows(parts[-1]), (log, role))
+        parts, means = [], BatchMeansTree()
+        tasks = [LogTask(log, _POINTS, _POINTS, len(logs), True) for log in logs]
+        for (one,), own_means in one_by_one(self.reader, tasks, self.model, self.say):
+            self.reader.note(one)
+            means.add(own_means)
+            parts.append(one.information)
+            log = one.name
+            other, before = self._names.setdefault(told_by_rows(one.information), (log, role))
             if before != role:
                 named = log if log == other else f"{other} and {log}"
                 raise InputError(
@@ -515,7 +516,7 @@ class _Logs:
                 )
         given = [(log, "identification", part) for log, part in zip(logs, parts, strict=True)]
         self.reader.remarks.extend(copies_among(given).values())
-        return replace(Information.total(parts), batch_means=sums.factors()) if parts else None
+        return replace(Information.total(parts), batch_means=means.total()) if parts else None
 
     @property
     def unloaded(self) -> Information | None:

@@ -16,16 +16,14 @@ from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError
 from steelyard.estimators.marginal_likelihood import body_priors
 from steelyard.files import listed, write_json
-from steelyard.recording import Samples
 from steelyard.regression import Information
-from steelyard.regression.batch_means import BATCH_LENGTHS, BatchSums
-from steelyard.regression.reduction import empty_factors
+from steelyard.regression.batch_means import BATCH_LENGTHS, BatchMeansTree
 from steelyard.robot import RobotFile
 
 from .default_terms import model_of_estimate
 from .doubts import mistakes_in_logs
 from .given import Data, GivenLog, GivenRobot, given_constraints, given_logs, given_robot
-from .log_reader import DrawnLog, DrawnRows, LogReader, Progress
+from .log_reader import LogReader, LogTask, Progress, ReducedLog, one_by_one
 from .mistakes import sentence
 from .prediction_verdict import (
     FEWEST_BATCHES,
@@ -216,47 +214,45 @@ def validate_estimate(
     model = model_of_estimate(result.estimate, file, model)
     loaded = matching_estimate(model, result.path)
     read = read_as_fitted(file, model, result, given, chunk_rows, progress)
-    parts, remarks = read.parts, [*read.remarks]
-    whole = total(parts)
-    longest = max(factor.count for factor in whole.factors)
+    remarks = [*read.remarks]
+    longest = max(factor.count for factor in read.information.factors)
     if longest < FEWEST_ROWS:
         raise InputError(
             f"{', '.join(map(str, given))}: {longest} rows of a joint are left, too few to judge a prediction, since "
             f"filters spoil the ends; give logs of {FEWEST_ROWS} rows or more."
         )
     verdict = prediction_verdict(
-        whole,
+        read.information,
         loaded.base,
-        validation=parts,
+        validation=[log.information for log in read.logs],
         fit_error=loaded.relative_error,
         joint_fit_error=loaded.joint_relative_error,
         units=model.robot.torque_units,
         few_rows=[
             few
-            for log, part, drawn in zip(given, parts, read.drawn, strict=True)
-            for few in few_rows_of(str(log), "validation", part, model, loaded.base, drawn)
+            for log in read.logs
+            for few in few_rows_of(log.name, log.role, log.information, model, loaded.base, log.drawn)
         ],
     )
     each = []
-    for log, part in zip(given, parts, strict=True):
-        by_joint = part.has_joint_errors
-        none = np.zeros(0)
+    for log in read.logs:
+        rows, none = log.information, np.zeros(0)
         each.append(
             LogError(
-                str(log),
-                part.count,
-                part.relative_error(loaded.base),
-                part.joint_relative_error(loaded.base) if by_joint else none,
-                part.joint_rms_error(loaded.base) if by_joint else none,
+                log.name,
+                rows.count,
+                rows.relative_error(loaded.base),
+                rows.joint_relative_error(loaded.base) if rows.has_joint_errors else none,
+                rows.joint_rms_error(loaded.base) if rows.has_joint_errors else none,
             )
         )
     if verdict.word in ("poor", "wrong"):
         priors = body_priors(model, given_constraints(file))
         errors = {log.name: float(np.max(log.joint_relative_error, initial=log.relative_error)) for log in each}
         say = progress or (lambda _: None)
-        by_name = {str(log): log for log in given}
-        mistakes = mistakes_in_logs(read.reader, file, priors, by_name, read.samples, errors, say)
-        remarks.extend(f"{log}: {sentence(found)}" for log, found in mistakes.items())
+        by_name, samples = {str(log): log for log in given}, {log.name: log.samples for log in read.logs}
+        mistakes = mistakes_in_logs(read.reader, file, priors, by_name, samples, errors, say)
+        remarks.extend(f"{name}: {sentence(found)}" for name, found in mistakes.items())
     return Validation(
         model.robot.name,
         str(estimate),
@@ -269,11 +265,6 @@ def validate_estimate(
     )
 
 
-def total(parts: Sequence[Information]) -> Information:
-    """All of them together, with the batch means that the last of them holds for all."""
-    return replace(Information.total(parts), batch_means=parts[-1].batch_means)
-
-
 @dataclass(frozen=True, eq=False)
 class FittedLogs:
     """Logs that were processed as those of a saved estimate were.
@@ -282,12 +273,10 @@ class FittedLogs:
     ----------
     reader : LogReader
         That read them.
-    parts : list of Information
-        Of each log; the last holds the batch means of all.
-    samples : dict from str to Samples
-        Of each log, thinned out.
-    drawn : tuple of DrawnLog
-        Rows of each log at which errors are large, and stretches of neighbouring ones.
+    logs : tuple of ReducedLog
+        Without their batch means.
+    information : Information
+        Of all of them together, with the batch means of all.
     remarks : tuple of str
         On the logs, and on how they were processed.
     seen : tuple of str
@@ -295,9 +284,8 @@ class FittedLogs:
     """
 
     reader: LogReader
-    parts: list[Information]
-    samples: dict[str, Samples]
-    drawn: tuple[DrawnLog, ...]
+    logs: tuple[ReducedLog, ...]
+    information: Information
     remarks: tuple[str, ...]
     seen: tuple[str, ...]
 
@@ -336,19 +324,18 @@ def read_as_fitted(
 
             logs = links_of_logs(file, model, result.estimate, logs, used)
     reader.decide(logs, say)
-    sums = BatchSums(empty_factors(model))
-    parts, samples, drawn = [], {}, []
-    for log in logs:
-        say(f"reading {log}")
-        rows = DrawnRows(model, DRAWN_ROWS)
-        information, thinned = reader.reduce(log, _POINTS, sums, drawn=rows)
-        if information.count == 0:
+    reduced, means = [], BatchMeansTree()
+    for (one,), _ in one_by_one(
+        reader, [LogTask(log, _POINTS, DRAWN_ROWS, len(logs), False) for log in logs], model, say
+    ):
+        reader.note(one)
+        if one.information.count == 0:
             raise InputError(
-                f"{log}: no rows are left after processing, so that nothing can be predicted; give a longer log, trim "
-                "less or lower velocity_threshold."
+                f"{one.name}: no rows are left after processing, so that nothing can be predicted; give a longer log, "
+                "trim less or lower velocity_threshold."
             )
-        parts.append(information)
-        samples[str(log)] = thinned.samples
-        drawn.append(rows.kept)
-    parts[-1] = replace(parts[-1], batch_means=sums.factors())
-    return FittedLogs(reader, parts, samples, tuple(drawn), (*remarks, *reader.remarks), seen)
+        means.add(one.information.batch_means)
+        reduced.append(replace(one, information=replace(one.information, batch_means=())))
+    information = Information.total([one.information for one in reduced])
+    information = replace(information, batch_means=means.total())
+    return FittedLogs(reader, tuple(reduced), information, (*remarks, *reader.remarks), seen)

@@ -136,8 +136,7 @@ def wam_model() -> Model:
 
 def true_parameters() -> Array:
     """Return the 119 parameters of the simulated arm: its bodies, and friction of the order of table 4.9."""
-    bodies = (Inertia.from_com(mass, com, inertia_tensor(elements)) for mass, com, elements in _BODIES)
-    return np.concatenate([[*body.parameters, *drive] for body, drive in zip(bodies, _DRIVES, strict=True)])
+    return np.concatenate([[*body.parameters, *drive] for body, drive in zip(_true_bodies(), _DRIVES, strict=True)])
 
 
 def wrong_cad() -> dict[str, Inertia]:
@@ -146,11 +145,11 @@ def wrong_cad() -> dict[str, Inertia]:
     They are off by deviates of 0.3, see `steelyard.identification.examples.deviating`; always the same ones.
     """
     random = np.random.default_rng(CAD_SEED)
-    found = {}
-    for number, (mass, com, elements) in enumerate(_BODIES, start=1):
-        true = Inertia.from_com(mass, com, inertia_tensor(elements))
-        found[f"link{number}"] = deviating(true, CAD_ERROR, random)
-    return found
+    return {f"link{k}": deviating(true, CAD_ERROR, random) for k, true in enumerate(_true_bodies(), start=1)}
+
+
+def _true_bodies() -> list[Inertia]:
+    return [Inertia.from_com(mass, com, inertia_tensor(elements)) for mass, com, elements in _BODIES]
 
 
 def simulated_log(

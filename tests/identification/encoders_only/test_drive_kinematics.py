@@ -64,24 +64,24 @@ def test_a_wrong_ratio_has_a_line_that_mends_it(tmp_path):
     ):
         wrong = {**log, "link1": factor * log["link1"]}
         ((finding,), _) = told(robot_file(tmp_path), wrong)
-        assert finding["kind"] == "gear ratio"
-        assert toml_text(finding["remedy"]).splitlines()[-1] == line
+        assert finding.kind == "gear ratio"
+        assert toml_text(finding.remedy).splitlines()[-1] == line
         assert told(robot_file(tmp_path, line), wrong)[0] == []
     backwards = {**log, "q1": log["link1"], "link1": 1.01 * log["q1"]}
     ((finding,), _) = told(robot_file(tmp_path, 'side = "motor"'), backwards)
-    assert "101:1 where 100:1" in finding["statement"]
-    assert finding["remedy"]["elastic"]["scale"] == [pytest.approx(1 / 1.01, abs=1e-6)]
+    assert "101:1 where 100:1" in finding.statement
+    assert finding.remedy["elastic"]["scale"] == [pytest.approx(1 / 1.01, abs=1e-6)]
 
 
 def test_columns_that_are_missing_or_another_joints_are_told(tmp_path):
     log = sine()
     path = robot_file(tmp_path)
     ((finding,), _) = told(path, {name: values for name, values in log.items() if name != "link1"})
-    assert "no column 'link1'" in finding["statement"]
+    assert "no column 'link1'" in finding.statement
     ((finding,), _) = told(path, {**log, "link1": np.sin(5.1 * log["t"])})
-    assert "does not follow the first" in finding["statement"]
+    assert "does not follow the first" in finding.statement
     ((finding,), _) = told(path, {**log, "link1": log["q1"]})
-    assert "it is a copy, and shows no deflection" in finding["statement"]
+    assert "it is a copy, and shows no deflection" in finding.statement
     _, facts = told(path, {name: values[:100] for name, values in log.items()})
     assert facts["backlash, joint 'joint1'"] == "not told: the log is too short, or the joint rests"
 
@@ -91,10 +91,10 @@ def test_commands_in_another_unit_are_told(tmp_path):
     path = robot_file(tmp_path, '[drive]\ncommand = "target{}"\nkp = 100.0\nkd = 1.0\n')
     assert told(path, {**log, "target1": log["q1"] + log["tau1"] / 100.0})[0] == []
     ((finding,), _) = told(path, {**log, "target1": np.rad2deg(log["q1"])})
-    assert finding["kind"] == "command unit"
-    assert "degrees in the commands" in finding["statement"]
+    assert finding.kind == "command unit"
+    assert "degrees in the commands" in finding.statement
     from_0 = {**log, "target0": np.rad2deg(log["q1"])}
-    assert "its commands target0 are 57.3" in told(path, from_0)[0][0]["statement"]
+    assert "its commands target0 are 57.3" in told(path, from_0)[0][0].statement
     path = robot_file(tmp_path, "[drive]\ncommand = 5\nkp = 100.0\n")
     with pytest.raises(InputError, match="key 'command', is 5; give a list of texts"):
         told(path, log)

@@ -23,7 +23,7 @@ from ..given import Data, GivenRobot, given_logs, given_robot
 from ..log_reader import Progress
 from ..result import Identification
 from ..saved_result import SavedResult
-from .second_encoders import SecondEncoders, TwoEncoders, at_later, own_section, read_two_encoders
+from .second_encoders import TwoEncoders, at_later, own_section, read_two_encoders
 from .transmission_torques import Transmissions, unseen_motions
 
 __all__ = ["Deflections", "LogDeflections", "predict_deflections"]
@@ -228,8 +228,8 @@ def predict_deflections(
     found = []
     for log in given:
         say(f"reading {log}")
-        one = read_two_encoders(log, file, settings, where, model, processing, needs_second=False)
-        found.append(_deflections(transmissions, joints, places, settings, one))
+        one = read_two_encoders(log, file, model, processing, needs_second=False)
+        found.append(_deflections(transmissions, joints, one))
     return Deflections(model.robot.name, tuple(found))
 
 
@@ -248,40 +248,28 @@ def _elastic_joints_of(estimate: Estimate, where: str) -> tuple[JointStiffness, 
     return tuple(JointStiffness.from_dict(one, where) for one in estimate.elastic_joints)
 
 
-def _deflections(
-    transmissions: Transmissions,
-    joints: Sequence[JointStiffness],
-    places: Sequence[int],
-    settings: SecondEncoders,
-    one: TwoEncoders,
-) -> LogDeflections:
+def _deflections(transmissions: Transmissions, joints: Sequence[JointStiffness], one: TwoEncoders) -> LogDeflections:
     """Predict the deflections of a log from its motion, and compare them with what its second encoders say."""
-    t, chosen = one.t, list(places)
-    q, dq, ddq = unseen_motions(one, settings, places, joints, transmissions)[0]
-    torque = transmissions.torques(q, dq, ddq)[:, chosen]
-    for j, (place, joint) in enumerate(zip(places, joints, strict=True)):
+    t = one.t
+    q, dq, ddq = unseen_motions(one, joints, transmissions)[0]
+    torque = transmissions.torques(q, dq, ddq)[:, list(one.places)]
+    for j, (place, joint) in enumerate(zip(one.places, joints, strict=True)):
         torque[:, j] -= transmissions.missing_rotor(place, joint) * ddq[:, place]
     rates = np.gradient(torque, t, axis=0)
     predicted = np.column_stack([joint.deflections(torque[:, j], rates[:, j]) for j, joint in enumerate(joints)])
     error = np.column_stack([torque[:, j] * joint.compliance_standard_error for j, joint in enumerate(joints)])
     measured = delays = None
     if one.second is not None:
-        measured, delays = _measured(one, joints, places, settings, predicted)
+        measured, delays = _measured(one, joints, predicted)
     names = tuple(joint.joint for joint in joints)
     return LogDeflections(one.name, names, t, torque, predicted, error, measured, delays)
 
 
-def _measured(
-    one: TwoEncoders,
-    joints: Sequence[JointStiffness],
-    places: Sequence[int],
-    settings: SecondEncoders,
-    predicted: Array,
-) -> tuple[Array, Array]:
+def _measured(one: TwoEncoders, joints: Sequence[JointStiffness], predicted: Array) -> tuple[Array, Array]:
     """The measured deflections without zero and delay, those of this log, and without the encoder errors of the fit."""
     assert one.second is not None
-    sign, measured, delays = settings.sign, np.zeros_like(predicted), np.zeros(len(joints))
-    for j, (place, joint) in enumerate(zip(places, joints, strict=True)):
+    sign, measured, delays = one.settings.sign, np.zeros_like(predicted), np.zeros(len(joints))
+    for j, (place, joint) in enumerate(zip(one.places, joints, strict=True)):
         first, velocity = one.first.q[:, place], sign * one.second.dq[:, place]
         later = at_later(one.t, one.second.q[:, place], joint.delay)
         shown_one = sign * (first - later) - joint.encoder_error(first, velocity)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -14,7 +13,7 @@ from ..given import Data, GivenSamples, given_logs
 from ..log_reader import LogReader, Progress
 from ..result import Identification
 from .elastic_joints import Identify, identified_with_motions, link_motion, motor_motion, with_elastic_joints
-from .second_encoders import SecondEncoders, TwoEncoders, own_section
+from .second_encoders import TwoEncoders
 from .transmission_torques import Transmissions, unseen_motions
 
 __all__ = ["with_chosen_friction"]
@@ -42,9 +41,9 @@ def with_chosen_friction(
     """
     say = progress or (lambda _: None)
     first, motions = identified_with_motions(identify, file, data, validate, progress=progress, **options)
-    model, settings = first.model, own_section(file)[0]
+    model = first.model
     samples = [
-        GivenSamples(_at_motors(one, settings, first, number), str(log))
+        GivenSamples(_at_motors(one, first, number), str(log))
         for number, (log, one) in enumerate(zip(given_logs(data, None)[0], motions, strict=True))
     ]
     reader = LogReader(file, model, options.get("chunk_rows", 200_000))
@@ -64,19 +63,16 @@ def with_chosen_friction(
     )
 
 
-def _at_motors(one: TwoEncoders, settings: SecondEncoders, result: Identification, log: int) -> Samples:
+def _at_motors(one: TwoEncoders, result: Identification, log: int) -> Samples:
     """Samples with the motion of the motors; what links ask for by a motion of their own is moved to the torque."""
-    model, joints, measured = result.model, result.elastic_joints, one.first
-    places: Sequence[int] = settings.indices(model.robot.joint_names)
-    motors = motor_motion(one, settings, places)
+    joints, measured = result.elastic_joints, one.first
+    motors = motor_motion(one)
     torque = measured.torque
     if result.elastic_model is not None and result.elastic_model.link_motion:
         transmissions = Transmissions.of(result)
-        if one.second is None:
-            links = unseen_motions(one, settings, places, joints, transmissions)[0]
-        else:
-            links = link_motion(one, settings, places, joints, log)
+        seen = one.second is not None
+        links = link_motion(one, joints, log) if seen else unseen_motions(one, joints, transmissions)[0]
         torque = torque + transmissions.torques(*motors) - transmissions.torques(*links)
-        for place, joint in zip(places, joints, strict=True):  # of which the links of the fit hold a part
+        for place, joint in zip(one.places, joints, strict=True):  # of which the links of the fit hold a part
             torque[:, place] -= transmissions.missing_rotor(place, joint) * (motors[2] - links[2])[:, place]
     return Samples(*motors, torque=torque, mask=measured.mask, t=measured.t, channels=measured.channels)

@@ -25,7 +25,7 @@ from steelyard.recording import Processing, Samples
 from steelyard.regression import Estimate
 from steelyard.robot import Joint, RobotFile
 
-from ..given import Data, GivenLog, GivenSamples, given_logs
+from ..given import Data, GivenLog, GivenSamples, describes_masses, given_logs
 from ..log_reader import Progress
 from ..result import Identification
 from .elastic_model import elastic_model
@@ -135,9 +135,7 @@ def identified_with_motions(
     say("reading the second encoders" if own else "reading the motions again")
     decided: Any = result.options["decided"]
     processing = Processing.from_dict({**file.section("processing"), **decided})
-    read_by_both = partial(
-        read_two_encoders, file=file, settings=settings, where=where, model=model, processing=processing
-    )
+    read_by_both = partial(read_two_encoders, file=file, model=model, processing=processing)
     read = [read_by_both(log, needs_second=bool(own)) for log in logs]
     held: list[TwoEncoders] = []
 
@@ -147,9 +145,9 @@ def identified_with_motions(
         transmissions = Transmissions.of(result)
         if not held:
             held.extend(read_by_both(log, needs_second=False) for log in validation)
-        unseen = [unseen_motions(one, settings, places, joints, transmissions)[0] for one in held]
+        unseen = [unseen_motions(one, joints, transmissions)[0] for one in held]
         samples = [
-            _samples_of(one, settings, places, joints, motion, transmissions)
+            _samples_of(one, joints, motion, transmissions)
             for one, motion in zip((*read, *held), (*motions, *unseen), strict=True)
         ]
         return _again(identify, rigid, result, samples, len(read), progress, options)
@@ -160,18 +158,18 @@ def identified_with_motions(
         moved = all(joint.verdict == "measured" for joint in joints)
         if moved:
             transmissions = Transmissions.of(result)
-            result = anew(joints, [unseen_motions(one, settings, places, joints, transmissions)[0] for one in read])
+            result = anew(joints, [unseen_motions(one, joints, transmissions)[0] for one in read])
             joints = _by_one_encoder(settings, places, result, read)
         return _with(result, settings, joints, [], link_motion=moved), read
-    motions = [(one.first.q, one.first.dq, one.first.ddq) for one in read]
+    motions = [one.motion for one in read]
     joints = ()
     remarks: list[str] = []
     for round_number in range(_ROUNDS):
         say("stiffness of the joints")
-        joints = _stiffnesses(settings, places, result, read, motions)
-        if round_number == _ROUNDS - 1 or not (round_number or _matters(joints, places, settings, result, read)):
+        joints = _stiffnesses(settings, result, read, motions)
+        if round_number == _ROUNDS - 1 or not (round_number or _matters(joints, result, read)):
             break
-        motions = [link_motion(one, settings, places, joints, k) for k, one in enumerate(read)]
+        motions = [link_motion(one, joints, k) for k, one in enumerate(read)]
         result = anew(joints, motions)
         if not remarks:
             remarks.append(
@@ -266,7 +264,7 @@ def _by_one_encoder(
         return transmissions.drive_torques(q, dq, ddq) + beyond * ddq
 
     found = estimate_compliances(model, [one.first for one in read], links, drives, places)
-    torques = np.concatenate([links(one.first.q, one.first.dq, one.first.ddq) for one in read])
+    torques = np.concatenate([links(*one.motion) for one in read])
     joints = []
     for order, place in enumerate(places):
         compliance, error = float(found.values[order]), float(found.standard_error[order])
@@ -328,49 +326,40 @@ def _told(joints: Sequence[JointStiffness]) -> list[str]:
     return found
 
 
-def motor_motion(one: TwoEncoders, settings: SecondEncoders, places: Sequence[int]) -> Motion:
+def motor_motion(one: TwoEncoders) -> Motion:
     """The motion of the motors, on the joint side."""
-    motion = [np.array(one.first.q), np.array(one.first.dq), np.array(one.first.ddq)]
-    if settings.side == "motor" and one.second is not None:
-        for values, other in zip(motion, (one.second.q, one.second.dq, one.second.ddq), strict=True):
+    q, dq, ddq = map(np.array, one.motion)
+    if one.settings.side == "motor" and one.second is not None:
+        places = list(one.places)
+        for values, other in ((q, one.second.q), (dq, one.second.dq), (ddq, one.second.ddq)):
             values[:, places] = other[:, places]
-    return motion[0], motion[1], motion[2]
+    return q, dq, ddq
 
 
-def link_motion(
-    one: TwoEncoders, settings: SecondEncoders, places: Sequence[int], joints: Sequence[JointStiffness], log: int
-) -> Motion:
+def link_motion(one: TwoEncoders, joints: Sequence[JointStiffness], log: int) -> Motion:
     """The motion of the links as measured: on the link side, its delay and zero taken out."""
-    motion = [np.array(one.first.q), np.array(one.first.dq), np.array(one.first.ddq)]
-    if settings.side == "motor" or one.second is None:
-        return motion[0], motion[1], motion[2]
-    for place, joint in zip(places, joints, strict=True):
-        zero = joint.zeros[log] if log < len(joint.zeros) else 0.0
-        second = (one.second.q + zero, one.second.dq, one.second.ddq)
-        for values, other in zip(motion, second, strict=True):
-            values[:, place] = at_later(one.t, other[:, place], joint.delay)
-    return motion[0], motion[1], motion[2]
+    q, dq, ddq = map(np.array, one.motion)
+    if one.settings.side == "link" and one.second is not None:
+        for place, joint in zip(one.places, joints, strict=True):
+            zero = joint.zeros[log] if log < len(joint.zeros) else 0.0
+            for values, other in ((q, one.second.q + zero), (dq, one.second.dq), (ddq, one.second.ddq)):
+                values[:, place] = at_later(one.t, other[:, place], joint.delay)
+    return q, dq, ddq
 
 
 def _samples_of(
-    one: TwoEncoders,
-    settings: SecondEncoders,
-    places: Sequence[int],
-    joints: Sequence[JointStiffness],
-    motion: Motion,
-    transmissions: Transmissions,
+    one: TwoEncoders, joints: Sequence[JointStiffness], motion: Motion, transmissions: Transmissions
 ) -> Samples:
     """Samples with the motion of the links; what the motors do beside them is moved to the torque."""
-    if settings.side == "motor" and one.second is None:
-        motor = unseen_motions(one, settings, places, joints, transmissions)[1]
+    if one.settings.side == "motor" and one.second is None:
+        motor = unseen_motions(one, joints, transmissions)[1]
     else:
-        motor = motor_motion(one, settings, places)
-    logged = one.first.channels
-    beside = transmissions.drive_torques(*motor, logged) - transmissions.drive_torques(*motion, logged)
-    for place, joint in zip(places, joints, strict=True):
+        motor = motor_motion(one)
+    measured, channels = one.first, one.first.channels
+    beside = transmissions.drive_torques(*motor, channels) - transmissions.drive_torques(*motion, channels)
+    for place, joint in zip(one.places, joints, strict=True):
         beside[:, place] += transmissions.missing_rotor(place, joint) * (motor[2] - motion[2])[:, place]
-    torque, measured = one.first.torque - beside, one.first
-    return Samples(*motion, torque=torque, mask=measured.mask, t=measured.t, channels=measured.channels)
+    return Samples(*motion, torque=measured.torque - beside, mask=measured.mask, t=measured.t, channels=channels)
 
 
 def links_of_logs(
@@ -392,46 +381,39 @@ def links_of_logs(
     processing : Processing or None
         That of the fit.
     """
-    settings, where = own_section(file)
-    joints = [JointStiffness.from_dict(one, where) for one in estimate.elastic_joints]
-    places = settings.indices(list(model.robot.joint_names), where)
+    joints = [JointStiffness.from_dict(one, own_section(file)[1]) for one in estimate.elastic_joints]
     transmissions = Transmissions(model, np.asarray(estimate.parameters))
     found: list[GivenLog] = []
     for log in logs:
         if isinstance(log, GivenSamples):
             found.append(log)
             continue
-        one = read_two_encoders(log, file, settings, where, model, processing, needs_second=False)
-        motion = unseen_motions(one, settings, places, joints, transmissions)[0]
-        found.append(GivenSamples(_samples_of(one, settings, places, joints, motion, transmissions), str(log)))
+        one = read_two_encoders(log, file, model, processing, needs_second=False)
+        motion = unseen_motions(one, joints, transmissions)[0]
+        found.append(GivenSamples(_samples_of(one, joints, motion, transmissions), str(log)))
     return found
 
 
 def _stiffnesses(
-    settings: SecondEncoders,
-    places: Sequence[int],
-    result: Identification,
-    read: Sequence[TwoEncoders],
-    motions: Sequence[Motion],
+    settings: SecondEncoders, result: Identification, read: Sequence[TwoEncoders], motions: Sequence[Motion]
 ) -> tuple[JointStiffness, ...]:
     transmissions = Transmissions.of(result)
     torques = [transmissions.torques(*motion) for motion in motions]
     return tuple(
-        _stiffness(settings, order, place, transmissions, read, motions, torques) for order, place in enumerate(places)
+        _stiffness(settings, order, transmissions, read, motions, torques) for order in range(len(settings.joints))
     )
 
 
 def _stiffness(
     settings: SecondEncoders,
     order: int,
-    place: int,
     transmissions: Transmissions,
     read: Sequence[TwoEncoders],
     motions: Sequence[Motion],
     torques: Sequence[Array],
 ) -> JointStiffness:
     """Estimate one joint, with the second encoder moved by its delay until none is left."""
-    robot, sign = transmissions.model.robot, settings.sign
+    robot, place = transmissions.model.robot, read[0].places[order]
     name = robot.joint_names[place]
     joint = robot.joints[robot.driving_joints[place]]
     own_inertia = transmissions.rotor(place)
@@ -439,12 +421,12 @@ def _stiffness(
     given = transmissions.rotors[place] < 0 or known is not None or transmissions.tells_rotor(place)
     inertia = own_inertia if known is None else known
     delay = 0.0 if settings.delay == "automatic" else float(settings.delay[order])
-    scale_error = _scale_error(place, transmissions, read, motions, torques, settings, given, own_inertia - inertia)
+    scale_error = _scale_error(place, transmissions, read, motions, torques, given, own_inertia - inertia)
     found: JointStiffness | None = None
     for _ in range(3):
         parts = []
         for log, (one, motion, torque) in enumerate(zip(read, motions, torques, strict=True)):
-            parts.append(_rows(one, motion, torque, place, delay, own_inertia - inertia, sign, log))
+            parts.append(_rows(one, motion, torque, place, delay, own_inertia - inertia, log))
         rows = _joined(parts)
         found = estimate_joint_stiffness(
             name,
@@ -485,14 +467,13 @@ def _scale_error(
     read: Sequence[TwoEncoders],
     motions: Sequence[Motion],
     torques: Sequence[Array],
-    settings: SecondEncoders,
     given: bool,
     inertia_change: float,
 ) -> float:
     """How well the scale of what a transmission carries is known, from the torques of its motor and the description."""
     columns = []
     for log, (one, motion, torque) in enumerate(zip(read, motions, torques, strict=True)):
-        motor = motor_motion(one, settings, [place])
+        motor = motor_motion(replace(one, places=(place,)))
         drives = transmissions.drive_torques(*motor, one.first.channels)[:, place]
         used = np.ones(one.first.count, dtype=bool) if one.first.mask is None else one.first.mask[:, place]
         change = inertia_change * motion[2][:, place]
@@ -500,12 +481,13 @@ def _scale_error(
         rows = (links, rest, motor[1][:, place], motor[2][:, place], np.full(one.first.count, float(log)))
         columns.append(np.column_stack(rows)[used])
     links, rest, speed, acceleration, log_of = np.concatenate(columns).T
+    is_described = describes_masses(transmissions.model)
     if len(links) < 100:
-        return _DESCRIBED_SCALE if transmissions.is_described else np.inf
+        return _DESCRIBED_SCALE if is_described else np.inf
     scale, found = torque_scale(links, rest, speed, None if given else acceleration, log_of.astype(np.intp))
     # What the scale is off by more than its noise explains: a prior has drawn the parameters of the links that far.
     drawn = np.sqrt(max((scale - 1.0) ** 2 - found**2, 0.0)) if np.isfinite(found) else 0.0
-    if transmissions.is_described:
+    if is_described:
         found = 1.0 / float(np.hypot(1.0 / max(found, 1e-12), 1.0 / _DESCRIBED_SCALE))
         drawn = min(drawn, _DESCRIBED_SCALE)
     return float(np.hypot(found, drawn))
@@ -518,7 +500,6 @@ def _rows(
     place: int,
     delay: float,
     inertia_change: float,
-    sign: float,
     log: int,
 ) -> DeflectionRows:
     assert one.second is not None
@@ -529,8 +510,8 @@ def _rows(
     end = int(np.ceil(abs(delay) / max(float(np.median(np.diff(t))), 1e-12))) + 1
     kept = slice(end, len(t) - end)
     return DeflectionRows(
-        deflection=(sign * (one.first.q[:, place] - second))[kept],
-        velocity=(sign * one.second.dq[:, place])[kept],
+        deflection=(one.settings.sign * (one.first.q[:, place] - second))[kept],
+        velocity=(one.settings.sign * one.second.dq[:, place])[kept],
         acceleration=acceleration[kept],
         position=motion[0][kept, place],
         torque=torque[kept],
@@ -546,21 +527,14 @@ def _joined(parts: Sequence[DeflectionRows]) -> DeflectionRows:
     return DeflectionRows(*(all_of(item.name) for item in fields(DeflectionRows)))
 
 
-def _matters(
-    joints: Sequence[JointStiffness],
-    places: Sequence[int],
-    settings: SecondEncoders,
-    result: Identification,
-    read: Sequence[TwoEncoders],
-) -> bool:
+def _matters(joints: Sequence[JointStiffness], result: Identification, read: Sequence[TwoEncoders]) -> bool:
     """Whether torques of the motions that the two sides have differ from those of one motion by more than noise."""
     transmissions = Transmissions.of(result)
     noise = result.information.joint_rms_error(np.asarray(result.estimate.base))
     for one in read:
-        seen = one.first.q, one.first.dq, one.first.ddq
-        links, motors = unseen_motions(one, settings, places, joints, transmissions)
-        change = transmissions.torques(*links) - transmissions.torques(*seen)
-        change += transmissions.drive_torques(*motors) - transmissions.drive_torques(*seen)
+        links, motors = unseen_motions(one, joints, transmissions)
+        change = transmissions.torques(*links) - transmissions.torques(*one.motion)
+        change += transmissions.drive_torques(*motors) - transmissions.drive_torques(*one.motion)
         if np.any(np.sqrt(np.mean(change**2, axis=0)) > _NEGLIGIBLE * noise):
             return True
     return False

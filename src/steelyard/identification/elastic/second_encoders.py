@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from steelyard.dynamics import Model
 from steelyard.errors import InputError
+from steelyard.estimators.joint_stiffness import Motion
 from steelyard.files import TomlSection, shown, suggestion
 from steelyard.recording import LogColumns, Processing, Recording, Samples, decide
 from steelyard.recording.columns import POSITION_UNITS
@@ -190,11 +191,30 @@ def own_section(file: RobotFile) -> tuple[SecondEncoders, str]:
 
 @dataclass(frozen=True, eq=False)
 class TwoEncoders:
-    """One log: the motion by its first encoders, and by its second ones, processed alike."""
+    """One log: the motion by its first encoders, and by its second ones, processed alike.
+
+    Attributes
+    ----------
+    name : str
+    first : Samples
+    second : Samples or None
+        None where the log has no second encoders.
+    settings : SecondEncoders
+        What [elastic] says of them.
+    places : tuple of int
+        The elastic joints among those of the robot.
+    """
 
     name: str
     first: Samples
     second: Samples | None
+    settings: SecondEncoders
+    places: tuple[int, ...]
+
+    @property
+    def motion(self) -> Motion:
+        """That of all joints by the first encoders."""
+        return self.first.q, self.first.dq, self.first.ddq
 
     @property
     def t(self) -> Array:
@@ -204,16 +224,10 @@ class TwoEncoders:
 
 
 def read_two_encoders(
-    log: GivenLog,
-    file: RobotFile,
-    settings: SecondEncoders,
-    where: str,
-    model: Model,
-    processing: Processing | None,
-    *,
-    needs_second: bool = True,
+    log: GivenLog, file: RobotFile, model: Model, processing: Processing | None, *, needs_second: bool = True
 ) -> TwoEncoders:
     """Read a log by its first and by its second encoders, and process both alike."""
+    settings, where = own_section(file)
     names = list(model.robot.joint_names)
     columns = log_columns(file)
     there = names_in(log, columns)
@@ -227,16 +241,16 @@ def read_two_encoders(
     first = recording.process(settled)
     layout = recording.layout
     assert layout is not None
+    places = settings.indices(names, where)
     own = () if settings.position is None and not needs_second else settings.columns(names, where)
     if not needs_second and not set(own) & set(there):
-        return TwoEncoders(str(log), first, None)
+        return TwoEncoders(str(log), first, None, settings, places)
     require_columns(log, there, own, where)
     if layout.has_matrix:
         raise InputError(
             f"{where}: second encoders cannot be read beside a position_matrix, which makes joints of several motors; "
             "log the positions of the joints."
         )
-    places = settings.indices(names, where)
     others = with_positions(columns, layout, dict(zip(places, own, strict=True)), settings.position_unit)
     beside = Recording.read(source, others, joints=model.robot)
     if settings.scale is not None:
@@ -251,7 +265,7 @@ def read_two_encoders(
         )
     for place, column in zip(places, own, strict=True):
         _require_alike(first.q[:, place], second.q[:, place], f'{log}: the second encoder {column} of "{names[place]}"')
-    return TwoEncoders(str(log), first, second)
+    return TwoEncoders(str(log), first, second, settings, places)
 
 
 def with_positions(columns: LogColumns, layout: Layout, own: Mapping[int, str], unit: str | None) -> LogColumns:

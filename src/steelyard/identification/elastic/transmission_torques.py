@@ -12,7 +12,7 @@ from steelyard.dynamics.elastic_robot import motor_symbols
 from steelyard.estimators.joint_stiffness import JointStiffness, Motion, motion_behind
 
 from ..result import Identification
-from .second_encoders import SecondEncoders, TwoEncoders
+from .second_encoders import TwoEncoders
 
 __all__ = ["Transmissions", "unseen_motions"]
 
@@ -60,12 +60,6 @@ class Transmissions:
         place = self.rotors[joint]
         return 0.0 if place < 0 else float(self.parameters[place])
 
-    @property
-    def is_described(self) -> bool:
-        """Whether the description has a mass for every link."""
-        described = np.asarray(self.model.robot.parameters)
-        return all(described[columns[9]] > 0.0 for columns in self.model.link_columns)
-
     def tells_rotor(self, joint: int) -> bool:
         """Return whether torques alone tell the inertia of a joint's rotor from that of the links."""
         base = self.model.base_parameters()
@@ -106,20 +100,16 @@ def _rotors(model: Model) -> NDArray[np.intp]:
 
 
 def unseen_motions(
-    one: TwoEncoders,
-    settings: SecondEncoders,
-    places: Sequence[int],
-    joints: Sequence[JointStiffness],
-    transmissions: Transmissions,
+    one: TwoEncoders, joints: Sequence[JointStiffness], transmissions: Transmissions
 ) -> tuple[Motion, Motion]:
     """The motion of links and of motors in a log by its first encoders, those of the other side by deflections.
 
     What is predicted is the position of the side that the first encoders do not see.
     """
-    motion = one.first.q, one.first.dq, one.first.ddq
+    motion = one.motion
     torque = transmissions.torques(*motion)
-    carried = zip(places, joints, strict=True)
+    carried = zip(one.places, joints, strict=True)
     shape = np.column_stack([joint.deflections(torque[:, place]) for place, joint in carried])
-    if settings.side == "motor":  # the first encoders are those of the links
-        return motion, motion_behind(motion, one.t, places, -shape)
-    return motion_behind(motion, one.t, places, shape), motion
+    if one.settings.side == "motor":  # the first encoders are those of the links
+        return motion, motion_behind(motion, one.t, one.places, -shape)
+    return motion_behind(motion, one.t, one.places, shape), motion

@@ -90,9 +90,8 @@ def choose_drive_terms(
     problem: Callable[[Sequence[frozenset[str]]], Shooting],
     logs: Sequence[PositionLog],
     stated: Sequence[frozenset[str]],
-    candidates: Sequence[str],
-    weights: str = "joint",
-    tell: Callable[[str], None] | None = None,
+    weights: str,
+    say: Callable[[str], None],
 ) -> DriveChoice:
     """Choose terms of drives joint by joint, by blocked validation.
 
@@ -108,12 +107,10 @@ def choose_drive_terms(
     logs : sequence of PositionLog
     stated : sequence of frozenset of str
         What each joint has anyway.
-    candidates : sequence of str
     weights : {"joint", "equal"}
-    tell : callable, optional
+    say : callable
         Is told what is being done.
     """
-    say = tell or (lambda text: None)
     stretches = _stretches(logs)
     counts = _told(logs, stretches)
 
@@ -125,13 +122,13 @@ def choose_drive_terms(
     first, open_joints = errors, np.ones(len(stated), dtype=bool)
     while open_joints.any():
         best, chosen = errors, list(current)
-        for candidate in candidates:
+        for candidate, words in WORDS.items():
             trial = tuple(
                 own | {candidate} if is_open else own for own, is_open in zip(current, open_joints, strict=True)
             )
             if trial == current:
                 continue
-            say(f"friction: leaving out {len(stretches)} stretches in turn, with {WORDS[candidate]}")
+            say(f"friction: leaving out {len(stretches)} stretches in turn, with {words}")
             found = validated(trial)
             for joint in range(len(current)):
                 own = counts[:, joint]

@@ -178,7 +178,7 @@ def identify_from_positions(
         chosen = DriveSettings.from_dict(file.section("drive"), f"{file.path}, [drive]")
     else:
         chosen = settings if isinstance(settings, DriveSettings) else DriveSettings.from_dict(settings)
-    say = progress or (lambda text: None)
+    say = progress or (lambda _: None)
     fitted, held_out, of_units = read_drive_logs(file, chosen, logs, validate)
     if not fitted:
         raise InputError("There is no log; give one with commands and positions.")
@@ -186,20 +186,16 @@ def identify_from_positions(
     for source in descriptions_of_results(body, file.path, chosen)[body.source is not None :]:
         described_alike(body, source)  # before the search, which takes its time
     remarks = remarks_on_settings(file, chosen)
-    stated = [frozenset(chosen.find) & frozenset(FURTHER_TERMS)] * body.dof
+    terms: Sequence[frozenset[str]] = [frozenset(chosen.find) & frozenset(FURTHER_TERMS)] * body.dof
     branches = branches_of(body)
     choice: DriveChoice | None = None
     if friction == "auto":
         choice = choose_drive_terms(
-            lambda terms: _problem(body, branches, chosen, fitted, terms),
-            fitted,
-            stated,
-            FURTHER_TERMS,
-            weights,
-            tell=say,
+            lambda tried: _problem(body, branches, chosen, fitted, tried), fitted, terms, weights, say
         )
+        terms = choice.terms
         remarks += choice.remarks(body)
-    problem = _problem(body, branches, chosen, fitted, stated if choice is None else choice.terms)
+    problem = _problem(body, branches, chosen, fitted, terms)
     found = problem.solve(weights, tell=say)
     drives, encoder = problem.drives(found.values)
     parameters = np.empty(10 * len(body.links))
@@ -225,13 +221,7 @@ def identify_from_positions(
     doubts = unbelievable(body, chosen, fitted, error)
     if is_position and chosen.kp != FIND and above.any() and not doubts:
         say("looking whether other gains explain more")
-        other = _problem(
-            body,
-            branches,
-            replace(chosen, kp=FIND, kd=FIND),
-            fitted,
-            stated if choice is None else choice.terms,
-        )
+        other = _problem(body, branches, replace(chosen, kp=FIND, kd=FIND), fitted, terms)
         doubts = _doubtful_gains(body, replace(other, longest_step=COARSEST_STEP), drives, error, weights, above)
     # A delay that is found makes up for most of what missing commands spoil. Gains that are too small look like them,
     # and are told first.

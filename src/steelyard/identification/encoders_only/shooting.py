@@ -207,16 +207,23 @@ class _Piece:
 
 @dataclass(eq=False)
 class _Grown:
-    """Derivatives of one branch's residuals: by the starts of the logs and by its own unknowns, per log."""
+    """The stretches of a branch, condensed to the starts of the logs and its own m unknowns.
 
+    Attributes
+    ----------
+    alphas, betas : ndarray
+        (K, 2 n) and (K, 2 n, 2 n + m): how the states of all stretches follow the start of their log and the unknowns.
+    residuals, jacobians : list of ndarray
+        Of each log (S, n), and (S, n, 2 n + m) the derivatives of its positions by its start and the unknowns.
+    gaps : float
+        rad, the largest between two stretches.
+    """
+
+    alphas: Array
+    betas: Array
     residuals: list[Array] = field(default_factory=list)
-    by_start: list[Array] = field(default_factory=list)
-    by_unknowns: list[Array] = field(default_factory=list)
+    jacobians: list[Array] = field(default_factory=list)
     gaps: float = 0.0
-
-    def jacobian(self, log: int) -> Array:
-        """(S, n, 2 n + m) derivatives of the positions of a log by its start and the unknowns."""
-        return np.concatenate([self.by_start[log], self.by_unknowns[log]], axis=-1)
 
 
 @dataclass(eq=False)
@@ -281,6 +288,11 @@ class Shooting:
             if u.kind == "inertial" and u.joints[0] in of
         ]
         return np.array([value for _, value in sorted(found)])
+
+    @cached_property
+    def bounds(self) -> Array:
+        """(2, m) lower and upper bounds of the unknowns."""
+        return np.array([[unknown.lower, unknown.upper] for unknown in self.unknowns]).T.reshape(2, -1)
 
     @cached_property
     def own_unknowns(self) -> list[NDArray[np.intp]]:
@@ -448,16 +460,16 @@ class Shooting:
         other = replace(self, logs=logs)
         return other.simulate(values, other.start_states())[0]
 
-    def _grow_all(self, values: Array, states: Sequence[Array]) -> list[tuple[_Grown, Array, Array]]:
+    def _grow_all(self, values: Array, states: Sequence[Array]) -> list[_Grown]:
         """Simulate all stretches of all branches; see `_grow`."""
-        found: dict[int, tuple[_Grown, Array, Array]] = {}
+        found: dict[int, _Grown] = {}
         for group in self._groups():
             motion = self._drive(group, values, np.stack([states[index] for index in group]), self.pieces)
             for k, index in enumerate(group):
                 found[index] = self._grow(index, motion, k, states[index])
         return [found[index] for index in range(len(self.branches))]
 
-    def _grow(self, number: int, motion: DrivenMotion, k_branch: int, states: Array) -> tuple[_Grown, Array, Array]:
+    def _grow(self, number: int, motion: DrivenMotion, k_branch: int, states: Array) -> _Grown:
         """Condense the stretches of a branch: its residuals, and how the states between follow starts and unknowns."""
         branch = self.branches[number]
         n, own = branch.count, list(branch.coordinates)
@@ -471,8 +483,8 @@ class Shooting:
             motion.by_parameters[:, k_branch, ..., :m],
             motion.end_by_parameters[k_branch, ..., :m],
         )
-        grown = _Grown()
-        alphas, betas = np.zeros((len(self.pieces), 2 * n)), np.zeros((len(self.pieces), 2 * n, 2 * n + m))
+        count = len(self.pieces)
+        grown = _Grown(np.zeros((count, 2 * n)), np.zeros((count, 2 * n, 2 * n + m)))
         alpha, beta = np.zeros(2 * n), np.zeros((2 * n, 2 * n + m))
         rows: list[tuple[Array, Array]] = []
         for k, piece in enumerate(self.pieces):
@@ -481,7 +493,7 @@ class Shooting:
                 beta = np.zeros((2 * n, 2 * n + m))
                 beta[:, : 2 * n] = np.eye(2 * n)
                 rows = []
-            alphas[k], betas[k] = alpha, beta
+            grown.alphas[k], grown.betas[k] = alpha, beta
             log = self.logs[piece.log]
             last = piece.last == len(log.t) - 1
             stop = piece.last - piece.first + int(last)
@@ -492,9 +504,7 @@ class Shooting:
             rows.append((measured - positions[:stop, k] - by_start @ alpha, jacobian))
             if last:
                 grown.residuals.append(np.concatenate([a for a, _ in rows]))
-                whole = np.concatenate([b for _, b in rows])
-                grown.by_start.append(whole[..., : 2 * n])
-                grown.by_unknowns.append(whole[..., 2 * n :])
+                grown.jacobians.append(np.concatenate([b for _, b in rows]))
             else:
                 follow = motion.end_by_start[k_branch, k]
                 end = ends[k] - states[k + 1]
@@ -502,7 +512,7 @@ class Shooting:
                 alpha = follow @ alpha + end
                 beta = follow @ beta
                 beta[:, 2 * n :] += end_by_unknowns[k]
-        return grown, alphas, betas
+        return grown
 
     # The fit
 
@@ -568,9 +578,9 @@ class Shooting:
         for number, (log, begin, end) in enumerate(stretches):
             hessian, gradient = system.hessian[-m:, -m:].copy(), system.gradient[-m:].copy()
             parts = []
-            for branch, unknowns, (one, _, _) in zip(self.branches, self.own_unknowns, system.grown, strict=True):
+            for branch, unknowns, one in zip(self.branches, self.own_unknowns, system.grown, strict=True):
                 own = list(branch.coordinates)
-                residual, jacobian = one.residuals[log][begin:end], one.by_unknowns[log][begin:end]
+                residual, jacobian = one.residuals[log][begin:end], one.jacobians[log][begin:end, :, 2 * branch.count :]
                 flat = (jacobian / system.sigma[own][:, np.newaxis]).reshape(-1, len(unknowns))
                 hessian[np.ix_(unknowns, unknowns)] -= flat.T @ flat
                 gradient[unknowns] -= flat.T @ (residual / system.sigma[own]).ravel()
@@ -652,8 +662,7 @@ class Shooting:
         factor = np.linalg.cholesky(scaled).T
         goal = np.linalg.solve(factor.T, right)
         free = np.linalg.solve(factor, goal) / scale
-        lower = np.array([u.lower for u in self.unknowns]) - values
-        upper = np.array([u.upper for u in self.unknowns]) - values
+        lower, upper = self.bounds - values
         if (free[-m:] >= lower).all() and (free[-m:] <= upper).all():
             return np.asarray(free)
         low, high = np.full(len(free), -np.inf), np.full(len(free), np.inf)
@@ -663,18 +672,15 @@ class Shooting:
         return np.asarray(found.x / scale)
 
     def _stepped(self, system: _System, step: Array, values: Array, states: list[Array]) -> tuple[Array, list[Array]]:
-        m = len(self.unknowns)
-        lower = np.array([u.lower for u in self.unknowns])
-        upper = np.array([u.upper for u in self.unknowns])
-        after = np.clip(values + step[-m:], lower, upper)
+        of_unknowns = step[-len(self.unknowns) :]
         moved = []
-        for index, (own, (_, alphas, betas)) in enumerate(zip(states, system.grown, strict=True)):
+        for index, (own, grown) in enumerate(zip(states, system.grown, strict=True)):
             change = np.empty_like(own)
             for k, piece in enumerate(self.pieces):
-                z = np.concatenate([step[system.place(index, piece.log)], step[-m:][self.own_unknowns[index]]])
-                change[k] = alphas[k] + betas[k] @ z
+                z = np.concatenate([step[system.place(index, piece.log)], of_unknowns[self.own_unknowns[index]]])
+                change[k] = grown.alphas[k] + grown.betas[k] @ z
             moved.append(own + change)
-        return after, moved
+        return np.clip(values + of_unknowns, *self.bounds), moved
 
     def _covariance(self, system: _System) -> Array:
         """Covariance of the unknowns: of scores that depend on each other as long as the residuals do.
@@ -692,9 +698,9 @@ class Shooting:
             for lag in range(1, min(time, len(one) - 1) + 1):
                 part = one[lag:].T @ one[:-lag]
                 middle += (1.0 - lag / (time + 1.0)) * (part + part.T)
+        lower, upper = self.bounds
         held = np.zeros(size, dtype=bool)
-        for k, (unknown, value) in enumerate(zip(self.unknowns, system.values, strict=True)):
-            held[size - m + k] = not unknown.lower < value < unknown.upper
+        held[size - m :] = ~((lower < system.values) & (system.values < upper))
         inside = np.ix_(~held, ~held)
         covariance = np.zeros((size, size))
         covariance[inside] = _sandwich(hessian[inside], middle[inside], rows)
@@ -706,9 +712,7 @@ class Shooting:
 class _System:
     """The linear problem about a point: starts of logs, branch by branch, and the unknowns."""
 
-    def __init__(
-        self, problem: Shooting, grown: list[tuple[_Grown, Array, Array]], sigma: Array, values: Array
-    ) -> None:
+    def __init__(self, problem: Shooting, grown: list[_Grown], sigma: Array, values: Array) -> None:
         self.problem, self.grown, self.sigma, self.values = problem, grown, sigma, values
         self.logs = len(problem.logs)
         self.offsets = np.concatenate([[0], np.cumsum([2 * b.count * self.logs for b in problem.branches])])
@@ -716,13 +720,13 @@ class _System:
         size = int(self.offsets[-1]) + m
         self.hessian, self.gradient = np.zeros((size, size)), np.zeros(size)
         total, rows, squares = 0.0, 0, np.zeros(problem.fixed.shape[1])
-        self.gaps = max(one.gaps for one, *_ in grown)
-        for number, (branch, (one, _, _)) in enumerate(zip(problem.branches, grown, strict=True)):
+        self.gaps = max(one.gaps for one in grown)
+        for number, (branch, one) in enumerate(zip(problem.branches, grown, strict=True)):
             own = list(branch.coordinates)
             for log in range(self.logs):
                 weight = 1.0 / sigma[own]
                 residual = one.residuals[log] * weight
-                jacobian = one.jacobian(log) * weight[:, np.newaxis]
+                jacobian = one.jacobians[log] * weight[:, np.newaxis]
                 flat = jacobian.reshape(-1, jacobian.shape[-1])
                 places = self.places(number, log)
                 self.hessian[np.ix_(places, places)] += flat.T @ flat
@@ -766,9 +770,9 @@ class _System:
         for log in range(self.logs):
             rows = len(self.problem.logs[log].t)
             scores = np.zeros((rows, len(self.gradient)))
-            for number, (branch, (one, _, _)) in enumerate(zip(self.problem.branches, self.grown, strict=True)):
+            for number, (branch, one) in enumerate(zip(self.problem.branches, self.grown, strict=True)):
                 weight = 1.0 / self.sigma[list(branch.coordinates)]
-                jacobian = one.jacobian(log) * weight[:, np.newaxis]
+                jacobian = one.jacobians[log] * weight[:, np.newaxis]
                 residual = one.residuals[log] * weight
                 scores[:, self.places(number, log)] += np.einsum("sj,sjz->sz", residual, jacobian)
                 for column in residual.T:
