@@ -10,10 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.dynamics import Coulomb, Model, Offset, RotorInertia, Viscous
+from steelyard.dynamics.threads import in_one_thread
 from steelyard.estimators.friction_candidates import CANDIDATES, JointMotion
 from steelyard.recording import Samples
 from steelyard.regression.reduction import joint_rows, residuals_of_rows
 
+from .mistakes import TOO_MANY_JOINTS
 from .result import Identification, Prediction, Trace
 
 __all__ = ["FRICTION", "MOTION", "OSCILLATION", "RIPPLE", "ZERO", "ErrorCause", "error_causes"]
@@ -31,10 +33,12 @@ RIDGES = (1e-4, 1e-2, np.inf)
 """How firmly the answer is kept to while a cause is tried, as parts of what the data say of each base parameter. Each
 joint takes the one by which the cause brings most, beside a fit without the cause that keeps to the answer as much:
 rotors show only where links may give way, and where links are not determined they may not."""
-FEWEST = 200
-"""Rows of all logs below which nothing is tried."""
+FEWEST, MOST_LOGS = 200, 12
+"""Rows of all logs below which nothing is tried, and logs that take part."""
 KNEES, TRAVELS = (0.05, 0.2), (0.003, 0.03)
 """Parts of the fastest speed within which friction is another near rest, and of the travel in which it turns."""
+SMOOTH = 0.5
+"""Octaves over which spectra are smoothed."""
 BAND, IN_MOTION, ABOVE = 3.0, 0.99, 1.5
 """Ratio of the ends of the band of an oscillation; the part of the power of the velocities that is the motion; and how
 far above its frequencies an oscillation must lie."""
@@ -76,6 +80,7 @@ class ErrorCause:
         return float(left[0]), float(left[1]), float(left[2])
 
 
+@in_one_thread
 def error_causes(identification: Identification) -> tuple[ErrorCause, ...] | None:
     """Return what takes away much of the error on which the verdict rests, the most first.
 
@@ -90,15 +95,18 @@ def error_causes(identification: Identification) -> tuple[ErrorCause, ...] | Non
     -------
     tuple of ErrorCause or None
         Those that surely take away 20 % of the squared error at least, of which those before them take away no part.
-        None where the logs are too short for it.
+        None where the logs are too short for it, or the robot has more than 20 joints.
     """
-    judged = [one for one in identification.predictions if one.role == "validation"] or list(identification.predictions)
-    told = identification.prediction
-    trial = _Trial.of(identification, judged) if len(told.joint_error) == identification.model.dof else None
-    if trial is None:
+    logs = [one for one in identification.predictions if one.samples is not None and one.samples.t is not None]
+    judged = ([one for one in logs if one.role == "validation"] or logs)[:MOST_LOGS]
+    others = [one for one in logs if one not in judged][: MOST_LOGS - len(judged)]
+    told, model = identification.prediction, identification.model
+    rows = sum(one.samples.count for one in judged if one.samples is not None)
+    if rows < FEWEST or model.dof > TOO_MANY_JOINTS or len(told.joint_error) != model.dof:
         return None
     squares = np.nan_to_num(told.joint_error) ** 2
-    causes = [*trial.causes(squares), *_oscillation(judged, np.nan_to_num(told.noise_floor), squares)]
+    trial = _Trial.of(identification, judged, others)
+    causes = [*trial.causes(squares), *_oscillation(judged, squares)]
     kept, taken = [], np.zeros(len(squares))
     for cause in sorted(causes, key=lambda one: -one.share):
         more = np.maximum(cause.joint_shares - taken, 0.0)
@@ -128,12 +136,8 @@ class _Trial:
     logs: list[str]
 
     @classmethod
-    def of(cls, identification: Identification, judged: Sequence[Prediction]) -> _Trial | None:
-        model = identification.model
-        predictions = [one for one in identification.predictions if one.samples is not None]
-        count = sum(one.samples.count for one in predictions if one.samples is not None)
-        if count < FEWEST or not judged:
-            return None
+    def of(cls, identification: Identification, judged: Sequence[Prediction], others: Sequence[Prediction]) -> _Trial:
+        model, predictions = identification.model, [*judged, *others]
         lacking, base = _lacking(identification), identification.estimate.base
         groups: dict[str, list[NDArray[np.intp]]] = {}
         parts: list[_Part] = []
@@ -316,7 +320,7 @@ def _told(kind: str, shares: Array, share: float, error: float, **more: Any) -> 
         yield ErrorCause(kind, shares, min(share, 1.0), error, **more)
 
 
-def _oscillation(judged: Sequence[Prediction], noise: Array, squares: Array) -> Iterator[ErrorCause]:
+def _oscillation(judged: Sequence[Prediction], squares: Array) -> Iterator[ErrorCause]:
     """A band, above the frequencies of the motion, that holds much of what is left."""
     stretches = [stretch for one in judged for stretch in _stretches(one.trace)]
     interval = min((one.trace.interval for one in judged), default=np.nan)
@@ -326,24 +330,24 @@ def _oscillation(judged: Sequence[Prediction], noise: Array, squares: Array) -> 
         return
     nyquist = 0.5 / interval
     whole = np.maximum(squares * np.sum([np.count_nonzero(one, axis=0) for one in stretches], axis=0), 1e-300)
-    powers = [
-        (np.fft.rfftfreq(len(one), interval), 2.0 * np.abs(np.fft.rfft(one, axis=0)) ** 2 / len(one))
-        for one in stretches
-    ]
+    f = np.concatenate([np.fft.rfftfreq(len(one), interval)[1:] for one in stretches])
+    power = np.concatenate([2.0 * np.abs(np.fft.rfft(one, axis=0)[1:]) ** 2 / len(one) for one in stretches])
     starts = np.arange(np.log2(ABOVE * motion), np.log2(nyquist / BAND), 0.25)
     if not len(starts):
         return
+    # At the frequencies of the motion the fit has taken a part of what was there.
+    f, power = f[f >= motion], power[f >= motion]
+    standing = power * _standing_out(f, power.sum(axis=1))[:, None]
 
     def held(low: float) -> Array:
-        """Squares (N,) within the band from there, without white noise."""
-        inside = np.sum([power[(f >= low) & (f < BAND * low)].sum(axis=0) for f, power in powers], axis=0)
-        return np.asarray(np.maximum(inside - rows * noise**2 * low * (BAND - 1.0) / nyquist, 0.0))
+        """Squares (N,) within the band from there."""
+        return np.asarray(standing[(f >= low) & (f < BAND * low)].sum(axis=0))
 
     low = float(2.0 ** max(starts, key=lambda one: float(held(2.0**one).sum())))
     parts: list[tuple[float, float]] = []
     for stretch in stretches:
-        spectrum, f = np.fft.rfft(stretch, axis=0), np.fft.rfftfreq(len(stretch), interval)
-        spectrum[(f < low) | (f >= BAND * low)] = 0.0
+        spectrum, of = np.fft.rfft(stretch, axis=0), np.fft.rfftfreq(len(stretch), interval)
+        spectrum[(of < low) | (of >= BAND * low)] = 0.0
         band = np.fft.irfft(spectrum, len(stretch), axis=0)
         pieces = max(1, round(FOLDS / len(stretches)))
         pairs = zip(np.array_split(band, pieces), np.array_split(stretch, pieces), strict=True)
@@ -355,6 +359,19 @@ def _oscillation(judged: Sequence[Prediction], noise: Array, squares: Array) -> 
     shares = np.clip(held(low) / whole, 0.0, 1.0)
     share = float(np.sum(held(low)) / whole.sum())
     yield from _told(OSCILLATION, shares, share, error, band=(low, BAND * low), cutoff=float(low / np.sqrt(BAND)))
+
+
+def _standing_out(f: Array, power: Array) -> Array:
+    """Return the parts (F,) of a power that rise above what is there both at lower and at higher frequencies.
+
+    White noise has a level spectrum, and noise that lasts, or friction where a motion turns, one that falls.
+    """
+    bins = np.floor(np.log2(f / f.min()) / SMOOTH).astype(int)
+    count = np.bincount(bins)
+    density = np.divide(np.bincount(bins, power), count, out=np.full(len(count), np.inf), where=count > 0)
+    lower, higher = np.minimum.accumulate(density), np.minimum.accumulate(density[::-1])[::-1]
+    parts = 1.0 - np.maximum(lower, higher) / np.maximum(density, 1e-300)
+    return np.asarray(parts[bins])
 
 
 def _stretches(trace: Trace) -> list[Array]:

@@ -450,8 +450,8 @@ def _without(identification: Identification, cause: ErrorCause, weak: Sequence[s
         return NextStep(
             "Keep an oscillation out of the torques, or stop it.",
             f"Torques swing at {lowest} to {highest} Hz, faster than the motion, and the positions do not show why: a "
-            f"stand or a base that sways, or a joint that gives way. Without that {size}, {where}. A stiff mounting or "
-            "a calmer motion stops it; the line below filters the torques, and the model alike.",
+            f"stand or a base that sways, or a joint that gives way. Without that {size} or less, {where}. A stiff "
+            "mounting or a calmer motion stops it; the line below filters the torques, and the model alike.",
             f"[processing]\ntorque_cutoff = {few_digits(cause.cutoff, 2)}",
             "toml",
         )
@@ -493,7 +493,7 @@ def _without(identification: Identification, cause: ErrorCause, weak: Sequence[s
 
 
 def _unexplained(identification: Identification, causes: Sequence[ErrorCause]) -> list[tuple[float, NextStep]]:
-    """Return what part of the squared error a joint has that nothing explains, and what to do; nothing if it is small."""
+    """Return the part of the squared error of a joint that nothing explains, and what to do; none if it is small."""
     told = identification.prediction
     explained = np.max([cause.joint_shares for cause in causes], axis=0, initial=0.0)
     errors = np.where(np.nan_to_num(told.whiteness, nan=1.0) < PATTERN, told.joint_model_error, 0.0)

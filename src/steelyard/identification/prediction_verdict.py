@@ -644,7 +644,7 @@ def _sentences(word: Word, model: float, own: float, source: str, tested: bool, 
         )
     elif word in ("poor", "wrong") and own <= 0.5 * model:
         found.append(
-            f"It explains the data of the fit to {own:.1%}: the motion shows too little for other motions. "
-            "steelyard excite designs one that shows more."
+            f"It explains the data of the fit to {own:.1%}: their motion shows too little for others, or the "
+            "others hold what no model of this robot explains."
         )
     return tuple(found)
