@@ -127,7 +127,7 @@ def test_what_was_planted_comes_first(robot, cause, says):
 
 
 @pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("lasting", [0.0, 0.03])
+@pytest.mark.parametrize("lasting", [0.0, 0.03, 0.1])
 def test_a_sound_robot_is_accused_of_nothing(robot, seed, lasting):
     """Also where noise lasts for some 20 samples, so that what is left follows a pattern."""
     result = sy.identify(robot, recorded(None, seed, lasting=lasting))

@@ -495,6 +495,8 @@ def _without(identification: Identification, cause: ErrorCause, weak: Sequence[s
 def _unexplained(identification: Identification, causes: Sequence[ErrorCause]) -> list[tuple[float, NextStep]]:
     """Return the part of the squared error of a joint that nothing explains, and what to do; none if it is small."""
     told = identification.prediction
+    if told.is_usable:  # noise that lasts, as of sound sensors, is no pattern of a joint
+        return []
     explained = np.max([cause.joint_shares for cause in causes], axis=0, initial=0.0)
     errors = np.where(np.nan_to_num(told.whiteness, nan=1.0) < PATTERN, told.joint_model_error, 0.0)
     shares = np.nan_to_num(told.joint_error**2) / np.nansum(told.joint_error**2)
