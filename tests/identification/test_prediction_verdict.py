@@ -175,8 +175,8 @@ def test_joints_that_make_a_verdict_poor_are_named_with_it() -> None:
     found = prediction_verdict(info, arm.truth @ arm.feasible_set.K.T, validation=[info])
     assert (found.word, found.model_error < 0.15) == ("poor", True)
     name = info.joint_names[weakest]
-    assert re.search(rf", but above 40% at {name} \(\d\d%\)$", found.clause)
-    assert "above" not in verdict_of(arm, 1).clause
+    assert re.search(rf", and more than 40% at {name} \(\d\d%\)$", found.clause)
+    assert "more than" not in verdict_of(arm, 1).clause
 
 
 def test_of_a_joint_that_is_left_out_no_error_is_told() -> None:

@@ -86,7 +86,7 @@ def test_a_model_that_knows_its_own_data_alone_needs_another_motion(identificati
     step = next_steps(judged(identification, "poor", relative_error=0.3, joint_error=10.0 * told.joint_error))[0]
     assert step.code.startswith("steelyard excite ")
     assert "--limits" in step.code  # the description of the arm has none
-    assert step.reason.startswith("The error of 30.0% is one of 3.")
+    assert step.reason.startswith("Where the same motion takes part in the fit, the error of 30.0% is 3.")
     assert usable(step)
 
 

@@ -434,14 +434,15 @@ def _without(identification: Identification, cause: ErrorCause, weak: Sequence[s
     size = f"the error of {told.relative_error:.1%} would be some {left:.1%} ({low:.1%} to {high:.1%})"
     if cause.kind == MOTION:
         missed = (
-            f"The error of {told.relative_error:.1%} is one of {left:.1%} where the fit has the same motion: what the "
-            f"motion did not show makes the rest, which one that shows it takes away at best"
+            f"Where the same motion takes part in the fit, the error of {told.relative_error:.1%} is {left:.1%}: at best "
+            "a motion that shows more takes the rest away"
         )
         return _motion(identification, "; ".join([missed, *weak]))
     by = told.joint_error**2 * cause.joint_shares
     most_first = [k for k in np.argsort(-np.nan_to_num(by), kind="stable") if cause.joint_shares[k] > 0.0]
-    joints = listed([f"{told.joint_names[k]} ({cause.joint_shares[k]:.0%})" for k in most_first], MOST_NAMED)
-    where = f"most of all at {joints}, of whose squared error that part goes"
+    of_joints = [f"{told.joint_names[k]} ({cause.joint_shares[k]:.0%}" for k in most_first]
+    whole = [f"{one}{'' if k else ' of its squared error'})" for k, one in enumerate(of_joints)]
+    where = f"most of all at {listed(whole, MOST_NAMED)}"
     tried = "as fits say that leave out stretches of the logs in turn" if cause.kind != OSCILLATION else ""
     robot = _robot(identification)
     logs = " ".join(_paths(identification, identification.logs)) or "LOG..."
@@ -449,9 +450,10 @@ def _without(identification: Identification, cause: ErrorCause, weak: Sequence[s
         lowest, highest = (few_digits(one, 2) for one in cause.band)
         return NextStep(
             "Keep an oscillation out of the torques, or stop it.",
-            f"Torques swing at {lowest} to {highest} Hz, faster than the motion, and the positions do not show why: a "
-            f"stand or a base that sways, or a joint that gives way. Without that {size} or less, {where}. A stiff "
-            "mounting or a calmer motion stops it; the line below filters the torques, and the model alike.",
+            f"Torques swing at {lowest} to {highest} Hz, faster than the motion, and the positions, as they are "
+            "filtered, do not explain it: a stand or a base may sway, or a joint give way. "
+            f"Without that {size} or less, {where}. A stiff mounting or a calmer motion stops it; the line below "
+            "filters the torques, and the model alike.",
             f"[processing]\ntorque_cutoff = {few_digits(cause.cutoff, 2)}",
             "toml",
         )
@@ -478,7 +480,8 @@ def _without(identification: Identification, cause: ErrorCause, weak: Sequence[s
         )
         return NextStep(
             "Let the logs choose the friction.",
-            f"{what} explains much of what is left: with it {size}, {where}, {tried}.",
+            f"{what} explains much of what is left: with it {size}, {where}, {tried}. The command adds the laws that "
+            "stand in a fit of all joints together.",
             f"steelyard identify {robot} {logs} --friction auto --output DIR",
             "console",
         )

@@ -238,7 +238,7 @@ class PredictionVerdict:
             return ""
         errors = self.joint_model_error
         named = listed([f"{self.joint_names[joint]} ({errors[joint]:.0%})" for joint in joints], MOST_NAMED)
-        return f", but above {POOR_JOINT:.0%} at {named}"
+        return f", and more than {POOR_JOINT:.0%} at {named}"
 
     def with_mistakes(self, mistakes: Iterable[Sequence[Hypothesis]]) -> PredictionVerdict:
         """Judge again, with what is probably wrong with the logs.
