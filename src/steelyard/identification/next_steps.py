@@ -434,8 +434,8 @@ def _without(identification: Identification, cause: ErrorCause, weak: Sequence[s
     size = f"the error of {told.relative_error:.1%} would be some {left:.1%} ({low:.1%} to {high:.1%})"
     if cause.kind == MOTION:
         missed = (
-            f"Where the same motion takes part in the fit, the error of {told.relative_error:.1%} is {left:.1%}: at best "
-            "a motion that shows more takes the rest away"
+            f"Where the same motion takes part in the fit, the error of {told.relative_error:.1%} is {left:.1%}: "
+            "at best a motion that shows more takes the rest away"
         )
         return _motion(identification, "; ".join([missed, *weak]))
     by = told.joint_error**2 * cause.joint_shares
