@@ -27,8 +27,9 @@ RIPPLE, SPRING = "cogging", "spring"
 FOLDS = 8
 """Stretches of each log that are left out in turn."""
 LEAST, SURE = 0.2, 3.0
-"""Least part of the squared error that a cause takes away to be told, and standard errors by which it must. Of 30 sound
-logs of three simulated arms none comes to a twentieth."""
+"""Least part of the squared error that a cause takes away to be told, and standard errors by which it must; less than
+that part changes the error by less than a tenth. Of 66 sound logs of three simulated arms, with white noise or noise
+that lasts, five of 15 s show too little motion, and none has another cause."""
 RIDGES = (1e-4, 1e-2, np.inf)
 """How firmly the answer is kept to while a cause is tried, as parts of what the data say of each base parameter. Each
 joint takes the one by which the cause brings most, beside a fit without the cause that keeps to the answer as much:
@@ -250,7 +251,7 @@ class _Trial:
         solution = np.zeros(size)
         if kept.any():
             own = (matrix + np.diag(penalty))[np.ix_(kept, kept)]
-            solution[kept] = np.linalg.lstsq(own, right[kept], rcond=1e-12)[0]
+            solution[kept] = np.linalg.solve(own, right[kept])
         solution /= scale
         return solution[:many], list(solution[many:].reshape(self.model.dof, width))
 
