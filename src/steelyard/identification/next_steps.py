@@ -499,7 +499,8 @@ def _without(identification: Identification, cause: ErrorCause, weak: Sequence[s
     why = identification.why_no_rotors if cause.kind == RotorInertia.kind else ""
     return NextStep(
         "Add a term to the model.",
-        f"The model lacks {NAMES[cause.kind]}: with it {size}, {where}, {tried}."
+        f"The model lacks {NAMES[cause.kind]}: with it {size}, {where}, {tried}. Where robot.toml states no terms yet, "
+        "state viscous, coulomb and offset beside it."
         + (f" Before, it was tried and not taken: {why}." if why else ""),
         f'[[terms]]\nkind = "{cause.kind}"',
         "toml",
