@@ -1,6 +1,7 @@
 """The second verdict on simulated logs whose noise and whose mistakes are known."""
 
 import json
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -159,6 +160,23 @@ def test_nothing_held_out_is_poor() -> None:
     found = prediction_verdict(arm.information, sy.least_squares(arm.information).base)
     assert found.word == "poor"
     assert "too short" in found.sentences[1]
+    # Nothing was seen to be predicted poorly.
+    assert found.clause.startswith("is not tried on other data: ")
+    assert found.sentences[0].startswith("The model is not tried on other data: ")
+
+
+def test_joints_that_make_a_verdict_poor_are_named_with_it() -> None:
+    arm = simulated_arm(12, seconds=20.0)
+    size = np.sqrt(np.mean(arm.samples.torque**2, axis=0))
+    weakest = int(np.argmin(size))
+    torque = arm.samples.torque.copy()
+    torque[:, weakest] += 0.8 * size[weakest] * np.sin(9.0 * np.arange(len(torque)) / len(torque))
+    info = with_torque(arm, torque).information
+    found = prediction_verdict(info, arm.truth @ arm.feasible_set.K.T, validation=[info])
+    assert (found.word, found.model_error < 0.15) == ("poor", True)
+    name = info.joint_names[weakest]
+    assert re.search(rf", and more than 40% at {name} \(\d\d%\)$", found.clause)
+    assert "more than" not in verdict_of(arm, 1).clause
 
 
 def test_of_a_joint_that_is_left_out_no_error_is_told() -> None:

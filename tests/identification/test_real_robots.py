@@ -1,8 +1,10 @@
 """Three real recordings through the command line, each from its robot file in examples/, against published figures."""
 
 import csv
+import json
 import re
 import sys
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +12,7 @@ import pytest
 
 import steelyard as sy
 from steelyard.cli import main
+from steelyard.identification.error_causes import error_causes
 from steelyard.identification.next_steps import found, next_steps
 
 pytestmark = pytest.mark.data
@@ -176,6 +179,48 @@ def test_numbers_of_a_kinova_gen3_rest_on_a_model_that_misses_its_wrist(shared_d
     assert second == result.caveat
     (heavy,) = (remark for remark in result.remarks if remark.startswith("bracelet_link comes out at"))
     assert "bounded by a model that does not predict well" in heavy
+
+
+def test_a_stand_that_sways_is_what_limits_a_kinova_gen3(shared_data):
+    """Torque sensors swing at 4 to 7 Hz where the encoders do not; horizontal accelerations of the base explain it.
+
+    The description leaves out what the arm carried. With torques filtered as the advice says, the answer predicts the
+    other run better than was promised, and no filtered torque is taken for a mistake of the log.
+    """
+    folder = shared_data / "kinova_gen3"
+    logs = [folder / f"opti_traj_testing{k}.csv" for k in (1, 2)]
+    result = sy.identify(folder / "gen3.urdf", logs[:1], validate=logs[1:])
+    first, second, *_ = next_steps(result)
+    assert first.action.startswith("Keep an oscillation out of the torques")
+    assert second.action.startswith("Put what the arm carried into the description")
+    settings = tomllib.loads(first.code)["processing"]
+    assert 1.5 < settings["torque_cutoff"] < 4.0
+    mended = sy.identify(folder / "gen3.urdf", logs[:1], validate=logs[1:], processing=settings)
+    (cause,) = error_causes(result)
+    assert mended.prediction.relative_error < cause.left_of(result.prediction.relative_error)[0]
+    assert not mended.mistakes
+    assert mended.prediction.word != "wrong"
+
+
+def test_friction_of_a_ur10_comes_first_and_brings_what_is_said(shared_data):
+    log = shared_data / "ur10_unisa" / "exciting.csv"
+    result = sy.identify(EXAMPLES / "ur10.toml", [log])
+    assert next_steps(result)[0].code.endswith("--friction auto --output DIR")
+    (cause,) = error_causes(result)
+    mended = sy.identify(EXAMPLES / "ur10.toml", [log], friction="auto")
+    assert mended.prediction.relative_error < cause.left_of(result.prediction.relative_error)[0]
+
+
+def test_friction_is_not_said_to_help_a_kr300(shared_data):
+    """It does not: with --friction auto no law is taken, and the error stays."""
+    told = json.loads((shared_data / "kuka_kr300" / "robot.json").read_text())
+    robot = sy.Robot.from_dh(told["rows"], gravity=told["gravity_base_frame"])
+    robot = robot.with_terms(sy.Viscous(), sy.Coulomb(), sy.Offset(), sy.RotorInertia())
+    columns = {"torque": "tau_m{}", "gain": told["gear_ratio"]}
+    result = sy.identify(robot, shared_data / "kuka_kr300" / "A.csv", columns=columns)
+    first, *others = next_steps(result)
+    assert first.action == "Record a motion that shows more."
+    assert not [step for step in (first, *others) if "friction" in step.code]
 
 
 def test_a_dead_torque_sensor_is_found(shared_data):

@@ -350,7 +350,7 @@ def identify(
     if not doubts.of_log:
         remarks.update(dict.fromkeys(_dear(unconstrained, estimate)))
     if not doubts.of_log and not reader.units_are_suspect and table is not None:
-        remarks.update(dict.fromkeys(heavy_ends(model, table, doubts.prediction)))
+        remarks.update(dict.fromkeys(heavy_ends(model, table, doubts.prediction).values()))
     remarks.update(dict.fromkeys(model.robot.remarks))
     if model.robot.source is not None:
         from .missed_terms import missed_terms  # there is no description otherwise

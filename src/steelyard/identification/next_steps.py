@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import shlex
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -17,9 +18,11 @@ from steelyard.files import listed
 from steelyard.recording.diagnosis import remedy_of
 from steelyard.regression import Information, least_squares
 
+from .doubts import heavy_ends
+from .error_causes import FRICTION, LEAST, MOTION, OSCILLATION, RIPPLE, ZERO, ErrorCause, error_causes
 from .mistakes import Hypothesis
 from .parameter_table import parameter_sizes
-from .prediction_verdict import UNTESTED, said_of
+from .prediction_verdict import POOR_JOINT, UNTESTED, said_of
 from .result import Identification
 from .unlogged_torques import told_by_unlogged_torques
 
@@ -32,15 +35,21 @@ PATTERN = 0.5
 """Part of the mean square of the residuals that is white, below which most of what is left follows a pattern."""
 LARGE = 0.08
 """Relative error of a joint, noise aside, above which its pattern is worth a term: as much as counts as good."""
+SURE_DELAY = 30.0
+"""Gain (logarithm of the odds) up to which a delay comes behind causes that make much of the error. Friction that a
+model lacks near rest looked like a delay of 7.2 ± 3 ms in a simulated Z1, with a gain of 15; 40 ms gain 200."""
 AROUND = 0.1
 """s before and after an event that are left out with it: filters spread what it does to the motion."""
 MOST_SPANS = 8
 MOST_LOGS = 8
-DEFAULTS = {
+EXPLAINED = 0.3
+"""Part of the squared error of a joint that a cause must take away for the joint to count as explained."""
+NAMES = {
     "viscous": "viscous friction",
     "coulomb": "Coulomb friction",
-    "offset": "a constant offset",
-    RotorInertia.kind: "the inertia of its rotor",
+    "offset": "constant offsets of the torques",
+    "rotor_inertia": "the inertia of rotors",
+    "spring": "springs at the joints",
 }
 
 
@@ -147,18 +156,22 @@ def _steps(identification: Identification) -> Iterator[NextStep]:
     other = list(_other_estimator(identification))
     yield from other
     yield from _changes(identification)
-    yield from _mistakes(identification)
+    mistakes = list(_mistakes(identification))
+    sure, doubtful = ([step for is_sure, step in mistakes if is_sure is wanted] for wanted in (True, False))
+    yield from sure
     yield from _scale(identification)
     yield from _clipped(identification)
     yield from _events(identification)
     yield from _drifts(identification)
     if identification.prediction.word == "wrong" or identification.changes or identification.scale:
-        if not (identification.mistakes or identification.changes or identification.scale or other):
+        if sure or identification.changes or identification.scale or other:
+            yield from doubtful
+        else:
+            yield from _remaining(identification, [], doubtful)
             yield _doctor(identification)
         return  # what the motion shows, and what is assumed, means nothing of a wrong model, or of none
     weak = list(_weak(identification))
-    yield from _unseen(identification, weak)
-    yield from _missing_terms(identification)
+    yield from _remaining(identification, weak, doubtful)
     yield from _intervals(identification)
     yield from _weighing(identification)
     if weak:
@@ -213,7 +226,8 @@ def _changes(identification: Identification) -> Iterator[NextStep]:
             )
 
 
-def _mistakes(identification: Identification) -> Iterator[NextStep]:
+def _mistakes(identification: Identification) -> Iterator[tuple[bool, NextStep]]:
+    """Yield mistakes of logs, and whether they come before all that a model may lack: small delays do not."""
     everything = (*identification.logs, *identification.validation_logs)
     for log, hypotheses in identification.mistakes.items():
         first, *others = hypotheses
@@ -228,14 +242,14 @@ def _mistakes(identification: Identification) -> Iterator[NextStep]:
             # A line of robot.toml counts for every log: it would be false of those without the payload.
             words = ((empty[0], "UNLOADED"), (log, "LOADED"))
             unloaded, loaded = ((_paths(identification, [one]) or [word])[0] for one, word in words)
-            yield NextStep(
+            step = NextStep(
                 "Identify logs with and without the payload apart, and weigh what is carried.",
                 f"{reason} No payload was found in {listed(empty, MOST_NAMED)}: these logs are not those of one robot.",
                 f"steelyard payload {_robot(identification)} {unloaded} {loaded}",
                 "console",
             )
         elif without := [one for one in dict.fromkeys(everything) if not _shares(identification, one, first)]:
-            yield NextStep(
+            step = NextStep(
                 "Mend that log, or robot.toml if it is so in all logs, and identify again.",
                 f"{reason} It was not found in {listed(without, MOST_NAMED)}, and a line of robot.toml "
                 "counts for every log.",
@@ -243,10 +257,11 @@ def _mistakes(identification: Identification) -> Iterator[NextStep]:
                 "toml",
             )
         elif first.toml:
-            yield NextStep("Mend robot.toml, and identify again.", reason, first.toml.strip(), "toml")
+            step = NextStep("Mend robot.toml, and identify again.", reason, first.toml.strip(), "toml")
         else:
             command = _doctor_command(identification, [log])
-            yield NextStep("See whether it is so, and identify again.", reason, command, "console")
+            step = NextStep("See whether it is so, and identify again.", reason, command, "console")
+        yield first.kind != "delay" or first.gain > SURE_DELAY, step
 
 
 def _scale(identification: Identification) -> Iterator[NextStep]:
@@ -392,17 +407,6 @@ def _shown_to_be_small(identification: Identification) -> set[str]:
     return {expression for expression, small in zip(told.base_expressions, narrow, strict=True) if small}
 
 
-def _unseen(identification: Identification, weak: list[str]) -> Iterator[NextStep]:
-    """A better motion, where the model knows its own data alone."""
-    told, own = identification.prediction, identification.estimate.relative_error
-    if told.source != UNTESTED and told.word == "poor" and own <= 0.5 * told.model_error:
-        first = (
-            f"The model explains its own data to {own:.1%}, but {told.source} to {told.model_error:.1%} only: the "
-            "motion shows too little for others"
-        )
-        yield _motion(identification, "; ".join([first, *weak]))
-
-
 def _motion(identification: Identification, reason: str) -> NextStep:
     return NextStep(
         "Record a motion that shows more.",
@@ -419,42 +423,130 @@ def excite_command(identification: Identification) -> str:
     return f"steelyard excite {_robot(identification)}{limits} --output motion"
 
 
-def _missing_terms(identification: Identification) -> Iterator[NextStep]:
-    """Terms that the model lacks, where what is left at a joint follows a pattern."""
+def _remaining(identification: Identification, weak: list[str], mistakes: Sequence[NextStep]) -> Iterator[NextStep]:
+    """What takes most of the error away, where something surely does, and what to do where nothing that was tried does.
+
+    A joint that makes up little of the error, and makes the verdict a poor one all the same, comes behind; so do
+    mistakes that may be images of what the model lacks.
+    """
+    causes = error_causes(identification)
+    steps = [(cause.share, _without(identification, cause, weak)) for cause in causes or ()]
+    steps += [(LEAST, step) for step in mistakes]  # of which the numbers tell more than the error
+    # Of a body that the description leaves out the numbers are wrong, whether or not the error shows it.
+    steps += [(LEAST, step) for step in _carried(identification)]
+    steps += _unexplained(identification, causes) if causes is not None else []
+    yield from (step for _, step in sorted(steps, key=lambda one: -one[0]))
+
+
+def _without(identification: Identification, cause: ErrorCause, weak: Sequence[str] = ()) -> NextStep:
+    """How to take a cause of the error away, and how much that brings."""
     told = identification.prediction
-    kinds = {law.kind for term in identification.model.robot.terms for law in term.laws}
-    lacking = [kind for kind in DEFAULTS if kind not in kinds]
-    if identification.why_no_rotors:
-        lacking.remove(RotorInertia.kind)  # for the logs, as they are, show that it does not help
-    if not lacking and identification.friction is not None:
-        return
-    errors = np.where(np.nan_to_num(told.whiteness, nan=1.0) < PATTERN, told.joint_model_error, 0.0)
-    worst = int(np.argmax(errors))
-    if not errors[worst] > LARGE:
-        return
-    pattern = (
-        f"What is left at {told.joint_names[worst]} is {errors[worst]:.0%} of its torques and follows a pattern "
-        f"({told.whiteness[worst]:.0%} of it is white)"
-    )
-    if lacking and "motor_side" not in kinds:
-        words, rotor = ", ".join(DEFAULTS[kind] for kind in lacking), RotorInertia.kind in lacking
-        yield NextStep(
-            "Try whether more terms help.",
-            f"{pattern}, and the model lacks {words}. Whether that explains it was not tried: keep what lowers the "
-            f"error on logs that were not used{'; torques sensed behind a gear hold no rotor' if rotor else ''}.",
-            "\n".join(f'[[terms]]\nkind = "{kind}"' for kind in lacking),
+    left, low, high = cause.left_of(told.relative_error)
+    size = f"the error of {told.relative_error:.1%} would be some {left:.1%} ({low:.1%} to {high:.1%})"
+    if cause.kind == MOTION:
+        missed = (
+            f"Where the same motion takes part in the fit, the error of {told.relative_error:.1%} is {left:.1%}: "
+            "at best a motion that shows more takes the rest away"
+        )
+        return _motion(identification, "; ".join([missed, *weak]))
+    by = told.joint_error**2 * cause.joint_shares
+    most_first = [k for k in np.argsort(-np.nan_to_num(by), kind="stable") if cause.joint_shares[k] > 0.0]
+    of_joints = [f"{told.joint_names[k]} ({cause.joint_shares[k]:.0%}" for k in most_first]
+    whole = [f"{one}{'' if k else ' of its squared error'})" for k, one in enumerate(of_joints)]
+    where = f"most of all at {listed(whole, MOST_NAMED)}"
+    tried = "as fits say that leave out stretches of the logs in turn" if cause.kind != OSCILLATION else ""
+    robot = _robot(identification)
+    logs = " ".join(_paths(identification, identification.logs)) or "LOG..."
+    if cause.kind == OSCILLATION:
+        lowest, highest = (few_digits(one, 2) for one in cause.band)
+        return NextStep(
+            "Keep an oscillation out of the torques, or stop it.",
+            f"Torques swing at {lowest} to {highest} Hz, faster than the motion, and the positions, as they are "
+            "filtered, do not explain it: a stand or a base may sway, or a joint give way. "
+            f"Without that {size} or less, {where}. A stiff mounting or a calmer motion stops it; the line below "
+            "filters the torques, and the model alike.",
+            f"[processing]\ntorque_cutoff = {few_digits(cause.cutoff, 2)}",
             "toml",
         )
-    elif not lacking:
-        why = identification.why_no_rotors
-        rotors = f" The inertia of rotors was tried and not taken: {why}." if why else ""
-        logs = " ".join(_paths(identification, identification.logs)) or "LOG..."
-        yield NextStep(
+    if cause.kind == ZERO:
+        slopes = cause.slopes or {}
+        lines = [
+            f"# the zero of {told.joint_names[k]} in {log} moves by {few_digits(float(own[k]), 2)} "
+            f"{told.units[k]} a second"
+            for log, own in slopes.items()
+            for k in most_first
+            if own[k] != 0.0
+        ]
+        return NextStep(
+            "Take the drift of the torques' zero off the columns, and let sensors warm up before the next log.",
+            f"Torques have a zero that moves with time: without that {size}, {where}, {tried}.",
+            "\n".join(lines[:MOST_LOGS]),
+            "toml",
+        )
+    if cause.kind in (FRICTION, RIPPLE):
+        what = (
+            "Friction of another form than viscous and Coulomb's"
+            if cause.kind == FRICTION
+            else "A ripple with position"
+        )
+        return NextStep(
             "Let the logs choose the friction.",
-            f"{pattern}; friction may be more than viscous and Coulomb's.{rotors}",
-            f"steelyard identify {_robot(identification)} {logs} --friction auto --output DIR",
+            f"{what} explains much of what is left: with it {size}, {where}, {tried}. The command adds the laws that "
+            "stand in a fit of all joints together.",
+            f"steelyard identify {robot} {logs} --friction auto --output DIR",
             "console",
         )
+    why = identification.why_no_rotors if cause.kind == RotorInertia.kind else ""
+    return NextStep(
+        "Add a term to the model.",
+        f"The model lacks {NAMES[cause.kind]}: with it {size}, {where}, {tried}. Where robot.toml states no terms yet, "
+        "state viscous, coulomb and offset beside it."
+        + (f" Before, it was tried and not taken: {why}." if why else ""),
+        f'[[terms]]\nkind = "{cause.kind}"',
+        "toml",
+    )
+
+
+def _unexplained(identification: Identification, causes: Sequence[ErrorCause]) -> list[tuple[float, NextStep]]:
+    """Return the part of the squared error of a joint that nothing explains, and what to do; none if it is small."""
+    told = identification.prediction
+    if told.is_usable:  # noise that lasts, as of sound sensors, is no pattern of a joint
+        return []
+    explained = np.max([cause.joint_shares for cause in causes], axis=0, initial=0.0)
+    errors = np.where(np.nan_to_num(told.whiteness, nan=1.0) < PATTERN, told.joint_model_error, 0.0)
+    shares = np.nan_to_num(told.joint_error**2) / np.nansum(told.joint_error**2)
+    matters = (explained < EXPLAINED) & (((shares > LEAST) & (errors > LARGE)) | (errors > POOR_JOINT))
+    if not matters.any():
+        return []
+    worst = int(np.argmax(np.where(matters, shares, 0.0)))
+    others = np.delete(told.joint_model_error, worst)
+    alone = ", and the other joints are predicted far better" if np.all(others < 0.5 * errors[worst]) else ""
+    step = NextStep(
+        f"See whether the torques of {told.joint_names[worst]} are right.",
+        f"What is left there is {errors[worst]:.0%} of its torques, {told.joint_error[worst]:.2g} "
+        f"{told.units[worst]}, and follows a pattern ({told.whiteness[worst]:.0%} of it is white){alone}. Of all that "
+        "was tried (other friction, rotors, springs, ripples, a moving zero, oscillations) nothing explains much of "
+        "it. A known weight on the arm at rest, or the current of the motor beside the torque, shows what a sensor "
+        "misses.",
+        _doctor_command(identification, identification.logs),
+        "console",
+    )
+    return [(float(shares[worst]), step)]
+
+
+def _carried(identification: Identification) -> Iterator[NextStep]:
+    """A link at the end of a chain that comes out far heavier than described."""
+    table = identification.parameters
+    if table is None:
+        return
+    for link, sentence in heavy_ends(identification.model, table, identification.prediction).items():
+        if sentence in identification.remarks:
+            yield NextStep(
+                "Put what the arm carried into the description, or state its mass.",
+                f"{sentence} Until then the description draws all links towards those of an arm without it.",
+                f"[[constraints.measured_mass]]\nlinks = [{json.dumps(link)}]\nvalue = MASS",
+                "toml",
+            )
 
 
 def _weighing(identification: Identification) -> Iterator[NextStep]:

@@ -103,6 +103,11 @@ _SAID: dict[Word, str] = {
 }
 
 
+def _said(word: Word, model_error: float, tested: bool) -> str:
+    """The word as a verb; of a model that explains its own data, and was tried on no other, that it was not tried."""
+    return "is not tried on other data" if word == "poor" and not tested and model_error <= USABLE else _SAID[word]
+
+
 @dataclass(frozen=True)
 class FewRows:
     """Few rows of a log that hold most of the squared error of a joint.
@@ -222,7 +227,18 @@ class PredictionVerdict:
         aside = ""
         if not np.isnan(noise):
             aside = f" ({self.model_error:.1%} without white noise, which is {noise:.1%})"
-        return f"{_SAID[self.word]}: {self.relative_error:.1%} error{aside} on {self.source}"
+        said = _said(self.word, self.model_error, self.source != UNTESTED)
+        return f"{said}: {self.relative_error:.1%} error{aside} on {self.source}{self._because}"
+
+    @property
+    def _because(self) -> str:
+        """The joints for which the verdict is poor though the error of all joints is not, to end a clause."""
+        joints = np.flatnonzero(self.joint_model_error > POOR_JOINT)
+        if self.is_usable or self.model_error > USABLE or not len(joints):
+            return ""
+        errors = self.joint_model_error
+        named = listed([f"{self.joint_names[joint]} ({errors[joint]:.0%})" for joint in joints], MOST_NAMED)
+        return f", and more than {POOR_JOINT:.0%} at {named}"
 
     def with_mistakes(self, mistakes: Iterable[Sequence[Hypothesis]]) -> PredictionVerdict:
         """Judge again, with what is probably wrong with the logs.
@@ -632,7 +648,8 @@ def _word(model: float, own: float, worst: float, worst_of_fit: float, tested: b
 
 
 def _sentences(word: Word, model: float, own: float, source: str, tested: bool, saved: bool) -> tuple[str, ...]:
-    found = [f"The model {_SAID[word]}: {model:.1%} of the torques of {source} are left unexplained, noise aside."]
+    said = _said(word, model, tested)
+    found = [f"The model {said}: {model:.1%} of the torques of {source} are left unexplained, noise aside."]
     if not tested:
         found.append(
             "Nothing was held out, because the logs are too short; record a longer motion, or give --validate LOG."
@@ -644,7 +661,7 @@ def _sentences(word: Word, model: float, own: float, source: str, tested: bool, 
         )
     elif word in ("poor", "wrong") and own <= 0.5 * model:
         found.append(
-            f"It explains the data of the fit to {own:.1%}: the motion shows too little for other motions. "
-            "steelyard excite designs one that shows more."
+            f"It explains the data of the fit to {own:.1%}: their motion shows too little for others, or the "
+            "others hold what no model of this robot explains."
         )
     return tuple(found)

@@ -1,0 +1,193 @@
+"""Causes that are planted in simulated robots come first in the advice, and sound robots are given none of it.
+
+Pinocchio computes the torques of the links, NumPy what is planted.
+"""
+
+import tomllib
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+import steelyard as sy
+from steelyard.identification.error_causes import error_causes
+from steelyard.identification.mistakes import Hypothesis
+from steelyard.identification.next_steps import next_steps
+
+pin = pytest.importorskip("pinocchio")
+
+JOINTS, GRAVITY = 4, 9.81
+LINK = """<link name="l{0}"><inertial><origin xyz="0 {1} {2}"/><mass value="{3}"/>
+  <inertia ixx="0.03" ixy="0" ixz="0" iyy="0.02" iyz="0" izz="0.03"/></inertial></link>
+<joint name="j{0}" type="revolute"><parent link="l{4}"/><child link="l{0}"/><origin xyz="0 0 0.3" rpy="{5} 0 0"/>
+  <axis xyz="0 0 1"/><limit lower="-3" upper="3" velocity="6" effort="90"/></joint>"""
+LINKS = (
+    (1, 0.02, 0.1, 4.0, 0, 0.0),
+    (2, 0.15, 0.0, 3.0, 1, 1.57),
+    (3, 0.02, 0.12, 2.0, 2, -1.57),
+    (4, 0.1, 0, 1, 3, 1.57),
+)
+URDF = f'<robot name="arm"><link name="l0"/>{"".join(LINK.format(*one) for one in LINKS)}</robot>'
+T = np.arange(4000) / 100.0
+OSCILLATION = "Keep an oscillation out of the torques"
+
+
+def motion(speed):
+    random = np.random.default_rng(11)
+    rates = 2.0 * np.pi * speed * 0.08 * np.arange(1, 6)
+    a, b = random.normal(size=(2, 5, JOINTS)) * 0.6 / np.arange(1, 6)[:, None]
+    sines, cosines = np.sin(np.outer(T, rates)), np.cos(np.outer(T, rates))
+    rates = rates[:, None]
+    return (
+        sines @ a + cosines @ b + 0.3,
+        cosines @ (rates * a) - sines @ (rates * b),
+        -sines @ (rates**2 * a) - cosines @ (rates**2 * b),
+    )
+
+
+def of_links(model, data, motion, base=None):
+    """Torques of the links, on a base that accelerates (S, 2) sideways."""
+    torques, down = [], model.gravity.linear.copy()
+    for k, row in enumerate(zip(*motion, strict=True)):
+        if base is not None:
+            model.gravity.linear = down - np.append(base[k], 0.0)
+        torques.append(pin.rnea(model, data, *row))
+    model.gravity.linear = down
+    return np.array(torques)
+
+
+def recorded(cause, seed=0, noise=0.01, lasting=0.0):
+    """Arrays of a log of the arm, whose links weigh 10 % more or less than described."""
+    random = np.random.default_rng(seed)
+    model = pin.buildModelFromXML(URDF)
+    for k in range(1, JOINTS + 1):
+        body = model.inertias[k]
+        scale = float(np.exp(0.1 * random.normal()))
+        model.inertias[k] = pin.Inertia(scale * body.mass, body.lever, scale * body.inertia)
+    if cause == "payload":
+        model.inertias[JOINTS] += pin.Inertia(2.0, np.array([0.02, 0.25, 0.0]), 2e-3 * np.eye(3))
+    if cause == "gravity":
+        model.gravity.linear = GRAVITY * np.array([np.sin(0.2), 0.0, -np.cos(0.2)])
+    data = model.createData()
+    q, dq, ddq = motion(2.0 if cause == "delay" else 1.0)
+    base = None
+    if cause == "oscillation":  # the stand sways
+        phases = random.uniform(0.0, 6.0, size=(3, 1, 2))
+        base = sum(0.5 * np.sin(2 * np.pi * f * T[:, None] + p) for f, p in zip((4.1, 5.3, 6.2), phases, strict=True))
+    tau = of_links(model, data, (q, dq, ddq), base)
+    size = tau.std(axis=0)
+    tau += 0.12 * size * (dq / dq.std(axis=0) + np.sign(dq) + 0.5)
+    size = np.sqrt(np.mean(tau**2, axis=0))
+    if cause == "rotors":
+        tau += 0.6 * size * ddq / ddq.std(axis=0)
+    if cause == "drift":
+        tau[:, 1] += 0.3 * size[1] * (T / T[-1] - 0.5)
+    if cause == "delay":
+        tau = np.column_stack([np.interp(T - 0.04, T, one) for one in tau.T])
+    if cause == "friction":
+        tau += 0.25 * size * np.sign(dq) * np.exp(-np.abs(dq) / (0.15 * np.abs(dq).max(axis=0)))
+    if cause == "ripple":
+        tau[:, 1:3] += 0.2 * size[1:3] * np.sin(9.0 * q[:, 1:3] + 1.0)
+    if cause == "sensor":  # whose zero wanders
+        wander = lfilter([1.0], [1.0, -0.98], random.normal(size=len(T)))
+        tau[:, 1] += 0.25 * size[1] * wander / wander.std()
+    slow = lfilter([1.0], [1.0, -0.95], random.normal(size=tau.shape), axis=0)
+    tau += size * (noise * random.normal(size=tau.shape) + lasting * slow / slow.std(axis=0))
+    q = q + 3e-5 * random.normal(size=q.shape)
+    return {
+        "t": T,
+        **{f"q{k + 1}": q[:, k] for k in range(JOINTS)},
+        **{f"tau{k + 1}": tau[:, k] for k in range(JOINTS)},
+    }
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory):
+    path = tmp_path_factory.mktemp("arm") / "arm.urdf"
+    path.write_text(URDF)
+    return sy.Robot.from_urdf(path).with_terms(sy.Viscous(), sy.Coulomb(), sy.Offset())
+
+
+@pytest.mark.parametrize(
+    ("cause", "says"),
+    [
+        ("payload", 'links = ["l4"]'),
+        ("rotors", 'kind = "rotor_inertia"'),
+        ("drift", "the zero of j2 in"),
+        ("delay", "delay = "),
+        ("gravity", "gravity = ["),
+        ("friction", "--friction auto"),
+        ("ripple", "--friction auto"),
+        ("oscillation", "torque_cutoff = "),
+        ("sensor", "torques of j2 are right"),
+    ],
+)
+def test_what_was_planted_comes_first(robot, cause, says):
+    first = next_steps(sy.identify(robot, recorded(cause)))[0]
+    assert says in f"{first.action}\n{first.code}"
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("lasting", [0.0, 0.03, 0.1])
+def test_a_sound_robot_is_accused_of_nothing(robot, seed, lasting):
+    """Also where noise lasts for some 20 samples, so that what is left follows a pattern."""
+    result = sy.identify(robot, recorded(None, seed, lasting=lasting))
+    assert error_causes(result) == ()
+    actions = [step.action for step in next_steps(result)]
+    assert not [one for one in actions if not one.startswith(("State what", "Record a", "Try the model", "Use it"))]
+
+
+def test_an_oscillation_that_is_filtered_out_leaves_what_was_said(robot):
+    """And the filtered torques, which are sound, are accused of no other mistake."""
+    log = recorded("oscillation")
+    result = sy.identify(robot, log)
+    (cause,) = error_causes(result)
+    assert cause.kind == "oscillation"
+    assert cause.band[0] < 4.1 < 6.2 < cause.band[1]
+    settings = tomllib.loads(next_steps(result)[0].code)
+    mended = sy.identify(robot, log, processing=settings["processing"])
+    promised, *_ = cause.left_of(result.prediction.relative_error)
+    assert mended.prediction.relative_error < 1.1 * promised < 0.5 * result.prediction.relative_error
+    assert not mended.mistakes
+    assert mended.prediction.is_usable
+
+
+def test_a_drift_that_is_taken_off_leaves_what_was_said(robot):
+    log = recorded("drift")
+    result = sy.identify(robot, log)
+    (cause,) = error_causes(result)
+    assert [int(k) for k in np.flatnonzero(cause.joint_shares)] == [1]
+    (slopes,) = cause.slopes.values()
+    truth = np.polyfit(T, log["tau2"] - recorded(None)["tau2"], 1)[0]
+    assert slopes[1] == pytest.approx(truth, rel=0.1)
+    mended = sy.identify(robot, log | {"tau2": log["tau2"] - slopes[1] * T})
+    _, least, most = cause.left_of(result.prediction.relative_error)
+    assert mended.prediction.relative_error < most
+    assert least < 0.7 * result.prediction.relative_error
+
+
+def test_a_doubtful_delay_comes_behind_friction_that_makes_most_of_the_error(robot):
+    """What a model lacks looks like a delay of some ms; in z1 with such friction one of 7.2 ± 3 ms was found."""
+    late = Hypothesis(
+        kind="delay",
+        statement="The torques look to be logged 7.2 ms later than the motion",
+        correction=None,
+        gain=14.0,
+        error_before=0.0368,
+        error_after=0.0368,
+        joint=None,
+        evidence="numbers of the answer move",
+        settings={"processing": {"delay": 0.0072}},
+    )
+    for cause, place in (("friction", 1), (None, 0)):
+        result = sy.identify(robot, recorded(cause))
+        steps = next_steps(replace(result, mistakes={"data": (late,)}))
+        assert [k for k, step in enumerate(steps) if "delay" in step.code] == [place]
+        sure = next_steps(replace(result, mistakes={"data": (replace(late, gain=200.0),)}))
+        assert "delay" in sure[0].code
+
+
+def test_logs_that_are_too_short_are_not_tried(robot):
+    log = {name: column[:180] for name, column in recorded("friction").items()}
+    assert error_causes(sy.identify(robot, log)) is None
