@@ -45,6 +45,10 @@ BAND, IN_MOTION, ABOVE = 3.0, 0.99, 1.5
 far above its frequencies an oscillation must lie."""
 
 
+_HELD = "_error_causes"
+"""Under which what was found stands in an identification."""
+
+
 @dataclass(frozen=True, eq=False)
 class ErrorCause:
     """Something that a model lacks, or that disturbs a log, and how much of the error it explains.
@@ -81,7 +85,6 @@ class ErrorCause:
         return float(left[0]), float(left[1]), float(left[2])
 
 
-@in_one_thread
 def error_causes(identification: Identification) -> tuple[ErrorCause, ...] | None:
     """Return what takes away much of the error on which the verdict rests, the most first.
 
@@ -98,6 +101,15 @@ def error_causes(identification: Identification) -> tuple[ErrorCause, ...] | Non
         Those that surely take away 20 % of the squared error at least, of which those before them take away no part.
         None where the logs are too short for it, or the robot has more than 20 joints.
     """
+    held: dict[str, Any] = vars(identification)  # terminal and report both ask; a property of it would be a circle
+    if _HELD not in held:
+        held[_HELD] = _found(identification)
+    causes: tuple[ErrorCause, ...] | None = held[_HELD]
+    return causes
+
+
+@in_one_thread
+def _found(identification: Identification) -> tuple[ErrorCause, ...] | None:
     logs = [one for one in identification.predictions if one.samples is not None and one.samples.t is not None]
     judged = ([one for one in logs if one.role == "validation"] or logs)[:MOST_LOGS]
     others = [one for one in logs if one not in judged][: MOST_LOGS - len(judged)]
