@@ -702,7 +702,9 @@ class _Tests:
             chances = tested.chances(self.tails)
             chances[taken_already] = 1.0
             free = self.problem.width - sum(self.directions[k].shape[1] for k in taken_already)
-            likely, before = self.likelihood(robot, inverse, away, free, tested, np.flatnonzero(chances <= self.threshold))
+            likely, before = self.likelihood(
+                robot, inverse, away, free, tested, np.flatnonzero(chances <= self.threshold)
+            )
             order = np.argsort(-(likely + before), kind="stable")
             best = int(order[0])
             # What no body and no drive can be is no further part.
