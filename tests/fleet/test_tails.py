@@ -64,7 +64,7 @@ def test_each_part_has_its_own_tails() -> None:
 
 
 def test_only_what_siblings_vary_by_has_tails() -> None:
-    """Student's t beside as much noise: the tails are found that it has by itself, where it is told how much is noise."""
+    """Student's t beside as much noise: its own tails are found, where it is told how much is noise."""
     random = np.random.default_rng(3)
     values = (random.standard_t(3, size=(2000, 6)) + 1.2 * random.normal(size=(2000, 6))) / np.sqrt(2.88)
     both, whole = (tails_of(values, share * np.ones(6), np.zeros(2000, dtype=bool))[1] for share in (0.5, 1.0))

@@ -42,8 +42,8 @@ ROUGH = 5
 """Robots of a group below which intervals hold less than they say: of links that were named in simulated fleets of
 four, which are those where chance made the others look alike, 6 of 10 held the truth; of five, 9 of 10."""
 HEAVY = 0.1
-"""Reciprocal of the degrees of freedom from which heavy tails are told. As a distribution of Student's with ten has, one
-robot in 2000 is five standard deviations out, and one in 1.7 million of a normal one."""
+"""Reciprocal of the degrees of freedom from which heavy tails are told. With ten, Student's distribution has one robot
+in 2000 five standard deviations out, and a normal one has one in 1.7 million."""
 LINES = 20
 """The most lines of progress that are printed while robots are estimated."""
 SURE = 0.05

@@ -595,7 +595,7 @@ class _Tests:
         return _Tested(amplitude, error, among, explained, sizes, freedom, share)
 
     def likelihood(
-        self, robot: int, inverse: Array, away: Array, free: int, tested: _Tested, possible: Array
+        self, robot: int, inverse: Array, away: Array, free: int, tested: _Tested, possible: NDArray[np.intp]
     ) -> tuple[Array, Array]:
         """Logarithms of how likely each cause makes what a robot shows, and of how likely it is itself.
 

@@ -19,7 +19,8 @@ Array = NDArray[np.float64]
 
 FAR = 4.0
 """Standard deviations beyond which a robot says nothing of the tails. Lower, less is known of them; higher, robots with
-small faults widen them: of 112 links and gearboxes that fleets of 100 normal robots show, 111 are found."""
+small faults widen them. Of 112 small faults that tests with normal tails find in fleets of 100 normal robots, 111 are
+still found."""
 
 MOST_FAR = 1.0 / 3.0
 """Part of the robots that may be left out for being far in some part: a fault shows a little in other parts as well. Of
@@ -29,13 +30,13 @@ TAILS = np.linspace(0.0, 0.5, 21)
 """Reciprocals of the degrees of freedom that are tried; zero is the normal distribution."""
 
 SCALES = np.exp(np.linspace(-0.5, 0.4, 7))
-"""Widths that are tried; the standard deviation, found with bounded squares, is wider than the middle of heavy tails."""
+"""Widths that are tried; the standard deviation, of bounded squares, is wider than the middle of heavy tails."""
 
 NORMAL = 0.5
 """Probability that normal tails are usual, before any data is seen; all others are as likely as each other."""
 
 LIKE, ALIKE = 0.5, 0.02
-"""How far the tails of parts are from what is usual, on average: a part of that, and as much beside."""
+"""How far the tails of parts are from what is usual, on average: a part of that, and this much beside."""
 
 
 def tails_of(deviations: Array, among: Array, found: NDArray[np.bool_]) -> tuple[Array, float]:
