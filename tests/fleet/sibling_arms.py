@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -28,11 +29,12 @@ class Arms:
     """Arms whose links vary by 1 %, friction by 5 %; a fault multiplies friction of a joint, all of a link or a torque,
     or is a payload.
 
-    Those of another reach have a second link of another length.
+    Those of another reach have a second link of another length. What they vary by is normal, or has the tails of
+    Student's distribution with some degrees of freedom.
     """
 
-    def __init__(self, folder: Path, reach: float = 1.0) -> None:
-        self.folder = folder
+    def __init__(self, folder: Path, reach: float = 1.0, freedom: float | None = None) -> None:
+        self.folder, self.freedom = folder, freedom
         text = ROBOT.replace('["pi/2", 0.3, 0.1', f'["pi/2", {0.3 * reach}, 0.1')
         (folder / "robot.toml").write_text(text, encoding="utf-8")
         self.model = sy.Model.load(folder / "robot.toml")
@@ -54,12 +56,13 @@ class Arms:
     ) -> sy.Information:
         """Of an arm, of which one joint may stand still, where only the noise of its encoder moves it."""
         random = np.random.default_rng([number, 1])
+        vary = random.normal if self.freedom is None else partial(random.standard_t, self.freedom)
         values = self.usual.copy()
         for columns in self.model.link_columns:
-            values[columns] *= 1.0 + 0.01 * random.normal()
+            values[columns] *= 1.0 + 0.01 * vary()
         for index, name in enumerate(self.names):
             if name.startswith("F"):
-                values[index] *= 1.0 + 0.05 * random.normal()
+                values[index] *= 1.0 + 0.05 * vary()
             if fault.startswith("joint") and name in (f"Fvj{fault[5:]}", f"Fcj{fault[5:]}"):
                 values[index] *= factor
         if fault == "payload":  # a lump of so many kilograms on the flange

@@ -41,6 +41,9 @@ MOST_SENTENCES = 40
 ROUGH = 5
 """Robots of a group below which intervals hold less than they say: of links that were named in simulated fleets of
 four, which are those where chance made the others look alike, 6 of 10 held the truth; of five, 9 of 10."""
+HEAVY = 0.1
+"""Reciprocal of the degrees of freedom from which heavy tails are told. With ten, Student's distribution has one robot
+in 2000 five standard deviations out, and a normal one has one in 1.7 million."""
 LINES = 20
 """The most lines of progress that are printed while robots are estimated."""
 SURE = 0.05
@@ -665,6 +668,7 @@ def _compared(
             told = sentence(as_it_was, "drift", when=when, since=since)
             ratio = 1.0 + as_it_was.amplitude
             findings.append(Finding("drift", row.entry.id, name, row.entry.date, since, one, told, history, ratio))
+        remarks += _heavy_tails(f"What changed in robots{alike} of {called}", drift)
         for cause, value, lower, upper in _common(drift):
             remarks.append(
                 f"In {called}, {_what(cause)}{' of robots' * bool(alike)}{alike} changed on average by "
@@ -708,13 +712,28 @@ def _beside_siblings(
         if own:
             told = f"Beyond what its batch has in common, {_inside(told)}"
         findings.append(Finding("siblings", row.entry.id, name, row.entry.date, "", beside, told))
-    remarks = []
+    remarks = _heavy_tails(f"What robots{alike} of {_called(name)} vary by", siblings)
     if len(rows) < 10:
         remarks.append(
             f"With {len(rows)} robots{alike} in {_called(name)}, what is usual among siblings is hardly known: only "
             f"large differences are told{', and their sizes are rough' * (len(rows) < ROUGH)}."
         )
     return findings, remarks
+
+
+def _heavy_tails(what: str, compared: SiblingComparison) -> list[str]:
+    """Say where sound robots are further out than a normal distribution makes likely, and what follows."""
+    parts = [k for k, cause in enumerate(compared.causes) if cause.kind != "link" and compared.tails[k] >= HEAVY]
+    if not parts:
+        return []
+    parts.sort(key=lambda k: (-compared.tails[k], k))
+    named = all_listed(_what(compared.causes[k]) for k in parts[:3])
+    where = f"most of all {named}" if len(parts) > 3 else named
+    return [
+        f"{what} has heavier tails than a normal distribution, {where} (as Student's distribution with "
+        f"{1.0 / compared.tails[parts[0]]:.0f} degrees of freedom): some sound robots are far from the others in these "
+        "parts. So a robot is named only for what is beyond these tails, and a fault must be larger to be named there."
+    ]
 
 
 def _inside(told: str) -> str:

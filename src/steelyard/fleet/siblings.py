@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +20,7 @@ from steelyard.regression.factor import eigenvectors
 
 from .batches import Heap, find_heap
 from .causes import IMPOSSIBLE, Cause
+from .tails import tails_of
 from .variation import (
     EFFICIENCY,
     LEAST,
@@ -156,6 +158,9 @@ class SiblingComparison:
         (R, len(causes)): the part of the amplitude that robots of a batch have in common; zero for the others.
     among : ndarray
         (R, len(causes)) the part of that standard deviation by which siblings vary.
+    tails : ndarray
+        (len(causes),): how heavy the tails are of what siblings vary by, as reciprocals of the degrees of freedom of
+        Student's distribution; zero where it is normal.
     probability : ndarray
         (R, len(causes)) of being as far out by chance.
     robot_probability : ndarray
@@ -176,6 +181,7 @@ class SiblingComparison:
     error: Array = field(repr=False)
     among: Array = field(repr=False)
     common: Array = field(repr=False)
+    tails: Array = field(repr=False)
     probability: Array = field(repr=False)
     robot_probability: Array = field(repr=False)
     deviations: tuple[Deviation, ...] = field(repr=False)
@@ -205,7 +211,11 @@ class SiblingComparison:
     @property
     def least_named(self) -> Array:
         """(len(causes),): the amplitude of each cause that half of the robots that have it would be named for."""
-        return np.asarray(deviations_of(self.threshold) * np.median(self.error, axis=0))
+        from scipy.special import stdtrit
+
+        share = np.median((self.among / self.error) ** 2, axis=0)
+        freedom = 1.0 / np.maximum(self.tails * share**2, 1e-6)
+        return np.asarray(-stdtrit(freedom, 0.5 * max(self.threshold, 1e-300)) * np.median(self.error, axis=0))
 
 
 def deviations_of(probability: float) -> float:
@@ -377,6 +387,7 @@ def compare_siblings(
         tests.error,
         tests.among,
         tests.common,
+        tests.tails,
         tests.probability,
         tests.robot_probability,
         tuple(deviations),
@@ -409,6 +420,33 @@ class _Found:
     beside: tuple[int, ...]  # that were found in this robot before
     change: Array = field(repr=False)  # of base parameters
     inverse: Array = field(repr=False)  # of the covariance of a robot that has these parts
+
+
+class _Tested(NamedTuple):
+    """What one robot shows of each cause, (len(causes),) each; of all robots, (R, len(causes)).
+
+    Amplitudes, their standard deviations, and the part that siblings vary by, are NaN where there is no one amplitude.
+    Then what each explains, in squared standard deviations, with how many amplitudes; the degrees of freedom of the
+    variance, and the part of it that siblings vary by.
+    """
+
+    amplitude: Array
+    error: Array
+    among: Array
+    explained: Array
+    sizes: Array
+    freedom: Array
+    share: Array
+
+    def chances(self, tails: Array) -> Array:
+        """Probabilities of explaining as much by chance, where siblings vary with these tails (see `tails_of`).
+
+        By Satterthwaite's rule: a variance that differs from robot to robot is as one of which little is known.
+        """
+        from scipy.special import fdtrc
+
+        freedom = 1.0 / (1.0 / self.freedom + tails * self.share**2)
+        return np.asarray(fdtrc(self.sizes, freedom, self.explained / self.sizes))
 
 
 class _Tests:
@@ -456,15 +494,29 @@ class _Tests:
     def measure(self) -> None:
         """Hold each robot against the mean of the others, each cause by itself."""
         count, causes = self.problem.count, len(self.directions)
-        self.probability, self.amplitude = np.ones((count, causes)), np.full((count, causes), np.nan)
-        self.error, self.among = np.full((count, causes), np.nan), np.full((count, causes), np.nan)
         self.common = np.zeros((count, causes))
+        told = []
         for robot in range(count):
             inverse, away = self.against_others(robot)
-            tested = self.tested(robot, inverse, away, inverse)
-            self.amplitude[robot], self.error[robot], self.among[robot], self.probability[robot] = tested[:4]
+            told.append(self.tested(robot, inverse, away, inverse))
             if self.taken_off[robot].any():
-                self.common[robot] = self.tested(robot, inverse, self.taken_off[robot], inverse)[0]
+                self.common[robot] = self.tested(robot, inverse, self.taken_off[robot], inverse).amplitude
+        whole = _Tested(*(np.array(one) for one in zip(*told, strict=True)))
+        self.amplitude, self.error, self.among = whole.amplitude, whole.error, whole.among
+        self.tails = self.tails_of_siblings(whole)
+        self.probability = whole.chances(self.tails)
+
+    def tails_of_siblings(self, whole: _Tested) -> Array:
+        """Reciprocals of degrees of freedom of what siblings vary by, of each cause, see `tails_of`."""
+        found = np.isin(np.arange(self.problem.count), list(self.problem.taken))
+        amplitude, error = whole.amplitude[:, self.single], whole.error[:, self.single]
+        known = [known_amplitudes(*one) for one in zip(amplitude.T, error.T**-2.0, strict=True)]
+        deviations = np.array(known).reshape(amplitude.T.shape).T / error
+        share = median_of_shown(whole.share[:, self.single], np.isfinite(deviations))
+        own, of_all = tails_of(deviations, share, found)
+        tails = np.full(len(self.directions), of_all)
+        tails[self.single] = own
+        return tails
 
     def named(self) -> list[_Found]:
         """Which robots differ, and in what."""
@@ -504,18 +556,15 @@ class _Tests:
         inverse = np.linalg.inv(covariance)
         return 0.5 * (inverse + inverse.T), problem.bases[robot] - mean
 
-    def tested(self, robot: int, inverse: Array, away: Array, whole: Array) -> tuple[Array, ...]:
-        """Amplitudes, their standard deviations, the part that siblings vary by, and probabilities of all causes.
-
-        Then what each explains, in squared standard deviations, and with how many amplitudes.
+    def tested(self, robot: int, inverse: Array, away: Array, whole: Array) -> _Tested:
+        """Hold what a robot shows against each cause.
 
         `inverse` is that of the covariance, without what causes that were found already explain; `whole` with it.
         """
-        from scipy.special import fdtrc, stdtr
-
         causes = len(self.directions)
         amplitude, error, among = np.full((3, causes), np.nan)
-        probability = np.ones(causes)
+        explained, share = np.zeros((2, causes))
+        sizes, freedom = np.ones((2, causes))
         columns = self.columns_of(robot)
         weighed = inverse @ columns
         told = np.einsum("ij,ij->j", columns, weighed)
@@ -524,14 +573,12 @@ class _Tests:
         safe = np.where(seen, told, 1.0)
         score = weighed.T @ away
         weights = weighed / safe
-        freedom = self.freedom(robot, weights)
+        degrees, share[self.single] = self.freedom(robot, weights)
+        freedom[self.single] = np.where(seen, degrees, 1.0)
         varied = np.einsum("ik,ik->k", weights, self.problem.spread_matrix @ weights)
         among[self.single] = np.where(seen, np.sqrt(np.maximum(varied, 0.0)), np.nan)
         amplitude[self.single] = np.where(seen, score / safe, np.nan)
         error[self.single] = np.where(seen, 1.0 / np.sqrt(safe), np.nan)
-        chance = np.minimum(2.0 * stdtr(freedom, -np.abs(score) / np.sqrt(safe)), 1.0)
-        probability[self.single] = np.where(seen, chance, 1.0)
-        explained, sizes = np.zeros(causes), np.ones(causes)
         explained[self.single] = np.where(seen, score**2 / safe, 0.0)
         for k in self.several:
             own = self.directions[k]
@@ -542,17 +589,17 @@ class _Tests:
             if not shown.any():
                 continue
             along = (vectors[:, shown].T @ score) / np.sqrt(values[shown])
-            degrees = self.freedom(robot, (weighed @ vectors[:, shown]) / values[shown])
+            degrees, shares = self.freedom(robot, (weighed @ vectors[:, shown]) / values[shown])
             sizes[k], explained[k] = shown.sum(), along @ along
-            probability[k] = float(fdtrc(sizes[k], float(np.min(degrees)), explained[k] / sizes[k]))
-        return amplitude, error, among, probability, explained, sizes
+            freedom[k], share[k] = np.min(degrees), np.max(shares)
+        return _Tested(amplitude, error, among, explained, sizes, freedom, share)
 
     def likelihood(
-        self, robot: int, inverse: Array, away: Array, free: int, tested: tuple[Array, ...]
+        self, robot: int, inverse: Array, away: Array, free: int, tested: _Tested, possible: NDArray[np.intp]
     ) -> tuple[Array, Array]:
         """Logarithms of how likely each cause makes what a robot shows, and of how likely it is itself.
 
-        Both up to a constant, (len(causes),); only of those that are beyond chance. What a cause leaves unexplained
+        Both up to a constant, (len(causes),); only of those that are `possible`. What a cause leaves unexplained
         has a multivariate Student's distribution, as the size of the covariance is itself estimated: where each cause
         leaves much, because the changes are too large for the directions to be exact, their ratio counts. Amplitudes
         are taken to be about as large as they were found (the marginal likelihood of a g-prior with local empirical
@@ -562,12 +609,12 @@ class _Tests:
         Probabilities of chance do not order causes: each has its own degrees of freedom, by which those of two that
         are equally far out differ by many powers of ten.
         """
-        amplitude, error, _, probability, explained, sizes = tested
+        amplitude, error, explained, sizes = tested.amplitude, tested.error, tested.explained, tested.sizes
         siblings = max(float(self.problem.weights.sum()) - 1.0, 1.0)
         degrees = min(float(self.problem.freedoms[robot]), siblings)
         likely, before = np.full((2, len(self.causes)), -np.inf)
         total = float(away @ inverse @ away)
-        for k in map(int, np.nonzero(probability <= self.threshold)[0]):
+        for k in map(int, possible):
             left, tells, size = total - explained[k], explained[k], sizes[k]
             if np.isfinite(amplitude[k]):
                 has, had = self.held(robot, k, float(amplitude[k]), inverse)
@@ -624,8 +671,11 @@ class _Tests:
         """An amplitude as a part of what siblings have."""
         return _beside(amplitude) if self.is_own(robot, cause) else amplitude
 
-    def freedom(self, robot: int, weights: Array) -> Array:
-        """Degrees of freedom of the variances of combinations of base parameters, (k,), by Satterthwaite's rule."""
+    def freedom(self, robot: int, weights: Array) -> tuple[Array, Array]:
+        """Degrees of freedom of the variances of combinations of base parameters, (k,), by Satterthwaite's rule.
+
+        And the part of these variances that siblings vary by.
+        """
         problem = self.problem
         noise = np.maximum(np.einsum("ik,ik->k", weights, problem.errors[robot] @ weights), 0.0)
         among = np.maximum(np.einsum("ik,ik->k", weights, problem.spread_matrix @ weights), 0.0)
@@ -638,7 +688,8 @@ class _Tests:
         # had a false alarm where 5 % are asked for.
         siblings = np.maximum(EFFICIENCY * (tells.sum(axis=1) - 1.0), 1.0)
         spread = noise**2 / problem.freedoms[robot] + among**2 / siblings
-        return np.asarray((noise + among) ** 2 / np.maximum(spread, 1e-300))
+        whole = np.maximum(noise + among, 1e-300)
+        return whole**2 / np.maximum(spread, 1e-300), among / whole
 
     def parts_of(self, robot: int) -> list[_Found]:
         """The causes that differ in one robot: the likeliest, then what is left beside it, and so on."""
@@ -648,9 +699,12 @@ class _Tests:
         while len(parts) < MOST_CAUSES:
             tested = self.tested(robot, inverse, away, whole)
             taken_already = [k for k, _, _ in parts]
-            tested[3][taken_already] = 1.0
+            chances = tested.chances(self.tails)
+            chances[taken_already] = 1.0
             free = self.problem.width - sum(self.directions[k].shape[1] for k in taken_already)
-            likely, before = self.likelihood(robot, inverse, away, free, tested)
+            likely, before = self.likelihood(
+                robot, inverse, away, free, tested, np.flatnonzero(chances <= self.threshold)
+            )
             order = np.argsort(-(likely + before), kind="stable")
             best = int(order[0])
             # What no body and no drive can be is no further part.
@@ -658,8 +712,8 @@ class _Tests:
                 break
             as_well = (likely[best] - likely <= LIKELY) & (before > IMPOSSIBLE)
             near = tuple(int(k) for k in order if as_well[k] and k != best)
-            parts.append((best, float(tested[3][best]), near))
-            whole = self.wider(robot, whole, inverse, best, float(tested[0][best]))
+            parts.append((best, float(chances[best]), near))
+            whole = self.wider(robot, whole, inverse, best, float(tested.amplitude[best]))
             inverse = unexplained(whole, np.column_stack([self.direction(robot, k) for k, _, _ in parts]))
             inverse = 0.5 * (inverse + inverse.T)
         parts = self.needed(robot, whole, away, parts)
@@ -700,7 +754,8 @@ class _Tests:
             for k, _, _ in kept:
                 others = np.column_stack([self.direction(robot, other) for other, _, _ in kept if other != k])
                 inverse = unexplained(whole, others)
-                chances.append(float(self.tested(robot, 0.5 * (inverse + inverse.T), away, whole)[3][k]))
+                tested = self.tested(robot, 0.5 * (inverse + inverse.T), away, whole)
+                chances.append(float(tested.chances(self.tails)[k]))
             worst = int(np.argmax(chances))
             if chances[worst] <= self.threshold:
                 break
@@ -794,7 +849,7 @@ def _deviation(one: _Found, tests: _Tests, confidence: float) -> Deviation:
     if tests.problem.count < FEW_SIBLINGS:
         factor = 1.0 if cause.kind == "gain" else (1.0 + amplitude) ** 2
         error = float(np.sqrt(error**2 + factor * max(tests.usual_spread(cause.kind) ** 2 - among, 0.0)))
-    freedom = tests.problem.freedom_of_interval(one.robot, weights, error)
+    freedom = tests.problem.freedom_of_interval(one.robot, weights, error, float(tests.tails[one.cause]))
     reach = float(stdtrit(freedom, 0.5 + 0.5 * confidence)) * error
     return Deviation(
         one.robot,

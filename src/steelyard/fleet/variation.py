@@ -242,7 +242,7 @@ class SiblingVariation:
             if np.max(np.abs(after - before) / np.maximum(before, 0.02)) < SETTLED:
                 break
 
-    def freedom_of_interval(self, robot: int, weights: Array, error: float) -> float:
+    def freedom_of_interval(self, robot: int, weights: Array, error: float, tails: float = 0.0) -> float:
         """Degrees of freedom of the variance of a combination of base parameters, of which an interval is told.
 
         By Satterthwaite's rule from how well the variances are known of which siblings vary, by their Fisher
@@ -263,7 +263,7 @@ class SiblingVariation:
         of_siblings = EFFICIENCY * 2.0 * among**2 / max(float(squares @ known @ squares), 1e-300)
         noise = float(weights @ self.errors[robot] @ weights)
         among = max(error**2 - noise, 0.0)  # more than of siblings, where what varies has grown
-        spread = noise**2 / self.freedoms[robot] + among**2 / max(of_siblings, 1.0)
+        spread = noise**2 / self.freedoms[robot] + among**2 * (1.0 / max(of_siblings, 1.0) + tails)
         return float((noise + among) ** 2 / max(spread, 1e-300))
 
 
