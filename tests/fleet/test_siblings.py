@@ -374,8 +374,9 @@ def test_intervals_hold_in_small_fleets(count: int, tmp_path: Path) -> None:
 def test_gains_links_and_friction_are_told_apart_or_told_together(tmp_path: Path, first: int) -> None:
     """The torque of a joint is scaled by 3, 5 and 10 %, a link is heavier, or a joint runs hard, one at a time."""
     compared = Compared(tmp_path, 20, first)
-    out = compared.with_fault(0, "", 1.0).differs  # by chance, as 5 % are
-    places = [place for place in range(20) if place not in out]
+    sound = compared.with_fault(0, "", 1.0)
+    # Without those that differ by chance, as 5 % do, or nearly do.
+    places = [place for place in range(20) if sound.probability[place].min() > 10.0 * sound.threshold]
     kinds = {"gain": ("gain",), "link": ("mass", "link"), "joint": ("term", "friction")}
     faults = [("gain", 1.0 + sign * size) for size in (0.03, 0.05, 0.1) for sign in (1, -1)]
     faults += [("link", 0.9), ("link", 1.1), ("link", 1.2), ("joint", 1.2), ("joint", 1.5)]

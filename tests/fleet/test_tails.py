@@ -105,9 +105,9 @@ def test_where_nothing_is_known_tails_are_normal() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize(("count", "fleets", "most"), [(20, 40, 0.05), (100, 12, 0.01), (1000, 1, 0.01)])
+@pytest.mark.parametrize(("count", "fleets", "most"), [(20, 40, 0.07), (100, 12, 0.02), (1000, 1, 0.01)])
 def test_sound_robots_of_fleets_with_heavy_tails_are_not_named(law: str, count: int, fleets: int, most: float) -> None:
-    """Before, 5 to 16 % of twenty and 6 to 25 % of a hundred. Of twenty, what is usual is hardly known."""
+    """Before, 5 to 16 % of twenty and 6 to 25 % of a hundred. Twenty hardly show what is usual: a third is left."""
     named = sum(len(fleet(law, count, seed).differs) for seed in range(fleets))
     assert named <= most * count * fleets
 
@@ -140,9 +140,9 @@ def test_heavy_tails_are_told_in_a_sentence(
     """In the page, the file and on the terminal; of a normal fleet nothing is said."""
     for freedom in (3.0, None):
         heavy, arms = freedom is not None, Arms(tmp_path, freedom=freedom)
-        for number in range(60):
+        for number in range(100):
             arms.information(number, duration=6.0).save(tmp_path / f"{number}.json")
-        manifest = arms.manifest([f"R{k},,{k}.json" for k in range(60)])
+        manifest = arms.manifest([f"R{k},,{k}.json" for k in range(100)])
         monkeypatch.setattr("sys.argv", ["steelyard", "fleet", str(manifest), "-o", str(tmp_path / "result")])
         with pytest.raises(SystemExit):
             main()

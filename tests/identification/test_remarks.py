@@ -313,7 +313,7 @@ def test_a_tool_that_the_description_leaves_out_is_asked_for():
         result = sy.identify(robot, sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque, t=t[:, 0]))
         return heavy_ends(model, result.parameters, result.prediction)
 
-    [remark] = said(body, body + tool)
+    [remark] = said(body, body + tool).values()
     assert remark.startswith("link2 comes out at")
     assert "where the description has 2 kg" in remark
     assert not said(body, body)

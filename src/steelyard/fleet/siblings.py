@@ -700,11 +700,12 @@ class _Tests:
             tested = self.tested(robot, inverse, away, whole)
             taken_already = [k for k, _, _ in parts]
             chances = tested.chances(self.tails)
-            chances[taken_already] = 1.0
+            # That the robot differs is sure. Where its part is one in which siblings vary most, tails would leave that
+            # part out, and another one that explains less would be told.
+            possible = (chances if parts else tested.chances(np.zeros_like(self.tails))) <= self.threshold
+            possible[taken_already] = False
             free = self.problem.width - sum(self.directions[k].shape[1] for k in taken_already)
-            likely, before = self.likelihood(
-                robot, inverse, away, free, tested, np.flatnonzero(chances <= self.threshold)
-            )
+            likely, before = self.likelihood(robot, inverse, away, free, tested, np.flatnonzero(possible))
             order = np.argsort(-(likely + before), kind="stable")
             best = int(order[0])
             # What no body and no drive can be is no further part.
@@ -755,7 +756,7 @@ class _Tests:
                 others = np.column_stack([self.direction(robot, other) for other, _, _ in kept if other != k])
                 inverse = unexplained(whole, others)
                 tested = self.tested(robot, 0.5 * (inverse + inverse.T), away, whole)
-                chances.append(float(tested.chances(self.tails)[k]))
+                chances.append(float(tested.chances(np.zeros_like(self.tails))[k]))
             worst = int(np.argmax(chances))
             if chances[worst] <= self.threshold:
                 break

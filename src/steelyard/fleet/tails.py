@@ -32,8 +32,10 @@ TAILS = np.linspace(0.0, 0.5, 21)
 SCALES = np.exp(np.linspace(-0.5, 0.4, 7))
 """Widths that are tried; the standard deviation, of bounded squares, is wider than the middle of heavy tails."""
 
-NORMAL = 0.5
-"""Probability that normal tails are usual, before any data is seen; all others are as likely as each other."""
+NORMAL = 0.6
+"""Probability that normal tails are usual, before any data is seen; all others are as likely as each other. Of 33 gains,
+links and frictions in twenty arms, 9 to 15 are not seen, and of twenty sound robots of heavy tails 3 to 6 % are named.
+With 0.8, 8 to 10 are not seen and 3 to 8 % are named; with normal tails, 7 to 9 and 4 to 16 %."""
 
 LIKE, ALIKE = 0.5, 0.02
 """How far the tails of parts are from what is usual, on average: a part of that, and this much beside."""
@@ -88,10 +90,21 @@ def tails_of(deviations: Array, among: Array, found: NDArray[np.bool_]) -> tuple
     usual /= usual.sum(axis=1, keepdims=True)
     evidence = likely @ usual.T  # (c, len(TAILS)), of what may be usual
     before = np.where(TAILS == 0.0, NORMAL, (1.0 - NORMAL) / (len(TAILS) - 1))
-    together = np.log(before) + np.log(evidence).sum(axis=0)
+    together = np.log(before) + _independent(np.where(tells, deviations, 0.0)) * np.log(evidence).mean(axis=0)
     together = np.exp(together - together.max())
     of_each = likely * ((together / together.sum() / evidence) @ usual)
     return _median(of_each), float(_median(of_each.mean(axis=0)[None])[0])
+
+
+def _independent(deviations: Array) -> float:
+    """Return as how many independent parts the parts count, by their correlations, (R, c).
+
+    The friction of a joint is both of its terms, and a gain is a little of everything. Counted in full, parts that say
+    the same made a fleet of twenty normal arms one of heavy tails, in which half of the gains were not seen.
+    """
+    correlation = deviations / np.maximum(np.linalg.norm(deviations, axis=0), 1e-300)
+    present = np.linalg.norm(correlation, axis=0) > 0.0
+    return float(present.sum() ** 2 / max(np.sum((correlation.T @ correlation) ** 2), 1e-300)) if present.any() else 0.0
 
 
 def _median(weights: Array) -> Array:
