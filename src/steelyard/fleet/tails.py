@@ -33,7 +33,7 @@ SCALES = np.exp(np.linspace(-0.5, 0.4, 7))
 """Widths that are tried; the standard deviation, of bounded squares, is wider than the middle of heavy tails."""
 
 NORMAL = 0.6
-"""Probability that normal tails are usual, before any data is seen; all others are as likely as each other. Of 33 gains,
+"""Probability that normal tails are usual, before any data is seen; all others are equally likely. Of 33 gains,
 links and frictions in twenty arms, 9 to 15 are not seen, and of twenty sound robots of heavy tails 3 to 6 % are named.
 With 0.8, 8 to 10 are not seen and 3 to 8 % are named; with normal tails, 7 to 9 and 4 to 16 %."""
 
