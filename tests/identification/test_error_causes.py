@@ -167,6 +167,16 @@ def test_a_drift_that_is_taken_off_leaves_what_was_said(robot):
     assert least < 0.7 * result.prediction.relative_error
 
 
+def test_a_delay_that_is_mended_leaves_what_was_said(robot):
+    log = recorded("delay")
+    result = sy.identify(robot, log)
+    ((late,),) = result.mistakes.values()
+    mended = sy.identify(robot, log, processing=late.settings["processing"])
+    assert late.error_before == pytest.approx(result.unconstrained.relative_error, rel=1e-6)
+    assert late.error_after == pytest.approx(mended.unconstrained.relative_error, rel=0.1)
+    assert late.error_after < 0.3 * late.error_before
+
+
 def test_a_doubtful_delay_comes_behind_friction_that_makes_most_of_the_error(robot):
     """What a model lacks looks like a delay of some ms; in z1 with such friction one of 7.2 ± 3 ms was found."""
     late = Hypothesis(

@@ -13,9 +13,10 @@ from steelyard.dynamics import Model
 from steelyard.errors import InputError
 from steelyard.recording import Samples
 from steelyard.recording.correction import Correction, Settings
+from steelyard.recording.diagnosis import advanced
 from steelyard.recording.diagnosis.late_torques import SURE, LateTorques, is_certain, late_torques
 from steelyard.recording.filters.zero_phase import low_pass
-from steelyard.regression import Estimate, Information
+from steelyard.regression import Estimate, Information, least_squares
 from steelyard.regression.parameter_covariance import NORMAL, inverse_root_of
 from steelyard.regression.reduction import errors_of
 
@@ -156,10 +157,8 @@ def late_log(
     largest = _largest(change, unconstrained)
     if not largest >= MATTERS:
         return None
-    counts, powers = (np.array([getattr(one, key) for one in own.factors]) for key in ("count", "norm2"))
     before = own.relative_error(unconstrained.base)
-    fallen = float(counts @ (delays**2 * found.unexplained) / max(powers.sum(), 1e-300))
-    errors = before, float(np.sqrt(max(before**2 - fallen, 0.0)))
+    errors = before, before * _part_left(model, stretches, delays, unconstrained)
     return LateLog(name, delays, deviations, change, largest, errors)
 
 
@@ -178,6 +177,25 @@ def _change(
         sums[columns] += weights[k] ** 2 * own.factors[k].count * delays[k] * found.changes[k]
     inverse, _, unknown = inverse_root_of(information, weights)
     return np.where(unknown, 0.0, inverse @ (inverse.T @ sums))
+
+
+def _part_left(
+    model: Model, stretches: Sequence[tuple[Samples, Array]], delays: Array, unconstrained: Estimate
+) -> float:
+    """Return what part of the error of rows is left where they are reduced again with each torque moved in time."""
+    left: list[float] = []
+    for delayed in (np.zeros_like(delays), delays):
+        moved = []
+        for samples, _ in stretches:
+            assert samples.t is not None
+            interval = float(np.median(np.diff(samples.t)))
+            columns = [advanced(own, delay / interval) for own, delay in zip(samples.torque.T, delayed, strict=True)]
+            torque, known = (np.column_stack(parts) for parts in zip(*columns, strict=True))
+            mask = known if samples.mask is None else known & samples.mask
+            moved.append(Information.from_samples(model, replace(samples, torque=torque, mask=mask)))
+        together = sum(moved[1:], moved[0])
+        left.append(together.relative_error(least_squares(together, unconstrained.weights).base))
+    return left[1] / max(left[0], 1e-300)
 
 
 def _largest(change: Array, unconstrained: Estimate) -> float:

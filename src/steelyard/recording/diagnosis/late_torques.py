@@ -73,9 +73,6 @@ class LateTorques:
     changes : tuple of ndarray
         For each joint the mean over its rows of those of its base regressor times the change of the predicted torque,
         per s of delay: what a delay does to the sums of a regression, in the units of these.
-    unexplained : ndarray
-        (N,) mean square of the change of the predicted torque per s that the parameters do not explain: times the
-        square of a delay, the mean square of what it leaves; zero of joints that do not tell.
     """
 
     delay: float
@@ -85,7 +82,6 @@ class LateTorques:
     told: Array
     told_deviations: Array
     changes: tuple[Array, ...]
-    unexplained: Array
 
     def __repr__(self) -> str:
         return f"LateTorques({1e3 * self.delay:.3g} ± {1e3 * self.standard_deviation:.2g} ms behind the motion)"
@@ -252,8 +248,7 @@ def _told(rows: _Rows) -> LateTorques | None:
         if found is not None:
             parts[k] = scores(k, found[0]) / found[1]
             delays[k], deviations[k] = found[0], max(np.sqrt(_variance(parts[k])), EXACT)
-    unexplained = powers / np.maximum(rows.used.sum(axis=0), 1)
-    return None if not parts else _decided(delays, deviations, parts, tuple(changes), unexplained)
+    return None if not parts else _decided(delays, deviations, parts, tuple(changes))
 
 
 class _Rest:
@@ -271,9 +266,7 @@ class _Rest:
         return np.asarray(values - self.regressor @ (self.root @ (self.root.T @ (self.regressor.T @ values))))
 
 
-def _decided(
-    delays: Array, deviations: Array, parts: Mapping[int, Array], changes: tuple[Array, ...], unexplained: Array
-) -> LateTorques:
+def _decided(delays: Array, deviations: Array, parts: Mapping[int, Array], changes: tuple[Array, ...]) -> LateTorques:
     """Join what the joints tell, and decide what of it is certain and large enough to be told."""
     sure = list(parts)
     delay, deviation, apart = _joined(sure, delays, deviations, parts)
@@ -291,7 +284,7 @@ def _decided(
         told[:], of_told[:] = delay, deviation
     certain = is_certain(told, of_told)
     told, of_told = np.where(certain, told, 0.0), np.where(certain, of_told, 0.0)
-    return LateTorques(delay, deviation, delays, deviations, told, of_told, changes, unexplained)
+    return LateTorques(delay, deviation, delays, deviations, told, of_told, changes)
 
 
 def is_certain(delays: Array, deviations: Array) -> NDArray[np.bool_]:
