@@ -13,7 +13,6 @@ from steelyard.dynamics import Model
 from steelyard.errors import InputError
 from steelyard.recording import Samples
 from steelyard.recording.correction import Correction, Settings
-from steelyard.recording.diagnosis import advanced
 from steelyard.recording.diagnosis.late_torques import SURE, LateTorques, is_certain, late_torques
 from steelyard.recording.filters.zero_phase import low_pass
 from steelyard.regression import Estimate, Information, least_squares
@@ -183,6 +182,8 @@ def _part_left(
     model: Model, stretches: Sequence[tuple[Samples, Array]], delays: Array, unconstrained: Estimate
 ) -> float:
     """Return what part of the error of rows is left where they are reduced again with each torque moved in time."""
+    from steelyard.recording.diagnosis import advanced  # few logs are late
+
     left: list[float] = []
     for delayed in (np.zeros_like(delays), delays):
         moved = []
