@@ -227,15 +227,18 @@ def _pictures(fleet: Fleet) -> Markup:
         return Markup("")
     text = (
         "Each line is a part of the robot. The thick bar holds 90 of 100 of the robots that are not named, the thin "
-        "one all of them, in standard deviations of what noise and the variation of siblings make likely. A dot is a "
-        "robot that is named; those beyond 10 stand at the edge. Between the dashed lines nobody is named."
+        "one all of them, by how unlikely noise and the variation of siblings make them: at 4 as unlikely as 4 "
+        "standard deviations of a normal distribution. A dot is a robot that is named; those beyond 10 stand at the "
+        "edge. Between the dashed lines nobody is named."
     )
     return Markup(f"<p>{text}</p>{''.join(drawn)}")
 
 
 def _picture(fleet: Fleet, group: RobotGroup, compared: SiblingComparison, kind: str) -> Markup:
     chosen = [k for k, cause in enumerate(compared.causes) if _is_drawn(cause, compared)]
-    scores = (compared.amplitude - compared.common)[:, chosen] / compared.error[:, chosen]
+    away = (compared.amplitude - compared.common)[:, chosen]
+    scores = np.copysign(np.vectorize(deviations_of, otypes=[float])(compared.probability[:, chosen]), away)
+    scores[np.isnan(away)] = np.nan
     limit = deviations_of(compared.threshold)
     height = _ROW * len(chosen) + 34
     scale = (-_REACH, _REACH)
