@@ -438,7 +438,7 @@ class _Tested(NamedTuple):
     freedom: Array
     share: Array
 
-    def chances(self, tails: Array) -> Array:
+    def chances(self, tails: Array | float) -> Array:
         """Probabilities of explaining as much by chance, where siblings vary with these tails (see `tails_of`).
 
         By Satterthwaite's rule: a variance that differs from robot to robot is as one of which little is known.
@@ -702,7 +702,7 @@ class _Tests:
             chances = tested.chances(self.tails)
             # That the robot differs is sure. Where its part is one in which siblings vary most, tails would leave that
             # part out, and another one that explains less would be told.
-            possible = (chances if parts else tested.chances(np.zeros_like(self.tails))) <= self.threshold
+            possible = (chances if parts else tested.chances(0.0)) <= self.threshold
             possible[taken_already] = False
             free = self.problem.width - sum(self.directions[k].shape[1] for k in taken_already)
             likely, before = self.likelihood(robot, inverse, away, free, tested, np.flatnonzero(possible))
@@ -756,7 +756,7 @@ class _Tests:
                 others = np.column_stack([self.direction(robot, other) for other, _, _ in kept if other != k])
                 inverse = unexplained(whole, others)
                 tested = self.tested(robot, 0.5 * (inverse + inverse.T), away, whole)
-                chances.append(float(tested.chances(np.zeros_like(self.tails))[k]))
+                chances.append(float(tested.chances(0.0)[k]))
             worst = int(np.argmax(chances))
             if chances[worst] <= self.threshold:
                 break

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from copy import copy
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -204,9 +203,8 @@ def _torques_as_measured(reader: LogReader) -> LogReader | None:
     """
     if reader.processing.torque_cutoff is None:
         return None
-    own = copy(reader)
+    own = reader.unwritten()
     own.processing = replace(reader.processing, torque_cutoff=None)
-    own.remarks, own.layouts = [], {}
     return own
 
 

@@ -43,8 +43,6 @@ SMOOTH = 0.5
 BAND, IN_MOTION, ABOVE = 3.0, 0.99, 1.5
 """Ratio of the ends of the band of an oscillation; the part of the power of the velocities that is the motion; and how
 far above its frequencies an oscillation must lie."""
-
-
 _HELD = "_error_causes"
 """Under which what was found stands in an identification."""
 
@@ -152,7 +150,6 @@ class _Trial:
     def of(cls, identification: Identification, judged: Sequence[Prediction], others: Sequence[Prediction]) -> _Trial:
         model, predictions = identification.model, [*judged, *others]
         lacking, base = _lacking(identification), identification.estimate.base
-        groups: dict[str, list[NDArray[np.intp]]] = {}
         parts: list[_Part] = []
         for number, prediction in enumerate(predictions):
             samples = prediction.samples
@@ -167,20 +164,19 @@ class _Trial:
             own = _columns(model, samples, left, lacking, identification.friction is None)
             for k, rows_of_fold in enumerate(np.array_split(np.arange(samples.count), FOLDS)):
                 products, counts = [], []
-                for j, c in enumerate(model.base_columns.joints):
+                for j in range(model.dof):
                     used = rows_of_fold if samples.mask is None else rows_of_fold[samples.mask[rows_of_fold, j]]
                     cause = [own[kind][j][used] for kind in own]
                     every = np.column_stack([whole[j][used, :-1], *cause, time[used], left[used, j]])
                     products.append(every.T @ every)
                     counts.append(len(used))
-                    first = len(c)
-                    for kind in own:
-                        width = own[kind][j].shape[1]
-                        groups.setdefault(kind, []).append(np.arange(first, first + width))
-                        first += width
-                    groups.setdefault(ZERO, []).append(np.arange(first, first + time.shape[1]))
                 parts.append(_Part(products, np.array(counts), k, prediction in judged))
-        groups = {kind: places[: model.dof] for kind, places in groups.items()}
+        groups: dict[str, list[NDArray[np.intp]]] = {}
+        for j, c in enumerate(model.base_columns.joints):  # all logs have the same columns
+            first = len(c)
+            for kind, columns in (own | {ZERO: [time] * model.dof}).items():
+                groups.setdefault(kind, []).append(np.arange(first, first + columns[j].shape[1]))
+                first += columns[j].shape[1]
         return cls(model, parts, list(lacking), groups, [one.name for one in predictions])
 
     def causes(self, squares: Array) -> Iterator[ErrorCause]:

@@ -357,7 +357,7 @@ class LogReader:
         """Open a log that is read in sections; None of one that is not."""
         if isinstance(task.log, GivenSamples) or self.processing.needs_whole_log:
             return None
-        own = self._unwritten()
+        own = self.unwritten()
         with _told_where(task.log):
             opened = chunks.OpenedLog(self._open(task.log), self.processing, model, partial(own._look, task.log))
         return SectionedLog(task, opened, tuple(own.remarks), next(iter(own.layouts.values()), None))
@@ -390,14 +390,14 @@ class LogReader:
             masked=seen.masked,
         )
 
-    def _unwritten(self) -> LogReader:
+    def unwritten(self) -> LogReader:
         """Return a reader of the same kind, which has noted nothing yet."""
         own = copy(self)
         own.remarks, own.layouts, own.units_are_suspect = [], {}, False
         return own
 
     def _reduced_whole(self, task: LogTask, model: Model) -> ReducedLog:
-        own = self._unwritten()
+        own = self.unwritten()
         thinned = ThinnedSamples(task.points)
         kept = _kept_of(own._watched(task.log, model), task, model, thinned)
         return ReducedLog(
@@ -433,7 +433,7 @@ class LogReader:
 
     def samples(self, logs: Sequence[GivenLog]) -> Iterator[Samples]:
         """Read logs once more, for rows that are made in another way; nothing is noted of them."""
-        own = self._unwritten()
+        own = self.unwritten()
         for log in logs:
             yield from ahead(own._watched(log, self.model), chunks.LEAD)
 
