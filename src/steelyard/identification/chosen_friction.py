@@ -60,8 +60,6 @@ MOST_LOGS, MOST_ROWS = 12, 60_000
 """Logs, and rows of each, by which the friction is chosen: they stand in memory."""
 STRETCHES = 8
 """The number of stretches that are left out in turn of the fit of all joints together."""
-MOST_RISE = 1.02
-"""Factor by which the error of a joint on such stretches may rise because of the laws of others."""
 UNCERTAIN = 0.05
 """Relative standard error of a number of a law from which on it is told that the logs leave it open."""
 WIDER = 0.2
@@ -261,8 +259,9 @@ def confirmed_terms(
     """Keep the laws of those joints whose error falls for sure in a fit of all joints together.
 
     Each joint is judged by stretches that are left out of least squares in turn. The laws of a joint whose error does
-    not fall for sure go, and where that of any joint rises for sure and by more than `MOST_RISE`, those of the joint
-    that gains least.
+    not fall for sure go, one joint after the other. Where others lose as much as those with laws gain, so that the
+    product of the errors of all joints (their likelihood, each with noise of its own) does not fall for sure, those of
+    the joint that gains least go.
 
     Parameters
     ----------
@@ -299,14 +298,12 @@ def confirmed_terms(
         if len(before[0]) < 2:
             break
         joints = sorted({one.joint for one in kept})
-        bad = {k for k in joints if not falls_surely(before[0][:, k], after[0][:, k])}
-        ratios = np.sqrt(after[0].sum(axis=0) / np.maximum(before[0].sum(axis=0), 1e-300))
-        risen = [k for k in np.flatnonzero(ratios > MOST_RISE) if falls_surely(after[0][:, k], before[0][:, k])]
-        if not bad and risen:
-            bad = {max(joints, key=lambda k: float(ratios[k]))}
-        if not bad:
+        bad = [k for k in joints if not falls_surely(before[0][:, k], after[0][:, k])]
+        if not bad and falls_surely(_of_all_joints(before[0]), _of_all_joints(after[0])):
             break
-        kept = tuple(one for one in kept if one.joint not in bad)
+        left = after[0].sum(axis=0) / np.maximum(before[0].sum(axis=0), 1e-300)
+        worst = max(bad or joints, key=lambda k: float(left[k]))
+        kept = tuple(one for one in kept if one.joint != worst)
     return (before, after, kept, named) if kept else (whole, whole, (), tuple(terms))
 
 
@@ -369,6 +366,11 @@ def _held_out(model: Model, samples: Sequence[Samples]) -> Errors:
         base = solve(others.reduced("joint"))
         squares.append([factor.residual2(base) for factor in left_out.measured])
     return np.array(squares), np.array([[factor.norm2 for factor in one.measured] for one in stretches])
+
+
+def _of_all_joints(squares: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The geometric mean over the joints of squared errors on stretches, (stretches,)."""
+    return np.asarray(np.exp(np.log(np.maximum(squares, 1e-300)).mean(axis=1)))
 
 
 def _relative(errors: Errors) -> float:
