@@ -259,9 +259,9 @@ def confirmed_terms(
     """Keep the laws of those joints whose error falls for sure in a fit of all joints together.
 
     Each joint is judged by stretches that are left out of least squares in turn. The laws of a joint whose error does
-    not fall for sure go, one joint after the other. Where others lose as much as those with laws gain, so that the
-    product of the errors of all joints (their likelihood, each with noise of its own) does not fall for sure, those of
-    the joint that gains least go.
+    not fall for sure go. Where others lose as much as those with laws gain, so that the product of the errors of all
+    joints (their likelihood, each with noise of its own) does not fall for sure, those of the joint that gains least
+    go.
 
     Parameters
     ----------
@@ -298,12 +298,13 @@ def confirmed_terms(
         if len(before[0]) < 2:
             break
         joints = sorted({one.joint for one in kept})
-        bad = [k for k in joints if not falls_surely(before[0][:, k], after[0][:, k])]
-        if not bad and falls_surely(_of_all_joints(before[0]), _of_all_joints(after[0])):
+        bad = {k for k in joints if not falls_surely(before[0][:, k], after[0][:, k])}
+        if not bad and not falls_surely(_of_all_joints(before[0]), _of_all_joints(after[0])):
+            left = after[0].sum(axis=0) / np.maximum(before[0].sum(axis=0), 1e-300)
+            bad = {max(joints, key=lambda k: float(left[k]))}
+        if not bad:
             break
-        left = after[0].sum(axis=0) / np.maximum(before[0].sum(axis=0), 1e-300)
-        worst = max(bad or joints, key=lambda k: float(left[k]))
-        kept = tuple(one for one in kept if one.joint != worst)
+        kept = tuple(one for one in kept if one.joint not in bad)
     return (before, after, kept, named) if kept else (whole, whole, (), tuple(terms))
 
 
