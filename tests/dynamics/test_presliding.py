@@ -203,7 +203,7 @@ def test_each_joint_has_the_condition_of_its_own_ratio():
     term = LuGre(D, [0.2, 0.8], SPEED)
     model = sy.Model(robot.with_terms(ByJoint([term, Viscous()])))
     names = [block.name for block in model.conditions() if "Fbj" in block.name and "Fvj" in block.name]
-    assert names == ["Fvj + -0.2 Fbj >= 0 at joint1", "Fvj + -0.8 Fbj >= 0 at joint2"]
+    assert names == ["Fvj - 0.2 Fbj >= 0 at joint1", "Fvj - 0.8 Fbj >= 0 at joint2"]
     assert term_from_dict(term.to_dict()) == term
 
 

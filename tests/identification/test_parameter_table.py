@@ -12,7 +12,7 @@ import pytest
 from simulated_arm import MASSES, SimulatedArm, blurred, simulated_arm
 
 import steelyard as sy
-from steelyard.dynamics import Model, RotorInertia
+from steelyard.dynamics import ByJoint, Coulomb, Model, PolynomialFriction, RotorInertia, Stribeck, Viscous
 from steelyard.errors import InputError
 from steelyard.estimators import EntropicPrior, proved_estimate
 from steelyard.estimators.cross_validation import cross_validation, term_deviations
@@ -352,3 +352,25 @@ def test_rows_and_links_are_printed_in_a_line():
     assert repr(replace(row, lower=np.nan, upper=np.nan)) == "ParameterRow(m3 = 1.102 kg, ? to ?, bounded)"
     link = LinkRows("link3", row, (row, replace(row, value=-0.25), row), ())
     assert repr(link) == "LinkRows('link3': 1.102 kg at (1.1, -0.25, 1.1) m)"
+
+
+def test_laws_of_other_joints_are_no_numbers_of_a_joint() -> None:
+    """Stribeck's friction acts at the second of two joints: the first has no number of it, and no further one."""
+    laws = ByJoint([Stribeck(velocity=0.2, joints=[2]), Coulomb(), Viscous()])
+    robot = sy.Robot.from_dh([("pi/2", 0.0, 0.3, "q"), (0, 0.5, 0, "q")], gravity=(0, 0, -9.81)).with_terms(laws)
+    model, random = sy.Model(robot), np.random.default_rng(5)
+    q, dq, ddq, torque = random.normal(size=(4, 400, 2))
+    named = {row.name for row in sy.identify(robot, sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque)).parameters}
+    of_links = {name for name in model.parameter_names if not name.startswith("F")}
+    assert named >= of_links
+    assert {name for name in named if name.startswith("F")} == {"Fcj1", "Fvj1", "Fcj2", "Fsj2", "Fvj2"}
+
+
+def test_what_states_that_friction_dissipates_is_no_number_of_a_joint() -> None:
+    """A polynomial of degree 3 has three numbers; the elements of the matrices of its condition are none of them."""
+    robot = sy.Robot.from_dh([(0, 0.5, 0, "q")], gravity=(0, -9.81, 0)).with_terms(PolynomialFriction([0, 1, 2, 3]))
+    q, dq, ddq, torque = np.random.default_rng(6).normal(size=(4, 400, 1))
+    result = sy.identify(robot, sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque))
+    named = {row.name for row in result.parameters if row.name.startswith("F")}
+    assert named == {"Fcj1", "Fvj1", "Fv2j1", "Fv3j1"}
+    assert {"Fx1j1", "Fx2j1"} < set(result.model.parameter_names)

@@ -176,7 +176,7 @@ class Stribeck(ShapedTerm):
 
     def conditions(self) -> tuple[Condition, ...]:
         """Return that friction is not negative at high speed and near rest."""
-        return (linear("Fcj >= 0", Fcj=1.0), linear("Fcj + Fsj >= 0", Fcj=1.0, Fsj=1.0))
+        return (linear(Fcj=1.0), linear(Fcj=1.0, Fsj=1.0))
 
 
 class SmoothCoulomb(ShapedTerm):
@@ -547,7 +547,7 @@ class ChannelFriction(ShapedTerm):
     >>> [float(column[0]) for column in columns]
     [-1.0, -10.0, -0.5, -5.0]
     >>> [condition.name for condition in term.conditions()][:2]
-    ['Fcj + -10 Fcsj >= 0', 'Fcj + 35 Fcsj >= 0']
+    ['Fcj - 10 Fcsj >= 0', 'Fcj + 35 Fcsj >= 0']
     """
 
     kind = "friction_by_channel"
@@ -646,10 +646,9 @@ def affine_conditions(pairs: Sequence[tuple[str, str]], low: float, high: float 
     found = []
     for constant, slope in pairs:
         for x in (low,) if high is None else (low, high):
-            text = constant if x == 0.0 else f"{constant} + {x:g} {slope}"
-            found.append(linear(f"{text} >= 0", **{constant: 1.0, **({slope: x} if x else {})}))
+            found.append(linear(**{constant: 1.0, slope: x}))
         if high is None:
-            found.append(linear(f"{slope} >= 0", **{slope: 1.0}))
+            found.append(linear(**{slope: 1.0}))
     return tuple(found)
 
 
@@ -671,10 +670,15 @@ def _units(power: int) -> tuple[str, str]:
     return f"N·m·s{digits}/rad{digits}", f"N·s{digits}/m{digits}"
 
 
-def linear(name: str, **coefficients: float) -> Condition:
-    """Return the condition that a combination of parameters is not negative."""
-    matrices = {symbol: np.array([[value]]) for symbol, value in coefficients.items()}
-    return Condition(name, 1, np.zeros((1, 1)), matrices)
+def linear(**coefficients: float) -> Condition:
+    """Return the condition that a combination of parameters is not negative, such as ``"Fvj - 0.5 Fbj >= 0"``."""
+    held = {symbol: value for symbol, value in coefficients.items() if value}
+    text = ""
+    for symbol, value in held.items():
+        times = "" if abs(value) == 1.0 else f"{abs(value):g} "
+        text += f" {'-' if value < 0.0 else '+'} {times}{symbol}"
+    matrices = {symbol: np.array([[value]]) for symbol, value in held.items()}
+    return Condition(f"{text.removeprefix(' +').strip()} >= 0", 1, np.zeros((1, 1)), matrices)
 
 
 def nonnegative_polynomial(
@@ -735,8 +739,7 @@ def nonnegative_polynomial(
             if matrix.any():
                 matrices[name] = matrix
         if size == 1:
-            text = " + ".join(name if value == 1.0 else f"{value:g} {name}" for name, ((value,),) in matrices.items())
-            conditions.append(Condition(f"{text} >= 0", 1, np.zeros((1, 1)), matrices))
+            conditions.append(linear(**{name: float(value) for name, ((value,),) in matrices.items()}))
         else:
             conditions.append(Condition("friction dissipates", size, np.zeros((size, size)), matrices))
     return slack, tuple(conditions)

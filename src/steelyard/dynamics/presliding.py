@@ -174,7 +174,7 @@ class LuGre(_BristleFriction):
     >>> [round(float(column[0]), 4) for column in columns]
     [0.3, -0.2595, -0.2]
     >>> [condition.name for condition in term.conditions()]
-    ['Fcj >= 0', 'Fbj >= 0', 'Fvj + -0.5 Fbj >= 0']
+    ['Fcj >= 0', 'Fbj >= 0', 'Fvj - 0.5 Fbj >= 0']
     """
 
     kind = "lugre"
@@ -223,9 +223,7 @@ class LuGre(_BristleFriction):
         return self._conditions(self.at("ratio", k) if self.acts_at(k) else None)
 
     def _conditions(self, ratio: float | None) -> tuple[Condition, ...]:
-        own = (linear("Fcj >= 0", Fcj=1.0), linear("Fbj >= 0", Fbj=1.0))
+        own = (linear(Fcj=1.0), linear(Fbj=1.0))
         if ratio is None:  # of parameters without an effect, the viscous friction may be that of another law
             return own
-        if ratio == 0.0:
-            return (*own, linear("Fvj >= 0", Fvj=1.0))
-        return (*own, linear(f"Fvj + {-ratio:g} Fbj >= 0", Fvj=1.0, Fbj=-ratio))
+        return (*own, linear(Fvj=1.0, Fbj=-ratio))
