@@ -204,7 +204,8 @@ class ChosenFriction:
     coefficients : tuple of float
         What its columns are multiplied by.
     p_value : float
-        That it is not there, for correlated residuals, after Holm's correction.
+        That it is not there, for correlated residuals: after Holm's correction, and without it where the law is there
+        for sure at another joint.
     gain : float
         Part by which it lowers the error of the joint on stretches that are left out.
     beside : tuple of float
@@ -540,6 +541,7 @@ class _Trial:
     before: Array  # (folds,) without it
     corrected: float = 1.0
     explained: float = 0.0
+    by_another: bool = False  # likely at this joint, and there for sure at another one
 
     @property
     def gain(self) -> float:
@@ -609,11 +611,10 @@ class _Told:
         ]
         if self.taken:
             # A law that is there for sure at one joint needs no such proof at the others.
-            self.taken = [
-                one
-                for one in self.trials
-                if one in self.taken or (one.gain > 2.0 * least_gain and one.is_sure and one.speaks_for_itself)
-            ]
+            for one in self.trials:
+                if one not in self.taken and one.gain > 2.0 * least_gain and one.is_sure and one.speaks_for_itself:
+                    one.by_another = True
+            self.taken = [one for one in self.trials if one in self.taken or one.by_another]
 
     @property
     def falls(self) -> Array:
@@ -1169,7 +1170,7 @@ class _Joint:
                 law.candidate.kind,
                 dict(zip(law.candidate.shape_names, law.shape, strict=True)),
                 tuple(map(float, own)),
-                law.corrected,
+                law.p_value if law.by_another else law.corrected,
                 law.gain,
                 (viscous, coulomb),
                 {
