@@ -155,7 +155,20 @@ def test_no_input_is_replaced(run, place):
         ("inspect", robot, "--repair", "-o", place / "pair.urdf"),
         ("init", place / "pair.urdf", log, "--force", "-o", log),
         ("identify", robot, place / "parameters.csv", "-o", place),
+        ("check", robot, estimate, "-o", estimate),
+        ("check", robot, estimate, "-o", robot),
+        ("simulate", robot, "--torque", place / "simulation.csv", "-o", place),
+        ("excite", robot, "--limits", place / "excite.json", "-o", place),
+        ("excite", robot, "--prior-information", place / "trajectory.csv", "-o", place),
+        ("excite", robot, "--on-the-fly", "--estimate", place / "result", "-o", place / "result"),
     ]
+    commands += [  # a folder of results stands for the estimate in it
+        tuple(place / "result" if one == estimate and k != len(command) - 1 else one for k, one in enumerate(command))
+        for command in commands
+        if estimate in command[2:-1]
+    ]
+    for name in ("simulation.csv", "trajectory.json", "trajectory.csv", "excite.json"):
+        (place / name).write_text(log.read_text())
     files = [path for path in place.rglob("*") if path.is_file()]
     before = [path.read_bytes() for path in files]
     for command in commands:

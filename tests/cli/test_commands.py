@@ -88,6 +88,21 @@ def test_check_answers_with_its_exit_code(run, place):
     assert "body of fore fails by" in out
 
 
+def test_a_folder_of_results_stands_for_the_estimate_in_it(run, place):
+    robot, result = place / "robot.toml", place / "result"
+    run("identify", robot, place / "log.csv", "--output", result)
+    commands = [
+        ("check", robot, result),
+        ("explain", robot, result, "--quiet"),
+        ("generate", robot, "--language", "python", "--estimate", result, "--output", place / "code"),
+        ("simulate", robot, result, "--duration", 0.1, "--quiet", "--output", place / "simulation"),
+    ]
+    for command in commands:
+        of_file = [result / "estimate.json" if one == result else one for one in command]
+        assert run(*command)[:2] == run(*of_file)[:2], command
+    assert run("check", robot, result)[0] == 0
+
+
 def test_inspect_shows_the_robot(run, place):
     code, out, _ = run("inspect", place / "robot.toml")
     assert code == 0

@@ -17,7 +17,7 @@ def check(
     robot: Annotated[
         Path | None, typer.Argument(help="URDF or robot.toml; not needed to verify a certificate by itself.")
     ] = None,
-    estimate: Annotated[Path | None, typer.Argument(help="The estimate.json that identify saved.")] = None,
+    estimate: Annotated[Path | None, typer.Argument(help="Folder of results, or estimate.json.")] = None,
     certificate: Annotated[
         Path | None,
         typer.Option(
@@ -45,7 +45,9 @@ def check(
     """
     from steelyard.errors import InputError
     from steelyard.files import plain
+    from steelyard.files.writing import require_unread
     from steelyard.identification import check_certificate, check_estimate
+    from steelyard.regression.estimate import estimate_file
     from steelyard.robot import RobotFile
 
     file = None if robot is None else RobotFile.load(robot, allow_extensions=allow_extensions)
@@ -62,6 +64,7 @@ def check(
         return
     if file is None or estimate is None:
         raise InputError("steelyard check needs ROBOT and ESTIMATE, or --certificate FILE to verify a certificate.")
+    require_unread(output, robot, file.robot.source, estimate_file(estimate))
     verdict = check_estimate(file, estimate, consistency)
     if json:
         print_json(verdict.to_dict())

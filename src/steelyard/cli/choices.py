@@ -33,7 +33,7 @@ RobotArgument = Annotated[Path, typer.Argument(help="URDF or robot.toml.")]
 
 Logs = Annotated[list[str], typer.Argument(metavar="LOG...", help=LOG)]
 
-EstimateArgument = Annotated[Path, typer.Argument(help="The estimate.json that identify saved.")]
+EstimateArgument = Annotated[Path, typer.Argument(help="Folder of results, or estimate.json.")]
 
 ChunkRows = Annotated[int, typer.Option(help="Rows of a log that stand in memory together.", min=1000)]
 

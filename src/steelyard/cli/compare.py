@@ -48,11 +48,13 @@ def compare(
     """
     from steelyard.files.writing import require_unread
     from steelyard.identification import compare_estimates
+    from steelyard.regression.estimate import estimate_file
     from steelyard.robot import RobotFile
 
     file = None if robot is None else RobotFile.load(robot, allow_extensions=allow_extensions)
     for place in (output, page):
-        require_unread(place, robot, None if file is None else file.robot.source, *results, *(log or ()))
+        read = (None if file is None else file.robot.source, *map(estimate_file, results), *(log or ()))
+        require_unread(place, robot, *read)
     with progress(quiet=quiet) as say:
         found = compare_estimates(results, robot=file, logs=log or [], seed=seed, progress=say)
     if page is not None:

@@ -33,10 +33,11 @@ def correct(
     """
     from steelyard.files.writing import require_unread
     from steelyard.identification import correct_estimate
+    from steelyard.regression.estimate import estimate_file
     from steelyard.robot import RobotFile
 
     file = RobotFile.load(robot, allow_extensions=allow_extensions)
-    require_unread(output, robot, file.robot.source, estimate)
+    require_unread(output, robot, file.robot.source, estimate_file(estimate))
     with progress(quiet=quiet):
         corrected = correct_estimate(file, estimate, consistency, metric)
     corrected.save(output)

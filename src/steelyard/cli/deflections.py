@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .choices import AllowExtensions, Json, JsonFile, Logs, Quiet, RobotArgument, Topic
+from .choices import AllowExtensions, EstimateArgument, Json, JsonFile, Logs, Quiet, RobotArgument, Topic
 from .robot_argument import SetLines, load_robot
 from .terminal import progress, show
 
@@ -16,7 +16,7 @@ __all__ = ["deflections"]
 
 def deflections(
     robot: RobotArgument,
-    estimate: Annotated[Path, typer.Argument(help="Folder of results, or estimate.json.")],
+    estimate: EstimateArgument,
     logs: Logs,
     samples: Annotated[
         Path | None, typer.Option("--samples", help="File for the deflections of every row: .csv, .npz or .parquet.")
@@ -40,12 +40,13 @@ def deflections(
     from steelyard.errors import InputError
     from steelyard.files.writing import require_unread
     from steelyard.identification import predict_deflections
+    from steelyard.regression.estimate import estimate_file
 
     if samples is not None and len(logs) > 1:
         raise InputError(f"{samples}: holds the deflections of one log, got {len(logs)} logs; give one at a time.")
     file = load_robot(robot, lines, topic=topic, allow_extensions=allow_extensions)
     for place in (output, samples):
-        require_unread(place, robot, file.robot.source, estimate, *logs)
+        require_unread(place, robot, file.robot.source, estimate_file(estimate), *logs)
     with progress(quiet=quiet) as say:
         found = predict_deflections(file, estimate, logs, progress=say)
     show(found, output, json=json, quiet=quiet)

@@ -46,7 +46,9 @@ def excite(
     prior_information: Annotated[
         Path | None, typer.Option(help="Trajectory or saved Information of what is known already.")
     ] = None,
-    estimate: Annotated[Path | None, typer.Option(help="estimate.json, whose parameters predict the torques.")] = None,
+    estimate: Annotated[
+        Path | None, typer.Option(help="Folder of results, or estimate.json, whose parameters predict the torques.")
+    ] = None,
     noise: Annotated[
         str | None,
         typer.Option(
@@ -84,12 +86,17 @@ def excite(
     """
     from steelyard.excitation import ExcitationObjective, SearchOptions
     from steelyard.identification import excite as run
-    from steelyard.report.excitation_page import save_excitation
+    from steelyard.regression.estimate import estimate_file
+    from steelyard.report import require_apart
+    from steelyard.report.excitation_page import EXCITATION_FILES, save_excitation
+    from steelyard.report.on_the_fly_page import ON_THE_FLY_FILES
     from steelyard.robot import RobotFile
 
     deviations = None if noise is None else numbers(noise, "--noise", "0.5 or 2,2,1,0.3")
     _require_meaning(context, on_the_fly)
     require_results_folder(context, output)
+    read = (robot, limits, prior_information, estimate and estimate_file(estimate))
+    require_apart(output, read, ON_THE_FLY_FILES if on_the_fly else EXCITATION_FILES)
     if on_the_fly:
         named = _named(context)
         _on_the_fly(

@@ -28,10 +28,11 @@ def explain(
     """
     from steelyard.files.writing import require_unread
     from steelyard.identification import explain_estimate
+    from steelyard.regression.estimate import estimate_file
     from steelyard.robot import RobotFile
 
     file = RobotFile.load(robot, allow_extensions=allow_extensions)
-    require_unread(output, robot, file.robot.source, estimate)
+    require_unread(output, robot, file.robot.source, estimate_file(estimate))
     with progress(quiet=quiet):
         explanation = explain_estimate(file, estimate, consistency)
     show(explanation, output, json=json, quiet=quiet)

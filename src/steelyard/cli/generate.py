@@ -39,7 +39,8 @@ def generate(
         typer.Option(help="Sign of Coulomb friction; a smooth one has its width as an argument."),
     ] = "exact",
     estimate: Annotated[
-        Path | None, typer.Option(help="estimate.json, whose parameters stand in the source as numbers.")
+        Path | None,
+        typer.Option(help="Folder of results, or estimate.json, whose parameters stand in the source as numbers."),
     ] = None,
     online: Annotated[
         bool, typer.Option("--online", help="The estimator that runs in a controller while the robot moves, as C99.")

@@ -34,7 +34,8 @@ def payload(
         typer.Argument(metavar="[UNLOADED] LOADED", help="The log without the payload, and the one with it."),
     ],
     estimate: Annotated[
-        Path | None, typer.Option(help="estimate.json of the robot, instead of the log without the payload.")
+        Path | None,
+        typer.Option(help="Folder of results, or estimate.json, of the robot, instead of the log without the payload."),
     ] = None,
     frame: Annotated[
         str | None, typer.Option(help="Link of the description in whose frame the payload is mounted (the last one).")
@@ -70,6 +71,7 @@ def payload(
     from steelyard.files.writing import require_unread
     from steelyard.identification import identify_drive_gains, identify_payload
     from steelyard.recording import LogColumns
+    from steelyard.regression.estimate import estimate_file
 
     if len(logs) != (2 if estimate is None else 1):
         raise InputError(
@@ -79,7 +81,7 @@ def payload(
     if output is not None and output.is_dir():
         raise InputError(f"{output}: is a folder; give the path of a file.")
     file = load_robot(robot, lines, topic=topic, allow_extensions=allow_extensions)
-    require_unread(output, robot, file.robot.source, estimate, *logs)
+    require_unread(output, robot, file.robot.source, estimate and estimate_file(estimate), *logs)
     gains = LogColumns.from_dict(file.section("log"), f"{file.path}, [log]").finds_gains
     if mass is not None and not gains:
         raise InputError(

@@ -18,7 +18,8 @@ def simulate(
     context: typer.Context,
     robot: RobotArgument,
     estimate: Annotated[
-        Path | None, typer.Argument(help="estimate.json; without it the values of the description (CAD).")
+        Path | None,
+        typer.Argument(help="Folder of results, or estimate.json; without it the values of the description (CAD)."),
     ] = None,
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the results.")] = Path(
         "steelyard-simulation"
@@ -65,11 +66,14 @@ def simulate(
       steelyard simulate robot.toml estimate.json --initial 0,0.5,0,0,0,0 --output fall
     """
     from steelyard.identification.simulated import simulate_files
-    from steelyard.report.simulation import save_simulation
+    from steelyard.regression.estimate import estimate_file
+    from steelyard.report import require_apart
+    from steelyard.report.simulation import SIMULATION_FILES, save_simulation
     from steelyard.robot import RobotFile
 
     positions = None if initial is None else numbers(initial, "--initial", "0,0.5,-1")
     require_results_folder(context, output)
+    require_apart(output, (robot, estimate and estimate_file(estimate), torque, follow), SIMULATION_FILES)
     with progress(quiet=quiet) as say:
         say(f"simulating {robot}")
         simulation = simulate_files(

@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Annotated
-
 import typer
 
-from .choices import AllowExtensions, ChunkRows, Json, JsonFile, Logs, Quiet, RobotArgument, Topic
+from .choices import AllowExtensions, ChunkRows, EstimateArgument, Json, JsonFile, Logs, Quiet, RobotArgument, Topic
 from .robot_argument import SetLines, load_robot
 from .terminal import progress, show
 
@@ -16,7 +13,7 @@ __all__ = ["validate"]
 
 def validate(
     robot: RobotArgument,
-    estimate: Annotated[Path, typer.Argument(help="Folder of results, or estimate.json.")],
+    estimate: EstimateArgument,
     logs: Logs,
     output: JsonFile = None,
     chunk_rows: ChunkRows = 200_000,
@@ -37,9 +34,10 @@ def validate(
     """
     from steelyard.files.writing import require_unread
     from steelyard.identification import validate_estimate
+    from steelyard.regression.estimate import estimate_file
 
     file = load_robot(robot, lines, topic=topic, allow_extensions=allow_extensions)
-    require_unread(output, robot, file.robot.source, estimate, *logs)
+    require_unread(output, robot, file.robot.source, estimate_file(estimate), *logs)
     with progress(quiet=quiet) as say:
         found = validate_estimate(file, estimate, logs, chunk_rows=chunk_rows, progress=say)
     show(found, output, json=json, quiet=quiet)

@@ -518,6 +518,8 @@ def _notes(status: str, finished: int, starts: int) -> list[str]:
 
 
 FORMAT = "steelyard-excitation-1"
+MOTION_FILES = tuple(f"trajectory.{suffix}" for suffix in ("csv", "parquet", "yaml", "json"))
+RECORD = "excite.json"
 
 
 @dataclass(frozen=True, eq=False)
@@ -656,14 +658,13 @@ class ExcitationDesign:
         -------
         tuple of Path
         """
-        names = [*(f"trajectory.{suffix}" for suffix in ("csv", "parquet", "yaml", "json")), "excite.json"]
-        with replaced_folder(folder, record=names[-1]) as made:
-            for name in names[:-1]:
+        with replaced_folder(folder, record=RECORD) as made:
+            for name in MOTION_FILES:
                 self.save(made / name)
             for name, text in (pages or {}).items():
                 write_text(text, made / name)
-            write_json(self.to_dict(), made / names[-1], indent=2)
-        return tuple(Path(folder) / name for name in (*names, *(pages or {})))
+            write_json(self.to_dict(), made / RECORD, indent=2)
+        return tuple(Path(folder) / name for name in (*MOTION_FILES, RECORD, *(pages or {})))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the options, results and margins of the design as plain data."""

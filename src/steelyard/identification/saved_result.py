@@ -17,6 +17,7 @@ from steelyard.files import file_hash, read_json, shown
 from steelyard.recording import Processing
 from steelyard.recording.formats import content_hash, content_hashes
 from steelyard.regression import Estimate
+from steelyard.regression.estimate import ESTIMATE, estimate_file
 from steelyard.robot import Robot, RobotFile
 from steelyard.robot.description import description_format, read_description
 
@@ -25,7 +26,6 @@ from .given import digests
 __all__ = ["RECORD", "RECORD_FORMAT", "SavedResult"]
 
 RECORD, RECORD_FORMAT = "run.json", "steelyard-run-1"
-ESTIMATE = "estimate.json"
 DRIVES = "drives.json"
 
 
@@ -66,14 +66,12 @@ class SavedResult:
         InputError
             If a file cannot be used.
         """
-        path = Path(given)
-        if path.is_dir():
-            path = path / ESTIMATE
-            if not path.exists() and (path.parent / DRIVES).exists():
-                raise InputError(
-                    f"{given}: holds drives that were identified from positions ({DRIVES}), not the estimate of a "
-                    "model; give the description beside it where a robot is asked for."
-                )
+        path = estimate_file(given)
+        if (path / DRIVES).exists():
+            raise InputError(
+                f"{given}: holds drives that were identified from positions ({DRIVES}), not the estimate of a "
+                "model; give the description beside it where a robot is asked for."
+            )
         estimate = Estimate.load(path)
         beside = path.parent / RECORD
         # An estimate under another name was saved by hand, and the record beside it may be about another one.

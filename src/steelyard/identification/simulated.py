@@ -14,6 +14,7 @@ from steelyard.dynamics import Model
 from steelyard.errors import InputError
 from steelyard.files import listed, read_table, reading_table
 from steelyard.regression import Estimate
+from steelyard.regression.estimate import estimate_file
 from steelyard.robot import RobotFile
 from steelyard.simulation import (
     Event,
@@ -178,7 +179,8 @@ def simulate_files(
         "stop_at_limits": stop_at_limits,
         "notes": list(notes),
     }
-    inputs += [Path(path) for path in (estimate, torque, follow) if path is not None]
+    inputs += [] if estimate is None else [estimate_file(estimate)]
+    inputs += [Path(path) for path in (torque, follow) if path is not None]
     return FileSimulation(model, result, tuple(dict.fromkeys(inputs)), whose, options, notes)
 
 

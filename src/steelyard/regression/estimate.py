@@ -23,6 +23,8 @@ __all__ = ["Estimate"]
 
 Array = NDArray[np.float64]
 FORMAT = "steelyard-estimate-3"
+ESTIMATE = "estimate.json"
+"""The name that an estimate has in a folder of results."""
 
 WEAK = 2.0
 """Standard errors below which a number might as well be zero. Of numbers that are not determined at all one in twenty
@@ -47,6 +49,12 @@ _NAMES = ("base_names", "base_expressions", "joint_names", "parameter_names", "r
 _NUMBERS = {"relative_error": np.nan, "condition_number": np.inf}  # the meaning of null in a file
 _LATER = ("rotor_inertia", "offset", "elastic_joints", "elastic_model")  # not in the files of the first version
 _OPTIONAL = (*_ARRAYS[2:], "consistency", "certificate", "optimality_gap")
+
+
+def estimate_file(given: str | Path) -> Path:
+    """Return the file of an estimate that is given by itself, or as the folder of results that holds it."""
+    inside = Path(given) / ESTIMATE
+    return inside if inside.exists() else Path(given)
 
 
 @dataclass(frozen=True, eq=False)
@@ -320,6 +328,7 @@ class Estimate:
         Parameters
         ----------
         path : str or Path
+            The file, or a folder of results that has it as `ESTIMATE`.
         certified : bool
             As in `from_dict`.
 
@@ -332,7 +341,8 @@ class Estimate:
         InputError
             If the file is missing or is something else.
         """
-        document = read_json(path, remedy="give the estimate.json that steelyard saved")
+        path = estimate_file(path)
+        document = read_json(path, remedy=f"give the {ESTIMATE} that steelyard saved, or the folder that holds it")
         if not isinstance(document, dict):
             raise InputError(f"{path}: holds no estimate, but a {type(document).__name__}.")
         return cls.from_dict(document, str(path), certified=certified)

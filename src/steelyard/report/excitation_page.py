@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from steelyard.collision.configurations import place_links
 from steelyard.dynamics import Model
 from steelyard.excitation import ExcitationDesign, RestToRestTrajectory
+from steelyard.excitation.design import MOTION_FILES, RECORD
 from steelyard.identification.default_terms import model_of_estimate
 from steelyard.identification.given import given_constraints
 from steelyard.identification.predicted_intervals import PredictedIntervals, predicted_intervals
@@ -29,11 +30,12 @@ from .robot_picture import PlacedRobot, ground, skeleton
 from .robot_scene import robot_scene
 from .sections import versions
 
-__all__ = ["excitation_html", "save_excitation"]
+__all__ = ["EXCITATION_FILES", "excitation_html", "save_excitation"]
 
 Array = NDArray[np.float64]
 
 PAGE = "excite.html"
+EXCITATION_FILES = (*MOTION_FILES, RECORD, PAGE)
 RATE = 100.0  # Hz, of charts and path; the margins in the table are those of the whole motion at 1 kHz
 PATH_POINTS = 240
 INSTANTS = 4  # at which the robot is drawn, beside the start

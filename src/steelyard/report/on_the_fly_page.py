@@ -8,18 +8,22 @@ from typing import Any
 import numpy as np
 
 from steelyard.excitation import QuinticTrajectory, save_trajectory
+from steelyard.excitation.design import MOTION_FILES, RECORD
 from steelyard.files import replaced_folder, write_json, write_text
 from steelyard.online import SimulatedExcitation
+from steelyard.regression.estimate import ESTIMATE
 from steelyard.robot import RobotFile
 
 from .charts import Chart, Curve, charts_markup, motion_charts
+from .excitation_page import PAGE
 from .html_document import Markup, Section, bullets, escape, html_document, number, table
 from .sections import hashed_file, versions
 
-__all__ = ["on_the_fly_html", "save_on_the_fly"]
+__all__ = ["ON_THE_FLY_FILES", "on_the_fly_html", "save_on_the_fly"]
 
 FORMAT = "steelyard-on-the-fly-1"
-PAGE, RECORD = "excite.html", "excite.json"
+LOG = "log.csv"
+ON_THE_FLY_FILES = (*MOTION_FILES, LOG, ESTIMATE, RECORD, PAGE)
 KNOT = 0.01
 """s between the knots of the saved motion. Between them polynomials of degree five join positions, velocities and
 accelerations: of a motion that is planned from splines 0.8 s apart nothing is lost, and the file stays small."""
@@ -46,15 +50,14 @@ def save_on_the_fly(done: SimulatedExcitation, file: RobotFile, folder: str | Pa
     step = max(1, round(KNOT * done.options["rate"]))
     rows = slice(0, len(result.t), step)
     motion = QuinticTrajectory(result.t[rows] - result.t[0], result.q[rows], result.dq[rows], result.ddq[rows])
-    motions = [f"trajectory.{suffix}" for suffix in ("csv", "parquet", "yaml", "json")]
     with replaced_folder(folder, record=RECORD) as made:
-        for name in motions:
+        for name in MOTION_FILES:
             save_trajectory(motion, made / name, joint_names=names)
-        done.excitation.recording.save(made / "log.csv")
-        done.estimate.save(made / "estimate.json")
+        done.excitation.recording.save(made / LOG)
+        done.estimate.save(made / ESTIMATE)
         write_text(on_the_fly_html(done), made / PAGE)
         write_json(_record(done, file), made / RECORD, indent=2)
-    return tuple(Path(folder) / name for name in (*motions, "log.csv", "estimate.json", RECORD, PAGE))
+    return tuple(Path(folder) / name for name in ON_THE_FLY_FILES)
 
 
 def _record(done: SimulatedExcitation, file: RobotFile) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from steelyard.files.writing import require_unread
 from steelyard.identification import Identification
 from steelyard.identification.saved_result import RECORD, RECORD_FORMAT
 from steelyard.recording.formats import hashed_log
+from steelyard.regression.estimate import ESTIMATE
 from steelyard.robot import Robot
 from steelyard.robot.description import DESCRIPTION_FORMATS, URDF, description_format
 
@@ -24,7 +25,7 @@ __all__ = ["require_apart", "require_folder", "save_results"]
 
 TABLE = "parameters.csv"
 ELASTIC = "robot_elastic.xml"
-FILES = ("estimate.json", "report.html", "robot.urdf", ELASTIC, RECORD, TABLE)
+FILES = (ESTIMATE, "report.html", "robot.urdf", ELASTIC, RECORD, TABLE)
 DESCRIPTION = r"robot\.(?!toml$)\w+"
 
 
@@ -52,7 +53,7 @@ def require_folder(folder: Path) -> None:
         raise InputError(f"{folder}: cannot be written; give another --output.")
 
 
-def require_apart(folder: Path, inputs: Iterable[Path | None], names: Sequence[str] = FILES) -> None:
+def require_apart(folder: Path, inputs: Iterable[Path | None], names: Sequence[str] = ()) -> None:
     """Make sure that no input is one of the files that results replace.
 
     Parameters
@@ -62,7 +63,7 @@ def require_apart(folder: Path, inputs: Iterable[Path | None], names: Sequence[s
     inputs : iterable of Path or None
         What is read.
     names : sequence of str
-        Of the files; those of an identification by default.
+        Of the files; by default those of an identification, among them the description.
 
     Raises
     ------
@@ -71,7 +72,7 @@ def require_apart(folder: Path, inputs: Iterable[Path | None], names: Sequence[s
     """
     given = [one for one in inputs if one is not None]
     descriptions = [name for one in given if re.fullmatch(DESCRIPTION, name := f"robot{one.suffix.lower()}")]
-    for name in (*names, *descriptions):
+    for name in names or (*FILES, *descriptions):
         require_unread(folder / name, *given)
 
 
@@ -111,7 +112,7 @@ def save_results(
     source = identification.model.robot.source
     require_apart(folder, (identification.robot_file, source))
     with replaced_folder(folder, record=RECORD, stale={*_earlier(folder), *stale}) as made:
-        identification.estimate.save(made / "estimate.json")
+        identification.estimate.save(made / ESTIMATE)
         if identification.parameters is not None:
             write_text(identification.parameters.to_csv(), made / TABLE)
         if source is not None and (force or identification.prediction.word != "wrong"):

@@ -14,9 +14,10 @@ from .charts import Chart, Curve, charts_markup, motion_charts
 from .html_document import Markup, Section, escape, html_document, table
 from .sections import hashed_file, versions
 
-__all__ = ["save_simulation", "simulation_html"]
+__all__ = ["SIMULATION_FILES", "save_simulation", "simulation_html"]
 
 FORMAT = "steelyard-simulation-1"
+SIMULATION_FILES = ("simulation.csv", "simulation.json", "simulation.html")
 _LIBRARIES = ("numpy", "scipy", "llvmlite", "polars")
 
 
@@ -42,11 +43,11 @@ def save_simulation(simulation: FileSimulation, folder: Path) -> tuple[Path, ...
         If the folder cannot be written.
     """
     with replaced_folder(folder, record="simulation.json") as made:
-        simulation.result.save(made / "simulation.csv")
-        write_json(simulation_record(simulation), made / "simulation.json")
-        write_text(simulation_html(simulation), made / "simulation.html")
-        names = sorted(path.name for path in made.iterdir())
-    return tuple(folder / name for name in names)
+        table, record, page = (made / name for name in SIMULATION_FILES)
+        simulation.result.save(table)
+        write_json(simulation_record(simulation), record)
+        write_text(simulation_html(simulation), page)
+    return tuple(folder / name for name in sorted(SIMULATION_FILES))
 
 
 def simulation_record(simulation: FileSimulation) -> dict[str, Any]:
