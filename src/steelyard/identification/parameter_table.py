@@ -581,8 +581,7 @@ class _About:
 
 def _quantities(feasible_set: FeasibleSet, parameters: Array) -> tuple[list[Quantity], list[_About]]:
     """Standard parameters, total mass, centres of mass, and principal moments of the answer."""
-    absent = _without_effect(feasible_set)
-    asked = [one for one in quantities(feasible_set) if not absent[one.row != 0.0].any()]
+    asked = list(quantities(feasible_set))
     places = {int(c): divmod(k, 10) for k, c in enumerate(feasible_set.link_columns.ravel())}
     about = []
     for quantity in asked:
@@ -610,18 +609,6 @@ def _quantities(feasible_set: FeasibleSet, parameters: Array) -> tuple[list[Quan
             asked.append(Quantity(f"J{number + 1}_{link + 1}", meaning, "kg m²", row, never_negative=True))
             about.append(_About(link, "principal"))
     return asked, about
-
-
-def _without_effect(feasible_set: FeasibleSet) -> NDArray[np.bool_]:
-    """Return which parameters (n,) no joint has: those of terms at joints at which none of their laws acts.
-
-    A link has all its numbers, though no motion shows those of the first.
-    """
-    absent = np.zeros(feasible_set.parameter_count, dtype=bool)
-    if isinstance(feasible_set.model, Model):
-        absent = ~np.any(feasible_set.model.base_parameters().K != 0.0, axis=0)
-        absent[feasible_set.link_columns] = False
-    return absent
 
 
 def _principal(body: Array) -> tuple[Array, Array, Array]:

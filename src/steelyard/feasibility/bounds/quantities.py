@@ -75,7 +75,8 @@ def quantities(
     feasible_set : FeasibleSet
     names : sequence of str, optional
         Standard parameters, ``"total mass"``, and ``"cx1"``, ``"cy1"``, ``"cz1"`` for the centre of mass of the first
-        link. By default all of them.
+        link. By default all of them, save parameters of terms that move no torque, which no joint has: those of laws
+        that act at other joints, and those that state that friction dissipates.
     combinations : mapping, optional
         Further quantities by name: rows (n,), or mappings from names of parameters to coefficients.
 
@@ -93,7 +94,9 @@ def quantities(
             )
     known = standard | own
     if names is None:
-        return tuple(known.values())
+        absent = ~np.any(feasible_set.K != 0.0, axis=0)
+        absent[feasible_set.link_columns] = False  # of a link every number exists, shown or not
+        return tuple(one for name, one in known.items() if name in own or not absent[one.row != 0.0].any())
     chosen = (names,) if isinstance(names, str) else tuple(names)
     for name in chosen:
         if name not in known:
