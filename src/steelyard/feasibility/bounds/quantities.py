@@ -136,7 +136,7 @@ def standard_errors(feasible_set: FeasibleSet, covariance: ParameterCovariance, 
 def _standard(feasible_set: FeasibleSet) -> list[Quantity]:
     names = list(feasible_set.model.parameter_names)
     links = list(feasible_set.model.robot.link_names)
-    positive, units = _positive(feasible_set), _units(feasible_set)
+    positive, terms = _positive(feasible_set), _of_terms(feasible_set)
     identity = np.eye(len(names))
     found = []
     inertial = {f"{symbol}{i + 1}": (symbol, link) for i, link in enumerate(links) for symbol in INERTIA_SYMBOLS}
@@ -147,7 +147,7 @@ def _standard(feasible_set: FeasibleSet) -> list[Quantity]:
             axes = f" {symbol[1:]}" if symbol[1:] else ""
             meaning = f"{kind}{axes} of {link}"
         else:
-            unit, meaning = units.get(index, ""), name
+            unit, meaning = terms.get(index, ("", name))
         found.append(Quantity(name, meaning, unit, identity[index], never_negative=index in positive))
     total = identity[feasible_set.mass_indices].sum(axis=0)
     found.append(Quantity("total mass", "mass of all links", "kg", total, never_negative=True))
@@ -173,20 +173,22 @@ def _positive(feasible_set: FeasibleSet) -> set[int]:
     return found
 
 
-def _units(feasible_set: FeasibleSet) -> dict[int, str]:
-    """Units of the parameters of drive terms, if these are known."""
-    found = {
-        int(b.indices[0]): b.unit for b in feasible_set.blocks if b.kind == "term" and len(b.indices) == 1 and b.unit
-    }
+def _of_terms(feasible_set: FeasibleSet) -> dict[int, tuple[str, str]]:
+    """Units and meanings of the parameters of terms, if these are known."""
     names = {name: index for index, name in enumerate(feasible_set.model.parameter_names)}
+    found = {
+        int(b.indices[0]): (b.unit, feasible_set.model.parameter_names[int(b.indices[0])])
+        for b in feasible_set.blocks
+        if b.kind == "term" and len(b.indices) == 1 and b.unit
+    }
     robot = feasible_set.model.robot
     for position, joint in enumerate(getattr(robot, "joints", ())):
         for term in getattr(robot, "terms", ()):
             for parameter in term.parameters:
                 index = names.get(f"{parameter.symbol}{position + 1}")
                 if index is not None:
-                    slides = joint.kind == "prismatic"
-                    found.setdefault(index, parameter.unit_prismatic if slides else parameter.unit)
+                    unit = parameter.unit_prismatic if joint.kind == "prismatic" else parameter.unit
+                    found[index] = found.get(index, (unit, ""))[0], f"{parameter.description} of {joint.name}"
     return found
 
 
