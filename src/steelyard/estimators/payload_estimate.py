@@ -293,8 +293,10 @@ def unexplained_with(
     *,
     robot: KnownRobot | None = None,
     weights: Literal["joint"] | ArrayLike | None = "joint",
-) -> float:
-    """Relative error that least squares leave of the torques of a loaded log, whether such a payload can exist or not.
+) -> tuple[float, float]:
+    """Relative errors that least squares leave of the torques of a loaded log and of an unloaded one.
+
+    The latter is NaN where there is none. Such a payload may be impossible.
 
     Parameters
     ----------
@@ -303,7 +305,8 @@ def unexplained_with(
     """
     with one_thread():
         problem = _problem(body, loaded, unloaded, robot, "full", (), weights)
-        return loaded.relative_error(problem.carrying @ problem.base + problem.offset)
+        of_loaded = loaded.relative_error(problem.carrying @ problem.base + problem.offset)
+        return of_loaded, np.nan if unloaded is None else unloaded.relative_error(problem.alone @ problem.base)
 
 
 @dataclass(frozen=True, eq=False)
