@@ -92,6 +92,18 @@ def test_a_payload_that_is_mounted_elsewhere_is_told(logs):
     assert not [remark for remark in right.remarks if "mounted elsewhere" in remark]
 
 
+@pytest.mark.parametrize("changed", ["unit", "order"])
+def test_logs_that_a_payload_does_not_explain_are_doubted(logs, tmp_path, changed):
+    folder, _, _ = logs
+    read = sy.Recording.read(folder / "loaded.csv")
+    torque = 1000.0 * read.torque if changed == "unit" else read.torque[:, [0, 1, 2, 4, 3, 5]]
+    sy.Recording(t=read.t, q=read.q, torque=torque).save(tmp_path / "loaded.csv")
+    found = identify_payload(folder / "robot.toml", tmp_path / "loaded.csv", folder / "unloaded.csv")
+    assert found.remarks[0].startswith("More than a payload differs between the logs")
+    right = identify_payload(folder / "robot.toml", folder / "loaded.csv", folder / "unloaded.csv")
+    assert not [remark for remark in right.remarks if "More than a payload" in remark]
+
+
 @pytest.mark.slow
 def test_the_mounting_frame_stands_in_the_robot_file(logs):
     folder, truth, arm = logs

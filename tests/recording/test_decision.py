@@ -187,6 +187,36 @@ def test_noise_that_a_controller_answers_is_not_taken_for_motion(arm):
     assert wrong(46.0).min() > 0.5
 
 
+@pytest.mark.parametrize("held", [False, True])
+def test_one_coarse_encoder_limits_the_cutoff(held):
+    """Two fine encoders and a coarse one: noisy torques hide what its noise does to the answer, intervals do not."""
+    robot = sy.Robot.from_dh([(0, 0.4, 0, "q"), (0, 0.3, 0, "q"), (0, 0, "q", 0)], gravity=(0, -9.81, 2.0))
+    model = sy.Model(robot.with_terms(sy.Viscous(), sy.RotorInertia()))
+    link = np.array([0.02, 0.0, 0.0, 0.3, 0.0, 0.3, 0.4, 0.0, 0.0, 2.0])
+    parameters = np.concatenate([[*link, 1.0, 0.2], [*link, 0.5, 0.1], [*0.5 * link, 20.0, 1.0]])
+    random = np.random.default_rng(7)
+    t = np.arange(30_000) / RATE
+    speed = 2 * np.pi * 0.1 * np.arange(1, 6)
+    a, b = random.normal(size=(2, 5, 3)) * np.array([0.4, 0.4, 0.0 if held else 0.04])
+    phase = np.outer(t, speed)
+    q = np.sin(phase) @ a + np.cos(phase) @ b
+    dq = (speed * np.cos(phase)) @ a - (speed * np.sin(phase)) @ b
+    ddq = -(speed**2 * np.sin(phase)) @ a - (speed**2 * np.cos(phase)) @ b
+    torque = model.inverse_dynamics(q, dq, ddq, parameters)
+    torque += 0.3 * torque.std(axis=0) * random.normal(size=q.shape)
+    noisy = q + np.array([1e-6, 1e-6, 3e-5]) * random.normal(size=q.shape)
+    recording = Recording(t=t, q=noisy, torque=torque)
+    decision = decide(Processing(cutoff="auto"), [recording], model)
+    if held:  # A joint that only trembles has no inertia to show, and must not blur the motion of the others.
+        assert decision.processing.cutoff > 40.0
+        return
+    samples = recording.process(decision.processing, model)
+    found = sy.least_squares(sy.Information.from_samples(model, samples), weights="joint")
+    wrong = (found.base - model.base_parameters().values(parameters)) / found.standard_error
+    assert np.abs(wrong).max() < 4.0
+    assert "noise of the positions" in decision.cutoff_choice.remark
+
+
 def test_share_of_noise_is_the_true_one():
     random = np.random.default_rng(4)
     t = np.arange(20_000) / RATE

@@ -46,7 +46,9 @@ _POINTS = 100  # of each log that are kept, which nobody looks at here
 _SUSPECT, _BETTER = 1.5, 0.75
 """Error of the loaded log over that of the robot alone from which other places of the payload are tried, and share of
 it that the best of them leaves at most. A payload of 1.5 kg in the wrong hand of a Baxter leaves 8.4 % and not 1 %;
-fixed to a finger in the place of the hand of a Panda, 7.4 % and not 1 %."""
+fixed to a finger in the place of the hand of a Panda, 7.4 % and not 1 %. Likewise the error of the unloaded log over
+that of the robot alone from which the logs are not of one robot: 19 % and not 8 % where two columns of torques of the
+loaded log changed places."""
 _MOST_FRAMES = 3
 
 
@@ -257,6 +259,7 @@ def identify_payload(
         saved = least_squares(logs.unloaded, weights)
     of_robot = np.nan if saved is None else saved.relative_error
     elsewhere = _mounted_elsewhere(logs, found.loaded_error, of_robot, known, weights)
+    doubts = elsewhere or _another_robot(found.unloaded_error, of_robot)
     mass = logs.section.number("mass") if "mass" in logs.section else None
     return PayloadIdentification(
         estimate=found,
@@ -269,7 +272,7 @@ def identify_payload(
         known_robot=None if estimate is None else str("estimate" if isinstance(estimate, Estimate) else estimate),
         options={"consistency": consistency, "weights": weights, **logs.options},
         stated_mass=mass,
-        remarks=tuple(dict.fromkeys((*elsewhere, *found.remarks, *logs.remarks))),
+        remarks=tuple(dict.fromkeys((*doubts, *found.remarks, *logs.remarks))),
     )
 
 
@@ -617,14 +620,25 @@ def _mounted_elsewhere(
         for link in range(len(names))
         if link != logs.body.link
     }
-    best = min(errors, key=lambda link: errors[link], default=None)
-    if best is None or errors[best] > _BETTER * error:
+    best = min(errors, key=lambda link: errors[link][0], default=None)
+    if best is None or errors[best][0] > _BETTER * error or errors[best][1] > _SUSPECT * of_robot:
         return ()
     held = ", ".join(one.name for one in logs.model.robot.links[best].attachments[:_MOST_FRAMES])
     return (
         f"The payload looks to be mounted elsewhere: fixed to {names[best]}{f' (which carries {held})' if held else ''}"
-        f" it would explain the torques of the loaded log to {errors[best]:.2%} and not {error:.2%}; say where it is "
-        "with --frame, or frame in [payload].",
+        f" it would explain the torques of the loaded log to {errors[best][0]:.2%} and not {error:.2%}; say where it "
+        "is with --frame, or frame in [payload].",
+    )
+
+
+def _another_robot(error: float, of_robot: float) -> tuple[str, ...]:
+    """Say where no payload at all makes one robot of both logs, as where the torques of one have another unit."""
+    if not error > _SUSPECT * of_robot:
+        return ()
+    return (
+        f"More than a payload differs between the logs: with the loaded log the unloaded one is explained to "
+        f"{error:.2%}, by itself to {of_robot:.2%}. The intervals do not hold; check that units, signs, gains and the "
+        "order of the joints are the same in both logs, and that nothing else was changed on the robot.",
     )
 
 
