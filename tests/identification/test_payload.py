@@ -141,6 +141,11 @@ def test_one_log_with_an_estimate(logs, run):
     assert 0.8 < widths[0] / widths[1] < 1.2
     assert widths[2] > 1.2 * widths[0]
     assert found.estimate.mass == pytest.approx(better.estimate.mass, abs=0.3 * widths[1])
+    read = sy.Recording.read(folder / "loaded.csv")
+    sy.Recording(t=read.t, q=read.q, torque=100.0 * read.torque).save(folder / "another_unit.csv")
+    heavy = identify_payload(folder / "robot.toml", folder / "another_unit.csv", estimate=folder / "estimate.json")
+    assert heavy.remarks[0].startswith("The payload would weigh more than all the moving links")
+    assert not [remark for remark in found.remarks if "moving links" in remark]
     other = sy.Model(model.robot.with_terms(sy.Viscous()))
     wrong = sy.least_squares(sy.Information.from_samples(other, samples))
     with pytest.raises(InputError, match="another robot or of other terms"):

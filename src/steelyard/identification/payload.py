@@ -15,7 +15,13 @@ from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError
 from steelyard.estimators.carried_body import CarriedBody, Changes, mounting
 from steelyard.estimators.drive_gains import DriveGains, KnownPayload, estimate_drive_gains
-from steelyard.estimators.payload_estimate import KnownRobot, PayloadEstimate, estimate_payload, unexplained_with
+from steelyard.estimators.payload_estimate import (
+    KnownRobot,
+    PayloadEstimate,
+    PayloadQuantity,
+    estimate_payload,
+    unexplained_with,
+)
 from steelyard.feasibility.constraints.toml_section import read_placement
 from steelyard.files import TomlTable, suggestion, write_json
 from steelyard.regression import Estimate, Information, least_squares
@@ -258,8 +264,9 @@ def identify_payload(
     if saved is None and logs.unloaded is not None:
         saved = least_squares(logs.unloaded, weights)
     of_robot = np.nan if saved is None else saved.relative_error
-    elsewhere = _mounted_elsewhere(logs, found.loaded_error, of_robot, known, weights)
-    doubts = elsewhere or _another_robot(found.unloaded_error, of_robot)
+    heavy, another = _heavier_than(logs.model, saved, found["mass"]), _another_robot(found.unloaded_error, of_robot)
+    elsewhere = () if heavy else _mounted_elsewhere(logs, found.loaded_error, of_robot, known, weights)
+    doubts = elsewhere or (*another, *heavy)
     mass = logs.section.number("mass") if "mass" in logs.section else None
     return PayloadIdentification(
         estimate=found,
@@ -628,6 +635,19 @@ def _mounted_elsewhere(
         f"The payload looks to be mounted elsewhere: fixed to {names[best]}{f' (which carries {held})' if held else ''}"
         f" it would explain the torques of the loaded log to {errors[best][0]:.2%} and not {error:.2%}; say where it "
         "is with --frame, or frame in [payload].",
+    )
+
+
+def _heavier_than(model: Model, robot: Estimate | None, mass: PayloadQuantity) -> tuple[str, ...]:
+    """Say where the payload outweighs what carries it, as where the torques of its log have another unit."""
+    told = None if robot is None else robot.parameters
+    parameters = np.asarray(model.robot.parameters, dtype=float) if told is None else told
+    links = float(sum(parameters[columns[9]] for columns in model.link_columns))
+    if not mass.lower > links > 0.0:
+        return ()
+    return (
+        f"The payload would weigh more than all the moving links, {mass.value:.3g} and not {links:.3g} kg: check that "
+        "the torques of the loaded log have the unit and the gains of the others.",
     )
 
 
