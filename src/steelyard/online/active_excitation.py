@@ -776,7 +776,9 @@ class ActiveExcitation:
         unknown = 0.5 * np.minimum(knowledge.joint_errors, 0.6) * limits.velocity
         velocity = share * np.maximum(limits.velocity - self._speed_room - unknown, 0.3 * limits.velocity)
         velocity = np.maximum(velocity, 1.02 * np.abs(state[1]) + 1e-3)
-        acceleration = np.maximum(0.97 * share * limits.acceleration, 1.02 * np.abs(state[2]) + 1e-3)
+        now = np.abs(state[2])  # room about what the state has, which must not grow from plan to plan beyond the limit
+        ease = np.maximum(np.minimum(1.02 * now + 1e-3, limits.acceleration), now + 1e-3)
+        acceleration = np.maximum(0.97 * share * limits.acceleration, ease)
         none = np.full(self.model.dof, np.inf)
         return replace(
             limits, lower=lower, upper=upper, velocity=velocity, acceleration=acceleration, torque=none, power=none
