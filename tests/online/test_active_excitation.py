@@ -307,6 +307,28 @@ def test_a_robot_of_which_only_the_kinematics_are_known(model: sy.Model) -> None
 
 
 @pytest.mark.slow
+def test_the_error_that_is_expected_is_that_which_there_is(model: sy.Model) -> None:
+    """It was six times as large after 11.8 s, where noise that was assumed counted as much as 30 independent rows."""
+    noise, ratios = np.array([0.3, 0.15]), []
+    for seed in range(3):
+        excitation = ActiveExcitation(model, LIMITS, accuracy=1e-6, longest=11.0, cutoff=8.0, starts=1, seed=seed)
+        sensors = Sensors(
+            encoder_resolution=2e-5, velocity="none", torque_noise=noise, torque_time_constant=0.02, seed=seed
+        )
+        simulate(model, TRUE, [0.2, -0.3], [0.0, 0.0], 12.0, excitation, sensors=sensors)
+        estimate = excitation.estimate
+        assert estimate is not None
+        random = np.random.default_rng(9)
+        motion = random.uniform(-2, 2, (300, 2)), random.uniform(-2, 2, (300, 2)), random.uniform(-6, 6, (300, 2))
+        true, found = (
+            model.inverse_dynamics(*motion, parameters) / noise for parameters in (TRUE, estimate.parameters)
+        )
+        error = np.linalg.norm(found - true) / np.linalg.norm(true)
+        ratios.append(error / excitation.expected_error)
+    assert 1.0 / 3.0 < np.sqrt(np.mean(np.square(ratios))) < 1.5
+
+
+@pytest.mark.slow
 def test_a_plan_that_comes_too_late_leaves_a_motion_that_stops(
     model: sy.Model, monkeypatch: pytest.MonkeyPatch
 ) -> None:
