@@ -225,9 +225,12 @@ class InfeasibilityExplanation:
                 f"{self.margin:.3g}).",
             )
         count = len(self.subsystems)
-        several = f", for {count} reasons that have no condition in common" if count > 1 else ", for one reason"
-        found = [f"The estimate is infeasible {kind}{several if count else ', by very little'}."]
-        found += [f"{number}. {reason}" for number, reason in enumerate(self.reasons, start=1)]
+        if count == 1:
+            found = [f"The estimate is infeasible {kind}: {self.reasons[0]}"]
+        else:
+            several = f", for {count} reasons that have no condition in common" if count else ", by very little"
+            found = [f"The estimate is infeasible {kind}{several}."]
+            found += [f"{number}. {reason}" for number, reason in enumerate(self.reasons, start=1)]
         if self.region is None:
             found.append(f"The nearest feasible base parameters lie {few_digits(self.distance)} away.")
         else:

@@ -331,7 +331,7 @@ class LogSurvey:
                 remarks.append(f"The torque of {label} is missing throughout: its drive reports none.")
             elif self.count > 1 and self.torque[0, j] == self.torque[1, j]:
                 remarks.append(
-                    f"The torque of {label} is {self.torque[0, j]:.6g} throughout: its sensor is stuck or not "
+                    f"The torque of {label} is {self.torque[0, j] + 0.0:.6g} throughout: its sensor is stuck or not "
                     "connected."
                 )
         return tuple(remarks)
