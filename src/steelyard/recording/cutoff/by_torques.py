@@ -226,11 +226,12 @@ def _noisy(recordings: Sequence[Measurements], candidates: Array, order: int, fr
     """Say for which candidates (C,) noise of the positions is too large a part of the accelerations in some log."""
     noisy = np.zeros(len(candidates), dtype=bool)
     for recording in recordings:
-        share = noise_share(recording.q, recording.rate, [*candidates, RULE * frequency], order)
+        by_rule = min(RULE * frequency, HIGHEST * recording.rate)
+        share = noise_share(recording.q, recording.rate, [*candidates, by_rule], order)
         share = share[:, np.isfinite(share[0])]
         if share.size:
-            share, by_rule = share[:-1], share[-1]
-            most = np.where(by_rule < 0.5, share, 0.0).max(axis=1)
+            share, there = share[:-1], share[-1]
+            most = np.where(there < 0.5, share, 0.0).max(axis=1)
             noisy |= (np.median(share, axis=1) > NOISE) & (candidates > NEEDED * frequency)
             noisy |= (most > NOISE) & (candidates > RULE * frequency)
     return noisy
