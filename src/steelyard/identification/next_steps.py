@@ -606,7 +606,7 @@ def _confirmation(identification: Identification) -> Iterator[NextStep]:
         yield NextStep(
             "Use it.",
             "A simulation shows what the robot does with these numbers; DIR is the folder of this report.",
-            f"steelyard simulate {robot} DIR/estimate.json --output simulation",
+            f"steelyard simulate {robot} DIR --output simulation",
             "console",
         )
 
