@@ -39,6 +39,17 @@ def test_the_logs_of_the_examples_are_sound_but_for_joints_that_hardly_move(name
             assert f"joint '{first}'" in one.statement.lower()
 
 
+@pytest.mark.slow
+def test_a_cutoff_that_lets_noise_of_a_lift_through_is_told(example, tmp_path):
+    """The lift of the Tiago moves by 0.1 m in 22 s, with steps of 48 µm: of all joints it limits the cutoff."""
+    folder = example("tiago")
+    text = (folder / "robot.toml").read_text().replace('"robot.urdf"', f'"{folder / "robot.urdf"}"')
+    (tmp_path / "robot.toml").write_text(f"{text}\n[processing]\ncutoff = 17.0\n")
+    (found,) = examine(folder / "train.csv", tmp_path / "robot.toml").findings
+    assert found.kind == "position noise"
+    assert "joint 'torso_lift_joint'" in found.statement
+
+
 @pytest.mark.data
 def test_the_ur10_is_sound(shared_data):
     log = shared_data / "ur10_unisa" / "exciting.csv"
