@@ -355,8 +355,8 @@ def explain_infeasibility(
     >>> from steelyard.robot import Robot
     >>> model = Model(Robot.from_dh([("0", 0.0, 0.0, "q")], gravity=(0, -9.81, 0)))
     >>> explanation = explain_infeasibility(FeasibleSet(model), base=[-0.6, 1.0, 0.0])
-    >>> print(explanation.sentences()[1])
-    1. body of link1 cannot hold by itself: Lzz1 is -0.6, and in no robot negative.
+    >>> print(explanation.reasons[0])
+    body of link1 cannot hold by itself: Lzz1 is -0.6, and in no robot negative.
     """
     with one_thread():
         region = region_of(feasible_set, base, info, covariance, weights)
