@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from steelyard.display import combination
 from steelyard.errors import InputError
 from steelyard.files import shown
 from steelyard.graph.expression import is_zero
@@ -673,12 +674,8 @@ def _units(power: int) -> tuple[str, str]:
 def linear(**coefficients: float) -> Condition:
     """Return the condition that a combination of parameters is not negative, such as ``"Fvj - 0.5 Fbj >= 0"``."""
     held = {symbol: value for symbol, value in coefficients.items() if value}
-    text = ""
-    for symbol, value in held.items():
-        times = "" if abs(value) == 1.0 else f"{abs(value):g} "
-        text += f" {'-' if value < 0.0 else '+'} {times}{symbol}"
     matrices = {symbol: np.array([[value]]) for symbol, value in held.items()}
-    return Condition(f"{text.removeprefix(' +').strip()} >= 0", 1, np.zeros((1, 1)), matrices)
+    return Condition(f"{combination(held.values(), list(held), digits=6)} >= 0", 1, np.zeros((1, 1)), matrices)
 
 
 def nonnegative_polynomial(

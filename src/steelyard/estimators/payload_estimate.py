@@ -611,7 +611,7 @@ def _is_shown(problem: _Problem) -> bool:
     error = float(standard_errors(feasible_set, covariance, mass[None])[0])
     if float(mass @ feasible_set.lift @ problem.base) > stdtrit(freedom, each) * error:
         return True
-    to_deviations = np.linalg.pinv(covariance.root)
+    to_deviations = covariance.in_deviations()
     columns = to_deviations @ np.delete(feasible_set.K, payload, axis=1)
     lengths = np.linalg.norm(columns, axis=0)
     left, sizes, _ = np.linalg.svd(columns / np.where(lengths > 0.0, lengths, 1.0), full_matrices=False)
