@@ -47,7 +47,7 @@ WORK = {
     "to Information": """
 options = Processing(cutoff=4.8, order=3, trim=0.5, velocity_threshold=0.05)
 model = wam_model()
-chunks = process_chunks(log, processing=options, joints=7, rows=50_000)
+chunks = process_chunks(log, processing=options, joints=7)
 estimate = sy.least_squares(sy.Information.from_chunks(model, chunks, batch_means=False))
 """,
     "identify": "assert identify(robot, [log]).verdict is not None",

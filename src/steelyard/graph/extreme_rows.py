@@ -45,32 +45,36 @@ def extreme_rows(values: Array, others: Array, size: int) -> NDArray[np.intp]:
     >>> extreme_rows(values, np.array([[0.0], [0.0], [7.0], [0.0], [1.0], [0.0]]), 3).tolist()
     [[1, 2, 0, 0], [2, 1, 0, 0]]
     """
-    lanes, width = batch_lanes(), values.shape[1]
-    if width < lanes:
-        values, others = (np.pad(one, ((0, 0), (0, lanes - width))) for one in (values, others))
     values, others = (np.ascontiguousarray(one, dtype=np.float64) for one in (values, others))
-    count, wide = values.shape
+    count, width = values.shape
     if others.shape != values.shape or size < 1 or count % size:
         raise ValueError("rows whose extremes are looked for must be whole groups of both arrays")
-    found = np.empty((count // size, 4, wide))
-    _compiled()(*map(address_of, (values, others, found)), len(found), size, wide)
-    return found[:, :, :width].reshape(len(found), 4 * width).astype(np.intp)
+    groups, beyond = count // size, max(batch_lanes() - width, 0)
+    # Of few columns a register reaches into the rows that follow, and the last groups have none: those are widened.
+    whole = groups - min(groups, -(-beyond // max(size * width, 1)))
+    found = np.empty(groups * 4 * width + beyond)
+    _compiled()(*map(address_of, (values, others, found)), whole, size, width, max(width - batch_lanes(), 0))
+    places = found[: groups * 4 * width].reshape(groups, 4, width)
+    if whole < groups:
+        wide, other = (np.pad(one[whole * size :], ((0, 0), (0, beyond))) for one in (values, others))
+        places[whole:] = extreme_rows(wide, other, size).reshape(groups - whole, 4, -1)[:, :, :width]
+    return places.reshape(groups, 4 * width).astype(np.intp)
 
 
 @cache
 def _compiled() -> Callable[..., None]:
     code = host_machine(batch_lanes()).load_code(_write, ("extremes",))
-    return code.function("extremes", *[ctypes.c_void_p] * 3, *[ctypes.c_int64] * 3)
+    return code.function("extremes", *[ctypes.c_void_p] * 3, *[ctypes.c_int64] * 4)
 
 
 def _write(code: Code) -> None:
     """Write the function: of as many columns as there are lanes all that is known of a group stays in registers."""
     lanes = code.lanes
-    with code.function("extremes", "values", "others", "found", integers="groups size width") as given:
-        values, others, found, groups, size, width = given
+    with code.function("extremes", "values", "others", "found", integers="groups size width last") as given:
+        values, others, found, groups, size, width, last = given
         for group in code.range(groups):
             for column in code.range(width, step=lanes):
-                at = column.below(width - lanes)  # the last columns are those up to the end
+                at = column.below(last)  # the last columns are those up to the end
                 start = [values.shared_at(group * size * width + at), others.shared_at(group * size * width + at)]
                 one = start[0][0]
                 first = [one, one - start[1][0]]

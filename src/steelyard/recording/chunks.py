@@ -298,7 +298,7 @@ def process_chunks(
     source: Source,
     columns: LogColumns | dict[str, Any] | None = None,
     processing: Processing | None = None,
-    rows: int = CHUNK_ROWS,
+    rows: int = PIECE_ROWS,
     joints: Joints = None,
     model: Model | None = None,
     look: Callable[[Recording], object] | None = None,
@@ -321,7 +321,7 @@ def process_chunks(
         `saturation`, the tolerance of `stiction`) is chosen by 50 000 rows in the middle of the log (of its longest
         part, where gaps split it), and said.
     rows
-        Rows of the log in a chunk.
+        Rows of the log in a chunk. By default those that are processed together, so that nothing is joined.
     model
         By which `delay = "automatic"` is estimated; without it by the signals.
     look

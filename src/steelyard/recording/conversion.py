@@ -299,7 +299,11 @@ def without_wild(t: NDArray[np.float64], q: NDArray[np.float64]) -> NDArray[np.f
     [70]
     """
     result = q
-    for j in range(q.shape[1]) if len(q) >= 3 else ():
+    if len(q) < 3:
+        return q
+    low, high = column_extremes(np.diff(q, axis=0))
+    unlike = ~((low >= -LEAST_JUMP) & (high <= LEAST_JUMP))  # true also where values are missing
+    for j in map(int, np.flatnonzero(unlike)):
         steps = np.diff(q[:, j])
         far = np.flatnonzero(np.abs(steps) > LEAST_JUMP)
         rows = np.intersect1d(far + 1, far, assume_unique=True)  # with a long step before and one after
