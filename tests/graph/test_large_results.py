@@ -17,8 +17,27 @@ recycles = pytest.mark.skipif(sys.platform != "linux", reason="memory is used ag
 @pytest.mark.parametrize(("width", "lanes"), [(25, 8), (32, 8), (33, 4), (46, 8), (46, 4), (64, 4), (71, 8)])
 def test_past_the_cache_and_through_it_are_the_same(width, lanes, monkeypatch):
     monkeypatch.setattr(kernel_module, "batch_lanes", lambda: lanes)
-    graph = Graph()
-    outputs = outputs_of(graph, width)
+    require_the_same(outputs_of(Graph(), width))
+
+
+@pytest.mark.parametrize("lanes", [4, 8])
+@pytest.mark.parametrize(
+    "zeros", [{0: 16}, {1: 15, 20: 17}, {48: 16}, {9: 8, 17: 40}, {0: 33, 40: 24}, {0: 63}, {0: 64}]
+)
+def test_runs_of_zeros_are_written_as_zeros(zeros, lanes, monkeypatch):
+    """They begin at the keys, and are so long; also where a row is whole pages of the memory."""
+    monkeypatch.setattr(kernel_module, "batch_lanes", lambda: lanes)
+    for width in (64, 67):
+        graph = Graph()
+        outputs = outputs_of(graph, width)
+        for begin, length in zeros.items():
+            outputs[begin : begin + length] = [graph.constant(0.0)] * length
+        require_the_same(outputs)
+
+
+def require_the_same(outputs):
+    """Compute outputs through the cache and past it, wherever in a line of it they begin, and beside NumPy."""
+    width = len(outputs)
     kernel = kernel_of([Argument("x", 3), Argument("p", 2, uniform=True)], outputs)
     random = np.random.default_rng(width)
     p = random.normal(size=2)

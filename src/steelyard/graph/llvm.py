@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import groupby, pairwise
 
 from .expression import Node, reachable
 from .function import Argument
@@ -257,6 +257,17 @@ class _Slots:
                     ending.setdefault(last[node.index], []).append(slot)
 
 
+def _runs(flags: Sequence[bool], shortest: int) -> list[tuple[int, int]]:
+    """Return where each run of so many flags that are set, or more, begins and ends."""
+    runs, begin = [], 0
+    for flag, neighbours in groupby(flags):
+        end = begin + len(list(neighbours))
+        if flag and end - begin >= shortest:
+            runs.append((begin, end))
+        begin = end
+    return runs
+
+
 def _padded(width: int, lanes: int) -> int:
     return -(-width // lanes) * lanes
 
@@ -277,6 +288,7 @@ class _Writer:
         zero = [node.operation == "constant" and node.value == 0.0 for node in outputs]
         apart = lanes == 1 and layout == "columns"
         self.clears = any(zero) and lanes > 1
+        self.runs = _runs(zero, 2 * lanes) if lanes > 1 and layout == "rows" else []
         self.columns: dict[int, list[int]] = {}
         for column, node in enumerate(outputs):
             if apart or not zero[column]:
@@ -288,9 +300,11 @@ class _Writer:
         self.pointers = [f"%g{k}" for k in range(len(arguments))]
         # Whether there is a way past the cache: where rows have several whole lines of it. With 42 outputs it takes
         # two thirds of the time in large batches, with 16 a third more, because parts of lines take two turns. Rows
-        # that all begin at the same place of a page get in each other's way: the regressors of a hand and of a humanoid
-        # (20 and 80 KiB a sample) took 1.7 times as long as through the cache at 80 MiB, and up to three times at 5.
-        self.passes = lanes > 1 and layout == "rows" and len(outputs) >= 32 and 8 * lanes * len(outputs) % _PAGE != 0
+        # that all begin at the same place of a page get in each other's way unless much of them is zero: the inertia
+        # matrix of eight joints takes half as long again at 5 and 20 MiB, and the regressors of a hand and of a
+        # humanoid (20 and 80 KiB a sample) a third of the time of the way through the cache.
+        whole_pages = 8 * lanes * len(outputs) % _PAGE == 0
+        self.passes = lanes > 1 and layout == "rows" and len(outputs) >= 32 and bool(self.runs or not whole_pages)
 
     def _join_outputs(self, zero: list[bool]) -> None:
         """Find the neighbouring outputs that one part computes, zeros among them, and the runs of zeros beside them."""
@@ -313,6 +327,9 @@ class _Writer:
         for lanes in sorted({1, self.lanes}):
             lines += Instructions.declarations(lanes)
         lines += [f"declare void @{name}({types})" for name, types in SUPPORT.items()]
+        # One pair more, which is read and not looked at.
+        numbers = ", ".join(f"i64 {number}" for run in [*self.runs, (0, 0)] for number in run)
+        lines.append(f"@runs = private constant [{2 * len(self.runs) + 2} x i64] [{numbers}]")
         last = len(self.program.parts) - 1
         for number, part in enumerate(self.program.parts):
             lines += self._part(number, part, is_last=number == last)
@@ -441,12 +458,19 @@ class _Writer:
         return first, it.new(f"select i1 {apart}, i64 {self.lanes}, i64 1")
 
     def _clearing(self) -> list[str]:
-        """Return what writes zeros into the slots of outputs, where those that are zero stay so."""
+        """Return what writes zeros into the slots of outputs, where those that are zero stay so.
+
+        What lies deep in a run of zeros is never read.
+        """
         if not self.clears:
             return []
         it = Instructions(self.lanes, "z")
-        start = it.new(f"getelementptr {it.type}, ptr %w, i64 {self.slots.outputs}")
-        return [*it.lines, f"  call void @clear(ptr {start}, i64 {self.lanes * len(self.outputs)})"]
+        begins = [0, *(end - self.lanes for _, end in self.runs)]
+        ends = [*(begin + self.lanes for begin, _ in self.runs), len(self.outputs)]
+        for begin, end in zip(begins, ends, strict=True):
+            start = it.new(f"getelementptr {it.type}, ptr %w, i64 {self.slots.outputs + begin}")
+            it.lines.append(f"  call void @clear(ptr {start}, i64 {self.lanes * (end - begin)})")
+        return it.lines
 
     def _compute_once(self, scalar: Instructions, vector: Instructions) -> None:
         """Write what is the same for all the samples: operations as numbers, outputs into their slots."""
@@ -507,7 +531,8 @@ class _Writer:
             source = it.new(f"getelementptr {it.type}, ptr %w, i64 {self.slots.outputs}")
             given = f"ptr {source}, i64 {len(self.outputs)}"
             if self.layout == "rows":
-                it.lines.append(f"  call void @scatter({given}, i64 {first}, i64 {step}, i64 %last, ptr %out)")
+                runs = f"ptr @runs, i64 {len(self.runs)}"
+                it.lines.append(f"  call void @scatter({given}, i64 {first}, i64 {step}, i64 %last, ptr %out, {runs})")
             else:
                 it.lines.append(f"  call void @columns({given}, i64 %s, i64 %last, ptr %out, i64 %stride)")
 
