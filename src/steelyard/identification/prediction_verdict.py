@@ -232,13 +232,14 @@ class PredictionVerdict:
 
     @property
     def _because(self) -> str:
-        """The joints for which the verdict is poor though the error of all joints is not, to end a clause."""
-        joints = np.flatnonzero(self.joint_model_error > POOR_JOINT)
-        if self.is_usable or self.model_error > USABLE or not len(joints):
+        """The joints that are missed by far more than all of them together, to end a clause."""
+        most = USABLE if self.is_usable else POOR_JOINT
+        joints = np.flatnonzero(self.joint_model_error > most)
+        if self.model_error > USABLE or not len(joints):
             return ""
         errors = self.joint_model_error
         named = listed([f"{self.joint_names[joint]} ({errors[joint]:.0%})" for joint in joints], MOST_NAMED)
-        return f", and more than {POOR_JOINT:.0%} at {named}"
+        return f", {'but' if self.is_usable else 'and'} more than {most:.0%} at {named}"
 
     def with_mistakes(self, mistakes: Iterable[Sequence[Hypothesis]]) -> PredictionVerdict:
         """Judge again, with what is probably wrong with the logs.
