@@ -20,7 +20,7 @@ def test_past_the_cache_and_through_it_are_the_same(width, lanes, monkeypatch):
     require_the_same(outputs_of(Graph(), width))
 
 
-@pytest.mark.parametrize("lanes", [4, 8])
+@pytest.mark.parametrize("lanes", [2, 4, 8])
 @pytest.mark.parametrize(
     "zeros", [{0: 16}, {1: 15, 20: 17}, {48: 16}, {9: 8, 17: 40}, {0: 33, 40: 24}, {0: 63}, {0: 64}]
 )
