@@ -72,6 +72,20 @@ def test_a_description_is_repaired_in_its_own_format(suffix, text, tmp_path, cap
     assert source.read_text() == text
 
 
+@pytest.mark.parametrize("suffix", ["urdf", "sdf", "xml"])
+def test_a_mass_below_zero_is_told_in_every_format(suffix, tmp_path, capsys, monkeypatch):
+    text = {"urdf": SLIP.replace('"3"', '"-3"'), "sdf": SDF.replace(">3<", ">-3<"), "xml": MJCF.replace('"3"', '"-3"')}
+    source, target = tmp_path / f"r.{suffix}", tmp_path / f"repaired.{suffix}"
+    source.write_text(text[suffix])
+    monkeypatch.setattr("sys.argv", ["steelyard", "inspect", str(source), "--repair", "--output", str(target)])
+    with pytest.raises(SystemExit):
+        main()
+    said = capsys.readouterr().out
+    assert "b: has a mass of -3 kg" in said
+    assert "No numbers follow from what is said of b: left as it was." in said
+    assert target.read_text() == source.read_text()
+
+
 def test_repair_needs_a_file(tmp_path, capsys, monkeypatch):
     (tmp_path / "r.urdf").write_text(SLIP)
     monkeypatch.setattr("sys.argv", ["steelyard", "inspect", str(tmp_path / "r.urdf"), "--repair"])

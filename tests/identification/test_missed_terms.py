@@ -58,6 +58,55 @@ def test_what_a_simulation_would_miss_is_said(tmp_path, suffix, text):
     assert f'offset="{float(found["Foj2"])!r}"' in (tmp_path / "result" / f"robot.{suffix}").read_text()
 
 
+COUPLING = [[1.0, 0.6], [0.0, 1.0]]
+DIRECTIONS = '[[terms]]\nkind = "coulomb_by_direction"\n[[terms]]\nkind = "viscous_by_direction"\n'
+
+
+@pytest.mark.parametrize(
+    ("terms", "values", "told"),
+    [
+        (
+            DIRECTIONS,
+            {"Fcpj": (2.0, 1.0), "Fcnj": (1.0, 1.6), "Fvpj": (0.5, 0.3), "Fvnj": (0.9, 0.3)},
+            "all that coulomb_by_direction and viscous_by_direction can say",
+        ),
+        (
+            f'[[terms]]\nkind = "motor_side"\ncoupling = {COUPLING}\n',
+            {"Fvm": (0.5, 0.4), "Fcm": (0.7, 1.0), "Fom": (0.3, -0.2), "Iam": (0.2, 0.3)},
+            "rotor inertia and torque offsets and all that motor_side can say",
+        ),
+    ],
+)
+def test_what_directions_and_couplings_say_beyond_a_joint_alone_is_missed(tmp_path, terms, values, told):
+    """Beside the friction of each joint moving alone, by the formulas of the terms in NumPy."""
+    (tmp_path / "arm.urdf").write_text(URDF)
+    (tmp_path / "robot.toml").write_text(f'[description]\nfile = "arm.urdf"\n{terms}')
+    model = sy.Model.load(tmp_path / "robot.toml")
+    truth = dict(zip(model.parameter_names, model.robot.parameters, strict=True))
+    truth |= {f"{name}{k + 1}": value for name, each in values.items() for k, value in enumerate(each)}
+    t = np.arange(0.0, 20.0, 0.01)
+    rate = np.array([2.0, 3.1])
+    phase = t[:, None] * rate
+    q, dq, ddq = np.sin(phase), rate * np.cos(phase), -(rate**2) * np.sin(phase)
+    torque = model.inverse_dynamics(q, dq, ddq, np.array(list(truth.values())))
+    torque += np.random.default_rng(2).normal(scale=0.01, size=torque.shape)
+    v = {name: np.array(each) for name, each in values.items()}
+    if "Fcpj" in v:
+        sign = np.where(dq > 0.0, 1.0, -1.0)
+        whole = np.where(dq > 0.0, v["Fcpj"] + v["Fvpj"] * dq, -v["Fcnj"] + v["Fvnj"] * dq)
+        alone = (v["Fcpj"] + v["Fcnj"]) / 2 * sign + (v["Fvpj"] + v["Fvnj"]) / 2 * dq
+    else:
+        ratio = np.array(COUPLING)
+        motor, turning = dq @ ratio, ddq @ ratio
+        whole = (v["Fvm"] * motor + v["Fcm"] * np.sign(motor) + v["Fom"] + v["Iam"] * turning) @ ratio.T
+        alone = (ratio**2 @ v["Fvm"]) * dq + (np.abs(ratio) @ v["Fcm"]) * np.sign(dq)
+    result = sy.identify(tmp_path / "robot.toml", sy.Samples(q, dq, ddq, torque, t=t))
+    (said,) = [remark for remark in result.remarks if "has no place for" in remark]
+    assert f"The format of arm.urdf has no place for {told}:" in said
+    share = np.sqrt(((whole - alone) ** 2).sum() / (torque**2).sum())
+    assert float(said.partition("misses ")[2].partition("%")[0]) == pytest.approx(100 * share, rel=0.03)
+
+
 @pytest.mark.slow
 def test_presliding_leaves_coulomb_friction_in_a_description(tmp_path):
     (tmp_path / "arm.urdf").write_text(URDF)

@@ -83,3 +83,55 @@ def test_robots_without_size_or_inertia():
     found = preflight(Robot.from_dh([(0, "a1", 0, "q")], inertias={"link1": body}))
     assert [one.cause for one in found.findings] == ["impossible"]
     assert preflight(Robot.from_dh([(0, 0.3, 0, "q")])).links == ()
+
+
+def box(mass, sizes, place="0 0 0"):
+    """An inertial of URDF: a homogeneous box."""
+    x, y, z = (mass / 12.0 * (sum(one**2 for one in sizes) - own**2) for own in sizes)
+    return (
+        f'<inertial><origin xyz="{place}"/><mass value="{mass}"/>'
+        f'<inertia ixx="{x}" ixy="0" ixz="0" iyy="{y}" iyz="0" izz="{z}"/></inertial>'
+    )
+
+
+def test_nothing_is_wrong_with_a_gantry_of_boxes(tmp_path):
+    """Carriages are shorter than their ways; the tool alone has a shape, the one that its inertial is of."""
+    sizes = (0.05, 0.05, 0.07)
+    shape = f'<visual><geometry><box size="{" ".join(map(str, sizes))}"/></geometry></visual>'
+    links = [box(8.0, (0.3, 0.2, 0.1)), box(5.0, (0.2, 0.2, 0.3)), box(3.0, (0.1, 0.1, 0.8)), box(0.8, sizes) + shape]
+    ways = [
+        ("prismatic", "1 0 0", 2.0),
+        ("prismatic", "0 1 0", 1.5),
+        ("prismatic", "0 0 1", 1.0),
+        ("revolute", "0 0 1", 3),
+    ]
+    text = "".join(f'<link name="l{k}">{link}</link>' for k, link in enumerate(["", *links]))
+    text += "".join(
+        f'<joint name="j{k}" type="{kind}"><parent link="l{k}"/><child link="l{k + 1}"/><axis xyz="{axis}"/>'
+        f'<origin xyz="0 0 {-0.5 * (k == 3)}"/><limit lower="{-way}" upper="{way}" effort="1" velocity="1"/></joint>'
+        for k, (kind, axis, way) in enumerate(ways)
+    )
+    path = tmp_path / "gantry.urdf"
+    path.write_text(f'<robot name="gantry">{text}</robot>')
+    assert preflight(Robot.from_urdf(path)).findings == ()
+
+
+def test_legs_that_are_alike_are_no_copies_where_one_has_no_shape(tmp_path):
+    """Two legs with the same inertials, of which the description shows all links but one."""
+    links, joints = '<link name="trunk"/>', ""
+    for side, place in (("left", 0.1), ("right", -0.1)):
+        for name, above, size, origin in (
+            ("thigh", "trunk", 0.05, f"0 {place} 0"),
+            ("calf", f"{side}_thigh", 0.04, "0 0 -0.3"),
+        ):
+            shape = f'<geometry><box size="{size} {size} 0.3"/></geometry>'
+            shape = f'<visual><origin xyz="0 0 -0.15"/>{shape}</visual>' * ((side, name) != ("right", "calf"))
+            inertial = box(1.2e3 * 0.3 * size**2, (size, size, 0.3), "0 0.001 -0.15")
+            links += f'<link name="{side}_{name}">{inertial}{shape}</link>'
+            joints += (
+                f'<joint name="{side}_{name}" type="revolute"><parent link="{above}"/><child link="{side}_{name}"/>'
+                f'<origin xyz="{origin}"/><axis xyz="0 1 0"/></joint>'
+            )
+    path = tmp_path / "legs.urdf"
+    path.write_text(f'<robot name="legs">{links}{joints}</robot>')
+    assert preflight(Robot.from_urdf(path)).findings == ()

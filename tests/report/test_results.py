@@ -51,6 +51,17 @@ def test_a_robot_of_the_user_stays(identification: Identification, tmp_path: Pat
     assert (tmp_path / "notes.txt").read_text() == "mine"
 
 
+def test_a_robot_of_the_user_is_not_replaced(identification: Identification, tmp_path: Path) -> None:
+    (tmp_path / "robot.urdf").write_text("mine")
+    with pytest.raises(InputError, match=r"robot\.urdf: is no result of an earlier identification"):
+        save_results(identification, tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["robot.urdf"]
+    assert (tmp_path / "robot.urdf").read_text() == "mine"
+    (tmp_path / "robot.urdf").unlink()
+    for _ in range(2):
+        assert tmp_path / "robot.urdf" in save_results(identification, tmp_path)
+
+
 def test_the_description_itself_is_never_replaced(identification: Identification, tmp_path: Path) -> None:
     source = identification.model.robot.source
     assert source is not None

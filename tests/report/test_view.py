@@ -155,6 +155,24 @@ def test_results_are_shown_with_what_is_known(identification: Identification, tm
         load_viewed_robot(seen.file.path, seen.file.path)
 
 
+def test_results_find_their_robot_from_any_folder(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("robot.toml", "arm.urdf", "other.csv"):
+        (tmp_path / name).write_bytes((folder / name).read_bytes())
+    monkeypatch.chdir(tmp_path)
+    save_results(sy.identify("robot.toml", "other.csv"), Path("found/result"))
+    for place in (tmp_path, tmp_path / "found/result", tmp_path.parent):
+        monkeypatch.chdir(place)
+        file = load_viewed_robot(tmp_path / "found/result").file
+        assert file.path is not None
+        assert file.path.samefile(tmp_path / "robot.toml")
+    (tmp_path / "robot.toml").write_text((tmp_path / "robot.toml").read_text().replace("coulomb", "offset"))
+    monkeypatch.chdir(tmp_path / "found/result")
+    with pytest.raises(sy.InputError, match="not where its record says, or has changed since"):
+        load_viewed_robot(".")
+
+
 def test_a_table_of_parameters_is_made_again_of_plain_rows(identification: Identification) -> None:
     assert identification.parameters is not None
     again = ParameterTable.from_list(json.loads(json.dumps(identification.parameters.to_list())), "here")

@@ -1,5 +1,8 @@
 """Writing SDF in place: what is read again, what stays byte for byte, and what is refused."""
 
+from xml.etree import ElementTree
+from xml.sax.saxutils import escape
+
 import numpy as np
 import pytest
 
@@ -113,6 +116,20 @@ def test_what_is_refused(tmp_path):
     with pytest.raises(InputError, match='does not hold "camera" of robot "arm"'):
         write_sdf(robot, robot.parameters, drives, other, tmp_path / "x.sdf")
     assert not (tmp_path / "x.sdf").exists()
+
+
+def test_meshes_are_found_from_another_folder(tmp_path):
+    (tmp_path / "arm" / "meshes").mkdir(parents=True)
+    mesh = tmp_path / "arm" / "meshes" / "ü&.stl"
+    mesh.touch()
+    names = ("meshes/ü&.stl", "model://arm/ü.stl", "missing.stl")
+    uris = "".join(f"<mesh><uri> {escape(name)} </uri></mesh>" for name in names)
+    path, robot = arm(tmp_path / "arm", ARM.replace("<box><size>1 1 1</size></box>", uris))
+    drives = Drives.unknown(3).with_known(friction=[0.3, np.nan, np.nan])
+    for target, expected in ((tmp_path / "x.sdf", mesh.as_posix()), (tmp_path / "arm" / "x.sdf", names[0])):
+        write_sdf(robot, robot.parameters, drives, path, target)
+        found = [one.text.strip() for one in ElementTree.parse(target).iter("uri")]
+        assert found == [expected, *names[1:]]
 
 
 def test_links_of_other_files_are_not_written(tmp_path):

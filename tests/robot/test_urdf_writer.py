@@ -349,6 +349,34 @@ def test_what_the_format_has_no_place_for_stands_in_an_extension(tmp_path):
         write_urdf(robot, robot.parameters, *changed, source, target, rotor_inertia=[-1.0])
 
 
+CORNERS = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+
+
+@pytest.mark.parametrize("compiler", ['strippath="false"', 'meshdir="../me&amp;shes ü"'])
+def test_mujoco_finds_meshes_from_another_folder(tmp_path, compiler):
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")
+    folder, meshes = tmp_path / "arm", tmp_path / "me&shes ü"
+    folder.mkdir()
+    meshes.mkdir()
+    (meshes / "hand.obj").write_text(CORNERS)
+    shape = '<visual><geometry><mesh filename="../me&amp;shes ü/hand.obj"/></geometry></visual>'
+    missing = '<texture filename=""/><texture filename="missing.png"/>'
+    text = EXTENDED.replace('<link name="b">', f'<link name="b">{shape}').replace("<gazebo", f"{missing}<gazebo", 1)
+    text = text.replace(
+        '<robot name="r">', f'<robot name="r"><mujoco><compiler {compiler} discardvisual="false"/></mujoco>'
+    )
+    source, target = folder / "r.urdf", tmp_path / "weighed.urdf"
+    source.write_text(text, encoding="utf-8")
+    assert mujoco.MjModel.from_xml_path(str(source)).nmesh == 1
+    robot = Robot.from_urdf(source)
+    write_urdf(robot, robot.parameters, [0.75], [0.25], source, target)
+    assert mujoco.MjModel.from_xml_path(str(target)).nmesh == 1
+    assert missing in target.read_text()
+    beside = folder / "weighed.urdf"
+    write_urdf(robot, robot.parameters, [0.75], [0.25], source, beside)
+    assert shape in beside.read_text(encoding="utf-8")
+
+
 def test_other_programs_pass_over_the_extension(tmp_path):
     pinocchio = pytest.importorskip("pinocchio", reason="Pinocchio is not installed")
     mujoco = pytest.importorskip("mujoco", reason="MuJoCo is not installed")

@@ -101,7 +101,7 @@ def identify(
     from contextlib import nullcontext
 
     from steelyard.identification import identify as run
-    from steelyard.report import require_apart
+    from steelyard.report import require_apart, require_replaceable
 
     require_results_folder(context, output)
     file = load_robot(robot, lines, topic=topic, allow_extensions=allow_extensions)
@@ -119,6 +119,7 @@ def identify(
         }
         _from_positions(file, logs, validate or [], output, weights, friction, unused, json=json, quiet=quiet)
         return
+    require_replaceable(output, file.robot)
     run_of_many = many_logs(output, [*logs, *(validate or [])], workers, cluster, tls)
     with progress(quiet=quiet) as say, run_of_many or nullcontext() as kept:
         result = run(

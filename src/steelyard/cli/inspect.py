@@ -37,6 +37,7 @@ def inspect(
       steelyard inspect my_robot.urdf --repair --output repaired.urdf
     """
     from steelyard.dynamics import Model
+    from steelyard.files import listed
     from steelyard.files.writing import require_unread
     from steelyard.identification.preflight import preflight
     from steelyard.report.inspection import inspection
@@ -56,7 +57,9 @@ def inspect(
         told["repaired"] = {"file": str(output), "changes": dict(changes)}
         if not json:
             lines = [f"{link}: {change}" for link, change in changes]
-            nothing = "no numbers follow from what is said above" if findings.findings else "nothing was wrong"
-            echo("\n".join([*lines, f"{output}: written." if lines else f"{output}: written as it was; {nothing}."]))
+            if left := [one.link for one in findings.findings if one.mended is None]:
+                lines.append(f"No numbers follow from what is said of {listed(left)}: left as it was.")
+            wrote = "written" if changes else "written as it was"
+            echo("\n".join([*lines, f"{output}: {wrote}{'' if findings.findings else '; nothing was wrong'}."]))
     if json:
         print_json(told)

@@ -194,8 +194,8 @@ class Comparison:
         numbers = range(len(self._heads()) - 5, len(self._heads()) - 1)
         who = ", ".join(f"{label} is {name}" for label, name in zip(labels(len(self.names)), self.names, strict=True))
         parts.append(
-            f"{who}. Base parameters are those of plain least squares, which no prior draws; ± is the interval of the "
-            "difference."
+            f"{who}. Base parameters are those of plain least squares, which no prior draws, and numbers of links are "
+            "the middles of their intervals, not the answers; ± is the interval of the difference."
         )
         for kind in (self.differences, self.link_differences, self.elastic_differences):
             if kind:

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
 import numpy as np
+from numpy.typing import NDArray
 
-from steelyard.dynamics import Model
+from steelyard.dynamics import Model, MotorSide
 from steelyard.recording import Samples
 from steelyard.regression import Estimate
-from steelyard.robot import Robot
+from steelyard.robot import Drives, Robot
 from steelyard.robot.description import URDF, description_format
 from steelyard.robot.robot import PRESLIDING
 
@@ -50,23 +51,16 @@ def missed_terms(model: Model, estimate: Estimate, samples: Iterable[Samples]) -
     refused = kind.refusal(model.robot)
     if refused:
         return (refused,)
-    held = kind.holds if kind.is_written else ()
-    described = np.array(model.described_as)
-    missed = np.array([kind not in held for kind in model.described_as])
-    missed[np.ravel(model.link_columns)] = False
-    remembers = model.remembers
-    if not kind.is_written or not (missed.any() or remembers):
+    if not kind.is_written:
         return ()
     parts, whole = np.zeros(model.robot.dof), np.zeros(model.robot.dof)
-    parameters = np.where(missed, estimate.parameters, 0.0)
-    coulomb = np.where((described == "friction") & ~missed, estimate.parameters, 0.0)
+    of_terms = np.array(estimate.parameters)
+    of_terms[np.ravel(model.link_columns)] = 0.0
+    drives = model.drives(estimate.parameters)
     for one in samples:
         rows = np.ones_like(one.torque, dtype=bool) if one.mask is None else one.mask
-        torque = model.inverse_dynamics(one.q, one.dq, one.ddq, parameters, channels=one.channels)
-        if remembers:  # of which descriptions hold Coulomb friction
-            slides = {**(one.channels or {}), PRESLIDING: np.sign(one.dq)}
-            torque = torque + model.inverse_dynamics(one.q, one.dq, one.ddq, coulomb, channels=one.channels)
-            torque = torque - model.inverse_dynamics(one.q, one.dq, one.ddq, coulomb, channels=slides)
+        torque = model.inverse_dynamics(one.q, one.dq, one.ddq, of_terms, channels=one.channels)
+        torque = torque - _torque_of_drives(drives, kind.holds, one)
         parts += np.sum(np.where(rows, torque, 0.0) ** 2, axis=0)
         whole += np.sum(np.where(rows, one.torque, 0.0) ** 2, axis=0)
     if not whole.sum() > 0.0:
@@ -76,14 +70,45 @@ def missed_terms(model: Model, estimate: Estimate, samples: Iterable[Samples]) -
     if max(share, float(each.max())) < NEGLIGIBLE:
         return ()
     worst = int(np.argmax(each))
-    known = [NAMES[name] for name in NAMES if name not in held and name in described]
-    what = " and ".join([*known, *undescribed_kinds(model.robot)])
+    known = [NAMES[name] for name in NAMES if name not in kind.holds and name in model.described_as]
+    what = [*known, *undescribed_kinds(model.robot)]
+    partly = _partly_described(model.robot) or ([] if what else [term.kind for term in model.robot.terms])
+    if partly:
+        what.append(f"all that {' and '.join(partly)} can say")
     beside = f", and {' and '.join(known)} in an extension of ours, which simulators pass over" if known else ""
     return (
-        f"The format of {source.name} has no place for {what}: their values stand in estimate.json{beside}. A "
-        f"simulation without it misses {share:.1%} of the torques of these logs, and {each[worst]:.1%} at joint "
-        f"{model.robot.joint_names[worst]}.",
+        f"The format of {source.name} has no place for {' and '.join(what)}: their values stand in "
+        f"estimate.json{beside}. A simulation without it misses {share:.1%} of the torques of these logs, and "
+        f"{each[worst]:.1%} at joint {model.robot.joint_names[worst]}.",
     )
+
+
+def _torque_of_drives(drives: Drives, held: Collection[str], samples: Samples) -> NDArray[np.float64]:
+    """Return what the elements of a description do in a simulation, (S, N)."""
+    q, dq, ddq = samples.q, samples.dq, samples.ddq
+    each = {
+        "damping": drives.damping * dq,
+        "friction": drives.friction * np.sign(dq),
+        "quadratic_damping": drives.quadratic_damping * np.abs(dq) * dq,
+        "cubic_damping": drives.cubic_damping * dq**3,
+        "rotor_inertia": drives.rotor_inertia * ddq,
+        "offset": np.broadcast_to(drives.offset, q.shape),
+        "stiffness": drives.spring_stiffness * (q - drives.spring_rest),
+    }
+    return np.asarray(sum((np.nan_to_num(each[name]) for name in each if name in held), np.zeros_like(q)))
+
+
+def _partly_described(robot: Robot) -> list[str]:
+    """Return the kinds of the laws that have several numbers for one of a description, or couple joints."""
+    laws = [law for term in robot.terms for law in term.laws]
+    told = [[one.described_as for one in law.parameters if one.described_as] for law in laws]
+    several = [
+        law.kind
+        for law, names in zip(laws, told, strict=True)
+        if len(set(names)) < len(names)
+        or (isinstance(law, MotorSide) and np.count_nonzero(law.coupling) > len(law.coupling))
+    ]
+    return list(dict.fromkeys(several))
 
 
 def undescribed_kinds(robot: Robot) -> list[str]:

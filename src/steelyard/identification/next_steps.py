@@ -561,7 +561,7 @@ def _weighing(identification: Identification) -> Iterator[NextStep]:
         why = "the data do not show it"
         if table.has_physics:
             drawn = not total.lower <= total.value <= total.upper
-            why = f"the data and physics allow {total.lower:.3g} to {total.upper:.3g} kg"
+            why = f"the data and physics allow {few_digits(total.lower)} to {few_digits(total.upper)} kg"
             why += ", and the prior draws it out of that" if drawn else ""
         yield NextStep(
             "State what the moving links weigh.",

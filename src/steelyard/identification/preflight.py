@@ -207,10 +207,10 @@ def _listed(values: NDArray[np.floating]) -> str:
 def preflight(robot: Robot) -> Preflight:
     """Look at the inertias of a description: possible or not, and the probable cause of what is wrong.
 
-    Every link is compared with its shape, or where it has none with a body that spans its joints, at the density that
-    the other links of the robot have. Causes that are tried: masses in grams, lengths in millimetres, a decimal slip,
-    the sign of products of inertia, swapped axes, inertia about the origin of the frame, inertia in the axes of another
-    frame; then copies, placeholders, and shapes that contradict the mass.
+    Every link is compared with its shape, or where it has none with a body that spans its joints, if it has several
+    that turn, at the density that the other links have beside theirs. Causes that are tried: masses in grams, lengths
+    in millimetres, a decimal slip, the sign of products of inertia, swapped axes, inertia about the origin of the
+    frame, inertia in the axes of another frame; then copies, placeholders, and shapes that contradict the mass.
 
     Parameters
     ----------
@@ -230,6 +230,12 @@ def preflight(robot: Robot) -> Preflight:
     # Without numbers for its lengths a robot has no size to compare with.
     references = [{} for _ in robot.links] if robot.lengths else reference_bodies(robot)
     frames = _axes_of_base(robot)
+    # A carriage is not as long as its way, and nothing tells where a last link ends: bodies that span their joints say
+    # nothing of them.
+    parents = {joint.parent for joint in robot.joints}
+    sliding = [index for index, joint in enumerate(robot.joints) if not joint.rotates]
+    along = {one for index in sliding for one in (index, robot.joints[index].parent)}
+    unspanned = {link.name for index, link in enumerate(robot.links) if index in along or index not in parents}
     found: list[tuple[DescribedBody, _Body, tuple[Array, bool] | None, Array]] = []
     reports: list[LinkReport] = []
     for index, parts in enumerate(bodies):
@@ -248,15 +254,19 @@ def preflight(robot: Robot) -> Preflight:
                 reference = back @ reference[0] @ back.T, reference[1]
             axes = frames[index] @ part.placement[:3, :3]
             found.append((part, body, reference, axes))
-    densities = {
-        part.name: math.log(body.mass / reference[0][3, 3])
+    # Whether each link is compared with a shape (True), with a body that spans its joints (False), or with nothing.
+    # Such bodies are far thicker or thinner than shapes of links, so that each kind has its own density.
+    kinds = [
+        None
+        if reference is None or body.mass <= TINY or (part.name in unspanned and not reference[1])
+        else reference[1]
         for part, body, reference, _ in found
-        if reference is not None and body.mass > TINY
-    }
+    ]
+    densities = [0.0 if ref is None else math.log(body.mass / ref[0][3, 3]) for _, body, ref, _ in found]
     copies = _copies([body for _, body, _, _ in found], [reference for _, _, reference, _ in found])
     for index, (part, body, reference, axes) in enumerate(found):
-        others = [value for other, value in densities.items() if other != part.name]
-        density = float(np.median(others)) if others else math.log(500.0)
+        others = [densities[k] for k, kind in enumerate(kinds) if kind == kinds[index] and k != index]
+        density = None if kinds[index] is None else float(np.median(others)) if others else math.log(500.0)
         alike = [found[other][0].name for other in np.flatnonzero(copies[index])]
         reports.append(_judged(part, body, reference, axes, density, alike))
     return Preflight(robot, tuple(reports))
@@ -267,7 +277,7 @@ def _judged(
     body: _Body,
     reference: tuple[Array, bool] | None,
     axes: Array,
-    density: float,
+    density: float | None,
     copies: list[str],
 ) -> LinkReport:
     values = np.linalg.eigvalsh(body.covariance)
@@ -287,7 +297,7 @@ def _judged(
     if copies:
         text = f"it has the inertial of {', '.join(copies[:3])}, to the last digit, and another shape"
         return report("copied link", f"{wrong}; {text}" if wrong else text)
-    if body.mass > TINY and reference is not None:
+    if reference is not None and density is not None:
         before = _mismatch(body, reference, density)
         tried = [
             (before - _mismatch(mended, reference, density) - cost, cause, mended)
@@ -408,10 +418,13 @@ def _copies(bodies: Sequence[_Body], references: Sequence[tuple[Array, bool] | N
     """
     numbers = np.array([body.inertia.parameters for body in bodies])
     telling = np.array([body.mass > TINY and np.abs(body.com).max() > 0.0 for body in bodies])
-    looks = np.full((len(bodies), 2), np.nan)  # logarithms of size and volume; what is not known does not differ
+    # Logarithms of size and volume, of shapes and of bodies that span joints; what is not known does not differ.
+    looks = np.full((len(bodies), 4), np.nan)
     for look, reference in zip(looks, references, strict=True):
         if reference is not None:
-            look[:] = math.log(np.trace(_covariance(reference[0]))), math.log(reference[0][3, 3])
+            moments, has_shape = reference
+            first = 2 * int(has_shape)
+            look[first : first + 2] = math.log(np.trace(_covariance(moments))), math.log(moments[3, 3])
     found = np.zeros((len(bodies), len(bodies)), bool)
     for index in np.flatnonzero(telling):
         same = (np.abs(numbers - numbers[index]) <= SAME * np.abs(numbers)).all(axis=1)

@@ -157,11 +157,16 @@ class SavedResult:
 
     @property
     def robot_file(self) -> Path | None:
-        """The robot file of the record, where it is still there and the same."""
+        """The robot file of the record, where it is still there and the same.
+
+        A relative path is looked for in the current folder, and in those above the results: identification mostly ran
+        in one of them.
+        """
         for entry in [] if self.record is None else self.record["robot"][:1]:
-            path = Path(entry["path"])
-            if path.is_file() and file_hash(path) == entry.get("sha256"):
-                return path
+            for folder in (Path(), *self.path.resolve().parents):
+                path = folder / str(entry["path"])
+                if path.is_file() and file_hash(path) == entry.get("sha256"):
+                    return path
         return None
 
     def has_seen(self, log: object) -> bool:

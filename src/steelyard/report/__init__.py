@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from .plot import torque_plot as torque_plot
     from .results import require_apart as require_apart
     from .results import require_folder as require_folder
+    from .results import require_replaceable as require_replaceable
     from .results import save_results as save_results
     from .robot_picture import robot_picture as robot_picture
     from .robot_picture import robot_svg as robot_svg

@@ -21,7 +21,7 @@ from steelyard.robot.description import DESCRIPTION_FORMATS, URDF, description_f
 from .html import write_report
 from .sections import hashed_file, versions
 
-__all__ = ["require_apart", "require_folder", "save_results"]
+__all__ = ["require_apart", "require_folder", "require_replaceable", "save_results"]
 
 TABLE = "parameters.csv"
 ELASTIC = "robot_elastic.xml"
@@ -76,6 +76,30 @@ def require_apart(folder: Path, inputs: Iterable[Path | None], names: Sequence[s
         require_unread(folder / name, *given)
 
 
+def require_replaceable(folder: Path, robot: Robot) -> None:
+    """Make sure that the description of results takes the place of an earlier result alone.
+
+    ``robot.urdf`` is what users call their own files, too.
+
+    Parameters
+    ----------
+    folder : Path
+        For the results.
+    robot : Robot
+
+    Raises
+    ------
+    InputError
+        If a file of its name is there that the record of the folder does not tell of.
+    """
+    name = None if robot.source is None else _described(robot.source, robot)
+    if name is not None and (folder / name).exists() and name not in _earlier(folder):
+        raise InputError(
+            f"{folder / name}: is no result of an earlier identification, and the results would replace it; move it, "
+            "or give another --output."
+        )
+
+
 def save_results(
     identification: Identification, folder: Path, *, force: bool = False, stale: Collection[str] = ()
 ) -> tuple[Path, ...]:
@@ -105,12 +129,13 @@ def save_results(
     Raises
     ------
     InputError
-        If the folder cannot be written, or one of the files is that of the robot; and, when all other files have been
-        written, if the description cannot take the estimate.
+        If the folder cannot be written, or one of the files is that of the robot or, under the name of the description,
+        of the user; and, when all other files have been written, if the description cannot take the estimate.
     """
     refused: InputError | None = None
     source = identification.model.robot.source
     require_apart(folder, (identification.robot_file, source))
+    require_replaceable(folder, identification.model.robot)
     with replaced_folder(folder, record=RECORD, stale={*_earlier(folder), *stale}) as made:
         identification.estimate.save(made / ESTIMATE)
         if identification.parameters is not None:

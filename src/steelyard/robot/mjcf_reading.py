@@ -220,7 +220,8 @@ class MjcfReader:
             mass, center, about = 0.0, np.zeros(3), np.zeros((3, 3))
         else:
             mass, center, about = self.weighed(inside, needed=moves or self.total_mass > 0.0)
-        mass = max(mass, self.least_mass)
+        if self.least_mass > 0.0:  # else a mass below zero stays, which is told as the fault that it is
+            mass = max(mass, self.least_mass)
         if self.least_moment > 0.0 or self.balances:
             moments, axes = np.linalg.eigh(about)
             moments = np.maximum(moments, self.least_moment)

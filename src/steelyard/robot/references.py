@@ -11,7 +11,14 @@ from urllib.parse import unquote
 from steelyard.errors import InputError
 from steelyard.files import read_bytes, shown
 
-__all__ = ["find_package", "find_reference", "package_folders", "package_root", "search_folders"]
+__all__ = [
+    "find_package",
+    "find_reference",
+    "moved_reference",
+    "package_folders",
+    "package_root",
+    "search_folders",
+]
 
 PATHS = ("ROS_PACKAGE_PATH", "GZ_SIM_RESOURCE_PATH", "IGN_GAZEBO_RESOURCE_PATH", "GAZEBO_MODEL_PATH", "SDF_PATH")
 """Variables of the environment that list folders of packages or models."""
@@ -93,6 +100,28 @@ def find_reference(
             continue
     looked = ", ".join(dict.fromkeys(str(candidate) for candidate in candidates[:6])) or "no folder"
     raise InputError(f"the {what} {named} is not found (looked for {looked}); {remedy}")
+
+
+def moved_reference(reference: str, description: Path, copy: Path) -> str | None:
+    """Return what a copy of a description calls a file that the description names relative to its own folder.
+
+    Parameters
+    ----------
+    reference : str
+        As in the description.
+    description, copy : Path
+
+    Returns
+    -------
+    str or None
+        The absolute path. None where the name stays: both stand in one folder, it says by itself where the file is, or
+        there is no such file.
+    """
+    folder = description.resolve().parent
+    if not reference or "://" in reference or folder == copy.resolve().parent:
+        return None
+    path = os.path.normpath(folder / reference)
+    return None if os.path.isabs(reference) or not os.path.exists(path) else Path(path).as_posix()
 
 
 def find_package(name: str, description: Path) -> Path:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from html import unescape
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +17,9 @@ from .drive_extension import write_extension
 from .inertia import Inertia
 from .joint import Drives, Link
 from .placement import inverse
+from .references import moved_reference
 from .robot import Robot
-from .xml_edit import XmlEdit, XmlElement, number_text
+from .xml_edit import XmlEdit, XmlElement, attribute_text, number_text
 
 __all__ = ["write_sdf"]
 
@@ -32,7 +34,8 @@ def write_sdf(robot: Robot, parameters: ArrayLike, drives: Drives, source: str |
     A link must have a mass in SDF, so links that are fixed to a moving link keep theirs, which is taken from the
     estimate; where no possible body would remain, the estimate is shared among the links by the masses that they had.
     A body that is as the SDF has it does not change. Friction goes into `<dynamics>` of the axis; rotor inertia and
-    offset, for which the format has no place, into `<steelyard:drives>` of the model.
+    offset, for which the format has no place, into `<steelyard:drives>` of the model. Where the target is in another
+    folder, relative paths of files that are there are made absolute.
 
     Parameters
     ----------
@@ -80,6 +83,10 @@ def write_sdf(robot: Robot, parameters: ArrayLike, drives: Drives, source: str |
     for name, known in changes.drives.items():
         _set_dynamics(edit, joints[name], {key: number_text(known[key]) for key in FRICTION if key in known})
     write_extension(edit, model, robot, drives, changes.drives)
+    for element in edit.root.iterate() if edit.edited else ():
+        path = moved_reference(unescape(edit.text(element)), source, target) if element.tag == "uri" else None
+        if path is not None:
+            edit.set_text(element, attribute_text(path))
     write_bytes(edit.result(), target)
 
 

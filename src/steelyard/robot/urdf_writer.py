@@ -13,13 +13,16 @@ from .description_changes import description_changes, moment_texts, require_robo
 from .drive_extension import write_extension
 from .inertia import Inertia
 from .joint import Drives
+from .references import moved_reference
 from .robot import Robot
 from .urdf_document import read_document, urdf_content
-from .xml_edit import XmlEdit, XmlElement, number_text, tag_text
+from .xml_edit import XmlEdit, XmlElement, attribute_text, number_text, tag_text
 
 __all__ = ["write_urdf"]
 
 FRICTION = ("damping", "friction")
+FILES = {"mesh": "filename", "texture": "filename", "compiler": "meshdir"}
+"""Attributes that name files; the last is of the element ``<mujoco>``, by which MuJoCo reads a URDF."""
 
 
 def write_urdf(
@@ -42,8 +45,9 @@ def write_urdf(
     that the total is the estimate. Links that hang on *locked* joints keep theirs, which is taken from the estimate.
     Links fixed to the base do not change. Friction goes into `<dynamics>`, and into `<gazebo reference="joint">` and
     `<ros2_control>` where these state damping or friction a second time; what the format has no place for, as rotor
-    inertia, offsets and springs, into `<steelyard:drives>`. A xacro is written as the URDF that it describes. The
-    target is written beside and renamed, so it is whole or not there.
+    inertia, offsets and springs, into `<steelyard:drives>`. A xacro is written as the URDF that it describes. Where the
+    target is in another folder, relative paths of files that are there are made absolute. The target is written beside
+    and renamed, so it is whole or not there.
 
     Parameters
     ----------
@@ -113,6 +117,11 @@ def write_urdf(
         _set_dynamics(edit, joints[name], {key: known[key] for key in FRICTION if key in known})
         _set_elsewhere(edit, name, known)
     write_extension(edit, edit.root, robot, drives, changes.drives)
+    for element in edit.root.iterate() if edit.edited else ():
+        key = FILES.get(element.tag, "")
+        path = moved_reference(element.attributes.get(key, ""), source, target)
+        if path is not None:
+            edit.set_attributes(element, {key: attribute_text(path)})
     write_bytes(edit.result(), target)
 
 

@@ -41,6 +41,14 @@ class XmlElement:
         """The children of this tag, in order."""
         return (child for child in self.children if child.tag == tag)
 
+    def iterate(self) -> Iterator[XmlElement]:
+        """The element and everything in it, in order."""
+        waiting = [self]
+        while waiting:
+            element = waiting.pop()
+            yield element
+            waiting += reversed(element.children)
+
 
 class XmlEdit:
     """The bytes of an XML file, its elements, and the edits to make.
@@ -160,18 +168,24 @@ class XmlEdit:
         place = self._closing(parent)
         self._edits.append((place, place, text.encode("ascii", "xmlcharrefreplace")))
 
+    def text(self, element: XmlElement) -> str:
+        """The text of an element without children, as it stands in the file; white space around it is left out."""
+        if element.empty:
+            return ""
+        return self.data[element.start_tag_end : self._closing(element)].decode("utf-8", "replace").strip()
+
     def set_text(self, element: XmlElement, text: str) -> None:
-        """Give an element without children another (ASCII) text; white space around the old one stays."""
+        """Give an element without children another text; white space around the old one stays."""
         if element.empty:
             start_tag = self.data[element.start : element.start_tag_end - 2].rstrip()
             place = element.start + len(start_tag), element.end
-            self._edits.append((*place, f">{text}</{element.tag}>".encode("ascii")))
+            self._edits.append((*place, f">{text}</{element.tag}>".encode("ascii", "xmlcharrefreplace")))
             return
         begin, end = element.start_tag_end, self._closing(element)
         old = self.data[begin:end]
         begin += len(old) - len(old.lstrip())
         end -= len(old) - len(old.rstrip()) if old.strip() else 0
-        self._edits.append((min(begin, end), end, text.encode("ascii")))
+        self._edits.append((min(begin, end), end, text.encode("ascii", "xmlcharrefreplace")))
 
     def _closing(self, element: XmlElement) -> int:
         """Return where the end tag of an element begins."""
