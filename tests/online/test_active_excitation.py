@@ -197,7 +197,7 @@ def test_credible_robots_are_possible_and_hold_a_true_one(model: sy.Model) -> No
     [
         ({"lower": -1.0, "upper": 1.0}, {}, "no limit of velocity or acceleration"),
         ([1.0, 2.0], {}, "limits must be MotionLimits or a mapping"),
-        (MotionLimits.of(["a", "b", "c"], velocity=1.0, acceleration=1.0), {}, "The limits are of 3 joints"),
+        (MotionLimits.of(["a", "b", "c"], velocity=1.0, acceleration=1.0), {}, "limits are of the joints a, b, c"),
         (LIMITS, {"criterion": "condition"}, "criterion must be"),
         (LIMITS, {"accuracy": 0.0}, "accuracy"),
         (LIMITS, {"starts": 0}, "starts must be a whole number of at least 1"),

@@ -127,21 +127,22 @@ class MotionLimits:
     def for_robot(
         cls, robot: Robot, limits: MotionLimits | Mapping[str, Any] | None, where: str = "limits"
     ) -> MotionLimits:
-        """Return the limits of the description with those of a mapping in their place, or given limits as they are.
+        """Return the limits of the description with those of a mapping in their place, or given limits by their names.
 
         Raises
         ------
         InputError
-            As `of` and `updated` do, or if the limits are of another number of joints, or nothing of the sort.
+            As `of` and `updated` do, or if the limits are of other joints, or nothing of the sort.
         """
         if isinstance(limits, MotionLimits):
-            names = robot.joint_names
-            if len(limits.joint_names) != len(names):
+            names, given = tuple(robot.joint_names), limits.joint_names
+            if sorted(given) != sorted(names):
                 raise InputError(
-                    f"The limits are of {len(limits.joint_names)} joints, but {robot.name} has {len(names)}: "
-                    f"{listed(names)}."
+                    f"The limits are of the joints {listed(given)}, but {robot.name} has {listed(names)}; give limits "
+                    "of these."
                 )
-            return limits
+            order = [given.index(name) for name in names]
+            return replace(limits, joint_names=names, **{name: getattr(limits, name)[order] for name in JOINT_FIELDS})
         own = cls.from_robot(robot)
         if limits is None:
             return own
