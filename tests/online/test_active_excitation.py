@@ -348,3 +348,18 @@ def test_a_plan_that_comes_too_late_leaves_a_motion_that_stops(
     assert "nothing was found" in excitation.interruptions[0][1]
     assert np.abs(result.dq[-1]).max() < 0.01
     assert len(calls) == 2
+
+
+def test_a_single_joint_that_only_sinks_at_first_goes_on(tmp_path) -> None:
+    """Nothing is learnt before it moves; the masses are those of the file, which the controller does not know."""
+    path = tmp_path / "one.urdf"
+    path.write_text(
+        '<robot name="one"><link name="base"/><link name="arm"><inertial><origin xyz="0.05 0.02 0.1"/><mass value="3"/>'
+        '<inertia ixx="0.02" iyy="0.026" izz="0.016" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        '<joint name="hinge" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>'
+        '<limit lower="-2" upper="2" velocity="1.5" effort="50"/><dynamics damping="0.5" friction="1"/></joint></robot>'
+    )
+    (tmp_path / "limits.toml").write_text("acceleration = 5\n")
+    done = excite_on_the_fly(path, limits=tmp_path / "limits.toml", longest=12.0)
+    assert not any("no further motion" in why for _, why in done.excitation.interruptions)
+    assert done.torque_error < 0.2
