@@ -363,3 +363,9 @@ def test_a_single_joint_that_only_sinks_at_first_goes_on(tmp_path) -> None:
     done = excite_on_the_fly(path, limits=tmp_path / "limits.toml", longest=12.0)
     assert not any("no further motion" in why for _, why in done.excitation.interruptions)
     assert done.torque_error < 0.2
+
+
+def test_a_call_that_comes_late_gives_torques_within_their_limits(model: sy.Model) -> None:
+    excitation = ActiveExcitation(model, LIMITS)
+    excitation.command(0.0, [0.1, 0.1])
+    assert np.all(np.abs(excitation.command(60.0, [0.1, 0.1])) <= LIMITS["torque"])
