@@ -332,6 +332,7 @@ def _limits(
 ) -> MotionLimits:
     names = tuple(model.robot.joint_names)
     bounds = MotionLimits.for_robot(model.robot, limits, where)
+    remarks += bounds.widening(model.robot)
     if not isinstance(limits, MotionLimits):
         torques = {"torque", "effort", "power", "total_power"} & set(limits or {})
         if not torques and parameters is None and np.isnan(model.robot.parameters[_link_columns(model)]).any():

@@ -202,6 +202,25 @@ class MotionLimits:
         except InputError as error:
             raise InputError(f"{where}: {error}") from None
 
+    def widening(self, robot: Robot) -> tuple[str, ...]:
+        """Return the remark, if any, that these limits are wider than those of the robot's description.
+
+        A number for all joints is wider for some of them than its author may think, as it is for a joint that others
+        mimic: the limits of these are limits of the joint that drives them.
+        """
+        own = MotionLimits.from_robot(robot)
+        wider = []
+        for name in JOINT_FIELDS:
+            given, described = getattr(self, name), getattr(own, name)
+            beyond = given < described if name == "lower" else given > described
+            wider += [
+                f"{name} of {self.joint_names[k]} ({given[k]:.4g}, there {described[k]:.4g})"
+                for k in np.flatnonzero(beyond)
+            ]
+        if not wider:
+            return ()
+        return (f"Some limits are wider than those of the description: {listed(wider, 4)}.",)
+
     def _row(self, key: str, value: Any, where: str) -> Array:
         names = self.joint_names
         if isinstance(value, Mapping):
