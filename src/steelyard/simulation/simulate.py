@@ -654,7 +654,8 @@ actuators, environment, stopping_conditions, rate
         """Choose a method; docs/how-to/simulate.md has the measurements behind the choice."""
         if not self._has_coulomb_friction():
             return "runge_kutta_4" if self.sample_time is not None else "dormand_prince"
-        return "rosenbrock" if self.sample_time is not None or self.is_batch else "radau"
+        # Adaptive methods find no step across the jump of an exact sign.
+        return "rosenbrock" if self.sample_time is not None or self.is_batch or not self.sign_width else "radau"
 
     def _has_coulomb_friction(self) -> bool:
         """Return whether there is Coulomb friction: torques that jump where a velocity changes its sign."""
