@@ -374,6 +374,18 @@ def test_accelerations_of_short_ramps_and_fast_motions_are_seen(arm, arm_limits,
     assert np.all(np.abs(ddq) <= np.array(arm_limits["acceleration"]) * (1.0 + 1e-4))
 
 
+def test_what_is_not_limited_is_told_with_what_the_motion_reaches(arm, arm_limits, plain):
+    assert not any(remark.startswith("No limit") for remark in plain.remarks)
+    limits = {key: arm_limits[key] for key in ("lower", "upper")} | {"velocity": {"joint1": 1.0}}
+    design = designed(arm, limits, starts=1)
+    (remark,) = (one for one in design.remarks if one.startswith("No limit"))
+    q = motions_of(design, 20e3)[0]
+    speed = np.abs(np.diff(q[:, 1:], axis=0)).max() * 20e3
+    acceleration = np.abs(np.diff(q, n=2, axis=0)).max() * 20e3**2
+    assert f"the velocity of joint2, joint3, which reaches {speed:.3g} rad/s" in remark
+    assert f"the acceleration of all joints, which reaches {acceleration:.3g} rad/s²" in remark
+
+
 def test_limits_belong_to_the_joints_that_they_name(arm, arm_limits):
     names = arm.robot.joint_names
     backwards = MotionLimits.of(

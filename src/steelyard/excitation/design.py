@@ -265,6 +265,7 @@ def design_excitation(
         remarks.append(
             "The motion starts and ends in motion, without a ramp-up: bring the robot to the initial velocity first."
         )
+    remarks += _not_limited(bounds, motion)
     remarks += _notes(result.status, result.finished, options.starts)
     asked_for, known = measure.subset, prior
     if about_friction:  # laws that the robot may not have, in powers of its units: the stated model is judged
@@ -520,6 +521,19 @@ def _not_judged(model: Model) -> str:
 def _short(expression: str) -> str:
     """Return the first terms of the expression of a base parameter."""
     return expression if len(expression) <= _SHORT else expression[: expression.rindex(" ", 0, _SHORT)] + " ..."
+
+
+def _not_limited(limits: MotionLimits, motion: tuple[Array, ...]) -> list[str]:
+    """Return the remark on what no limit was given for, with what the motion reaches there."""
+    found = []
+    for name, values, unit in (("velocity", motion[1], "rad/s or m/s"), ("acceleration", motion[2], "rad/s² or m/s²")):
+        free = np.flatnonzero(np.isinf(getattr(limits, name)))
+        if len(free):
+            whose = (
+                "all joints" if len(free) == len(limits.joint_names) else listed([limits.joint_names[k] for k in free])
+            )
+            found.append(f"the {name} of {whose}, which reaches {np.abs(values[:, free]).max():.3g} {unit}")
+    return [f"No limit was given for {' and '.join(found)}."] if found else []
 
 
 def _notes(status: str, finished: int, starts: int) -> list[str]:
