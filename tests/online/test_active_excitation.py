@@ -1,6 +1,7 @@
 """Excitation on the fly: segments that join, a cautious start, limits that hold on the simulated states."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from steelyard.identification.saved import parameters_of_description
 from steelyard.online import ActiveExcitation, excite_on_the_fly
 from steelyard.online.credible_robots import CredibleRobots
 from steelyard.online.segments import Segment, SegmentFamily, SegmentPlanner, starting_points
+from steelyard.online.simulated_excitation import SimulatedExcitation
 from steelyard.robot import RobotFile
 from steelyard.simulation import Sensors, simulate
 
@@ -369,3 +371,21 @@ def test_a_call_that_comes_late_gives_torques_within_their_limits(model: sy.Mode
     excitation = ActiveExcitation(model, LIMITS)
     excitation.command(0.0, [0.1, 0.1])
     assert np.all(np.abs(excitation.command(60.0, [0.1, 0.1])) <= LIMITS["torque"])
+
+
+def test_a_limit_that_there_is_not_is_used_by_no_motion() -> None:
+    """A joint that turns on and on, one with an upper limit alone, and one with both."""
+    q, dq = np.array([[9.0, -5.0, 0.5], [11.0, 1.5, -1.5]]), np.array([[1.0, 0.2, 0.1], [0.5, 0.4, 0.3]])
+    limits = MotionLimits.of("abc", lower=[-np.inf, -np.inf, -2.0], upper=[np.inf, 1.0, 1.0], velocity=2.0)
+    done = SimulatedExcitation(
+        excitation=SimpleNamespace(limits=limits),
+        result=SimpleNamespace(q=q, dq=dq, torque=100.0 * dq, joint_names=limits.joint_names, t=np.array([0.0, 1.0])),
+        estimate=None,
+        truth="",
+        torque_error=0.0,
+        noise=np.zeros(3),
+        options={},
+    )
+    assert done.use == {"position": pytest.approx(1.5), "velocity": pytest.approx(0.5)}
+    (sentence,) = done.exceeded
+    assert sentence.startswith("The motion exceeds a limit: b uses 150.0% of its limit of position, at 1.0 s.")
