@@ -389,3 +389,20 @@ def test_a_limit_that_there_is_not_is_used_by_no_motion() -> None:
     assert done.use == {"position": pytest.approx(1.5), "velocity": pytest.approx(0.5)}
     (sentence,) = done.exceeded
     assert sentence.startswith("The motion exceeds a limit: b uses 150.0% of its limit of position, at 1.0 s.")
+
+
+def test_a_last_link_without_a_mass_is_told(tmp_path) -> None:
+    """The simulated robot cannot exist, which lower limits do not mend."""
+    body = '<inertial><mass value="2"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    joint = (
+        '<joint name="{0}" type="revolute"><parent link="{1}"/><child link="{2}"/><axis xyz="0 1 0"/>'
+        '<limit lower="-1" upper="1" velocity="1" effort="9"/></joint>'
+    )
+    joints = joint.format("first", "base", "arm") + joint.format("second", "arm", "hand")
+    path = tmp_path / "arm.urdf"
+    path.write_text(
+        f'<robot name="r"><link name="base"/><link name="arm">{body}</link><link name="hand"/>{joints}</robot>'
+    )
+    (tmp_path / "limits.toml").write_text("acceleration = 5\n")
+    with pytest.raises(sy.SteelyardError, match="; give every moving link its mass"):
+        excite_on_the_fly(path, limits=tmp_path / "limits.toml", longest=5.0)

@@ -219,7 +219,9 @@ def excite_on_the_fly(
         seed=seed,
     )
     if result.status == "diverged":
-        raise SteelyardError(f"The simulated robot went out of control: {result.message}; give it lower limits.")
+        impossible = "not physically possible" in result.message
+        remedy = "give every moving link its mass" if impossible else "give it lower limits"
+        raise SteelyardError(f"The simulated robot went out of control: {result.message}; {remedy}.")
     found = excitation.estimate
     if found is None or found.parameters is None:
         why = "; ".join(f"at {t:.1f} s {reason}" for t, reason in excitation.interruptions[-2:]) or "no motion was made"
