@@ -54,9 +54,10 @@ def test_limits_and_prior_information(run, place):
 
 
 def test_a_motion_that_shows_nothing_is_told_in_the_first_line_and_exits_with_3(run, place):
-    (place / "limits.toml").write_text("velocity = 0.002\nacceleration = 0.01\n")
+    (place / "limits.toml").write_text("velocity = 0.002\nacceleration = 0.01\nupper = 3.5\n")
     code, out, _ = run("excite", place / "robot.toml", "--limits", place / "limits.toml", "-o", place / "out", *QUICK)
     assert code == 3
+    assert "Some limits are wider than those of the description: upper of shoulder (3.5, there 3)" in out
     first = out.splitlines()[0]
     assert "cannot identify what was asked: with torque noise of 1% the standard deviations of " in first
     assert "try wider limits of velocity, which the motion uses up, a period longer than 4 s, or fewer terms" in first

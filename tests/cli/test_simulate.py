@@ -7,7 +7,7 @@ import polars
 import pytest
 
 import steelyard as sy
-from steelyard.excitation import FourierTrajectory
+from steelyard.excitation import FourierTrajectory, save_trajectory
 from steelyard.identification.wam import robot_toml
 
 
@@ -103,6 +103,37 @@ def test_a_trajectory_is_followed(place, run):
     frame = polars.read_csv(place / "out" / "simulation.csv")
     wanted = trajectory.motion(frame["t"].to_numpy())[0]
     assert np.abs(frame.select("q1", "q2").to_numpy() - wanted).max() < 0.01  # friction near rest
+
+
+def test_torques_that_no_drive_gives_are_told(place, run):
+    """The torque that holds an arm against gravity, by its lever, beyond an effort of 1 N·m."""
+    (place / "arm.urdf").write_text(
+        '<robot name="arm"><link name="base"/><link name="rod"><inertial><origin xyz="0.5 0 0"/><mass value="2"/>'
+        '<inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        '<joint name="lift" type="revolute"><parent link="base"/><child link="rod"/><axis xyz="0 1 0"/>'
+        '<limit lower="-1" upper="1" velocity="1" effort="1"/></joint></robot>'
+    )
+    hold = FourierTrajectory(a=[[0.0]], b=[[0.0]], center=[0.0], frequency=5.0)
+    hold.save(place / "hold.json")
+    code, text, _ = run("simulate", place / "arm.urdf", "-o", place / "out", "--follow", place / "hold.json")
+    assert code == 0
+    assert f"the efforts of the description are passed: lift takes {2 * 9.81 * 0.5:.4g} of 1 N·m" in text
+    code, text, _ = run("simulate", place / "arm.urdf", "-o", place / "out", "--duration", 0.1)
+    assert "Note" not in text
+
+
+def test_a_trajectory_of_other_joints_is_not_followed(place, run):
+    hold = FourierTrajectory(a=np.zeros((2, 1)), b=np.zeros((2, 1)), center=np.zeros(2), frequency=5.0)
+    for suffix in ("json", "yaml"):
+        path = place / f"hold.{suffix}"
+        save_trajectory(hold, path, joint_names=["elbow", "shoulder"])
+        code, _, error = run("simulate", place / "pair.urdf", "-o", place / "out", "--follow", path)
+        assert code == 2
+        assert (
+            "is a motion of the joints elbow, shoulder, but those of pair are shoulder, elbow, in this order" in error
+        )
+        save_trajectory(hold, path, joint_names=["shoulder", "elbow"])
+        assert run("simulate", place / "pair.urdf", "-o", place / "out", "--follow", path)[0] == 0
 
 
 @pytest.mark.data

@@ -7,6 +7,7 @@ import scipy.optimize
 
 from steelyard.errors import InputError
 from steelyard.estimators import ConstantPullbackPrior, EntropicPrior, EuclideanPrior, fit_reduced
+from steelyard.estimators.fitting_problems import WarmFit
 from steelyard.estimators.plausible_fit import PriceOfPlausibility
 from steelyard.feasibility import FeasibleSet, TieBreak, TotalMass
 
@@ -257,3 +258,25 @@ def test_the_price_of_a_prior_is_one_where_it_shows(without: float, said: str) -
     assert said in price.sentence
     assert ("1.95% without a prior" in price.sentence) == (without < 0.02)
     assert price.sentence.count("2.01%") == 1
+
+
+def test_a_search_from_within_goes_on_from_the_edge_of_the_set(two_links, random):
+    """A convex problem has one optimum, wherever a search begins, be it the last point before the edge."""
+    feasible = FeasibleSet(two_links)
+    body = parameters(np.eye(4))
+    inside = np.array([*body, 1.0, *body, 1.0])
+    search, prior = WarmFit(feasible), EntropicPrior(inside).prepare(feasible, 0.2)
+    count = len(two_links.base_parameters().K)
+    problem = np.eye(count), random.normal(size=count), 1.0, prior, 0.2
+    search.begin(inside)
+    best = search.solve(*problem)
+    assert best.converged
+    for _ in range(20):
+        direction, lower, upper = random.normal(size=len(inside)), 0.0, 10.0
+        for _ in range(80):
+            middle = 0.5 * (lower + upper)
+            lower, upper = (middle, upper) if search.inside(inside + middle * direction) else (lower, middle)
+        search.begin(inside + lower * direction)
+        search.solve(*problem)
+        search.begin(inside + 0.9 * lower * direction)
+        np.testing.assert_allclose(search.solve(*problem).parameters, best.parameters, atol=1e-4)

@@ -365,12 +365,51 @@ def test_joints_without_limits_of_position(arm):
     assert design.condition_number < 40.0
 
 
+@pytest.mark.parametrize("options", [{"ramp_time": 0.001}, {"period": 0.1}])
+def test_accelerations_of_short_ramps_and_fast_motions_are_seen(arm, arm_limits, options):
+    """Accelerations are second differences of the positions at 20 kHz, which 1 kHz passes over."""
+    design = designed(arm, arm_limits, starts=1, **options)
+    t = np.arange(int(design.trajectory.duration * 20e3)) / 20e3
+    ddq = np.diff(design.trajectory.motion(t)[0], n=2, axis=0) * 20e3**2
+    assert np.all(np.abs(ddq) <= np.array(arm_limits["acceleration"]) * (1.0 + 1e-4))
+
+
+def test_what_is_not_limited_is_told_with_what_the_motion_reaches(arm, arm_limits, plain):
+    assert not any(remark.startswith("No limit") for remark in plain.remarks)
+    limits = {key: arm_limits[key] for key in ("lower", "upper")} | {"velocity": {"joint1": 1.0}}
+    design = designed(arm, limits, starts=1)
+    (remark,) = (one for one in design.remarks if one.startswith("No limit"))
+    q = motions_of(design, 20e3)[0]
+    speed = np.abs(np.diff(q[:, 1:], axis=0)).max() * 20e3
+    acceleration = np.abs(np.diff(q, n=2, axis=0)).max() * 20e3**2
+    assert f"the velocity of joint2, joint3, which reaches {speed:.3g} rad/s" in remark
+    assert f"the acceleration of all joints, which reaches {acceleration:.3g} rad/s²" in remark
+
+
+def test_limits_belong_to_the_joints_that_they_name(arm, arm_limits):
+    names = arm.robot.joint_names
+    backwards = MotionLimits.of(
+        names[::-1],
+        lower=arm_limits["lower"][::-1],
+        upper=arm_limits["upper"][::-1],
+        velocity=arm_limits["velocity"],
+        acceleration=arm_limits["acceleration"][::-1],
+    )
+    q, _, ddq = motions_of(designed(arm, backwards, starts=1), 3700.0)
+    assert np.all((q >= arm_limits["lower"]) & (q <= arm_limits["upper"]))
+    assert np.all(np.abs(ddq) <= arm_limits["acceleration"])
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
         ({"limits": None}, "joint1 has neither limits of position nor of velocity nor of acceleration"),
         ({"limits": {"velocity": 1, "torque": 5}}, "no inertia for link1: give parameters"),
-        ({"limits": MotionLimits.of(["a"], velocity=1)}, "of 1 joints, but arm has 3"),
+        ({"limits": MotionLimits.of(["a"], velocity=1)}, "of the joints a, but arm has joint1, joint2, joint3"),
+        ({"rate": 0.1}, "2 to 1e.06 samples of the 5 s .* got 0.1 Hz"),
+        ({"rate": 1e9}, "2 to 1e.06 samples of the 5 s"),
+        ({"periods": 10**6}, "A motion of .* too long for its limits to be checked"),
+        ({"harmonics": 10**5}, "200001 coefficients of each joint is too long"),
         ({"parameters": np.ones(4)}, "parameters must be 39 finite numbers"),
         ({"starts": 0}, "starts must be a whole number of at least 1"),
         ({"starts": "many"}, "starts must be a whole number of at least 1, got 'many'"),

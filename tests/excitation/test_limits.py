@@ -32,6 +32,18 @@ def test_joints_that_mimic_narrow_those_that_drive(hand):
     assert np.isinf(limits.acceleration).all()
 
 
+def test_limits_wider_than_those_of_the_description_are_told(hand):
+    """Two times a speed of the finger is that of its follower, which the description limits to 4 rad/s."""
+    own = MotionLimits.from_robot(hand)
+    assert own.widening(hand) == ()
+    assert own.updated({"velocity": 2, "acceleration": 9, "upper": {"wheel": 3}}).widening(hand) == ()
+    (remark,) = own.updated({"velocity": 2.5, "lower": -1, "torque": float("inf")}).widening(hand)
+    assert "lower of finger (-1, there -0.75)" in remark
+    assert "velocity of finger (2.5, there 2)" in remark
+    assert "torque of wheel (inf, there 6)" in remark
+    assert "velocity of wheel" not in remark
+
+
 def test_what_is_not_named_stays(hand):
     limits = MotionLimits.from_robot(hand).updated({"velocity": {"wheel": 1}, "effort": [2, 3], "total_power": 7})
     assert limits.velocity.tolist() == [2.0, 1.0]

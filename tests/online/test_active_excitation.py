@@ -1,6 +1,7 @@
 """Excitation on the fly: segments that join, a cautious start, limits that hold on the simulated states."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from steelyard.identification.saved import parameters_of_description
 from steelyard.online import ActiveExcitation, excite_on_the_fly
 from steelyard.online.credible_robots import CredibleRobots
 from steelyard.online.segments import Segment, SegmentFamily, SegmentPlanner, starting_points
+from steelyard.online.simulated_excitation import SimulatedExcitation
 from steelyard.robot import RobotFile
 from steelyard.simulation import Sensors, simulate
 
@@ -197,7 +199,7 @@ def test_credible_robots_are_possible_and_hold_a_true_one(model: sy.Model) -> No
     [
         ({"lower": -1.0, "upper": 1.0}, {}, "no limit of velocity or acceleration"),
         ([1.0, 2.0], {}, "limits must be MotionLimits or a mapping"),
-        (MotionLimits.of(["a", "b", "c"], velocity=1.0, acceleration=1.0), {}, "The limits are of 3 joints"),
+        (MotionLimits.of(["a", "b", "c"], velocity=1.0, acceleration=1.0), {}, "limits are of the joints a, b, c"),
         (LIMITS, {"criterion": "condition"}, "criterion must be"),
         (LIMITS, {"accuracy": 0.0}, "accuracy"),
         (LIMITS, {"starts": 0}, "starts must be a whole number of at least 1"),
@@ -348,3 +350,59 @@ def test_a_plan_that_comes_too_late_leaves_a_motion_that_stops(
     assert "nothing was found" in excitation.interruptions[0][1]
     assert np.abs(result.dq[-1]).max() < 0.01
     assert len(calls) == 2
+
+
+def test_a_single_joint_that_only_sinks_at_first_goes_on(tmp_path) -> None:
+    """Nothing is learnt before it moves; the masses are those of the file, which the controller does not know."""
+    path = tmp_path / "one.urdf"
+    path.write_text(
+        '<robot name="one"><link name="base"/><link name="arm"><inertial><origin xyz="0.05 0.02 0.1"/><mass value="3"/>'
+        '<inertia ixx="0.02" iyy="0.026" izz="0.016" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        '<joint name="hinge" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>'
+        '<limit lower="-2" upper="2" velocity="1.5" effort="50"/><dynamics damping="0.5" friction="1"/></joint></robot>'
+    )
+    (tmp_path / "limits.toml").write_text("acceleration = 5\n")
+    done = excite_on_the_fly(path, limits=tmp_path / "limits.toml", longest=12.0)
+    assert not any("no further motion" in why for _, why in done.excitation.interruptions)
+    assert done.torque_error < 0.2
+
+
+def test_a_call_that_comes_late_gives_torques_within_their_limits(model: sy.Model) -> None:
+    excitation = ActiveExcitation(model, LIMITS)
+    excitation.command(0.0, [0.1, 0.1])
+    assert np.all(np.abs(excitation.command(60.0, [0.1, 0.1])) <= LIMITS["torque"])
+
+
+def test_a_limit_that_there_is_not_is_used_by_no_motion() -> None:
+    """A joint that turns on and on, one with an upper limit alone, and one with both."""
+    q, dq = np.array([[9.0, -5.0, 0.5], [11.0, 1.5, -1.5]]), np.array([[1.0, 0.2, 0.1], [0.5, 0.4, 0.3]])
+    limits = MotionLimits.of("abc", lower=[-np.inf, -np.inf, -2.0], upper=[np.inf, 1.0, 1.0], velocity=2.0)
+    done = SimulatedExcitation(
+        excitation=SimpleNamespace(limits=limits),
+        result=SimpleNamespace(q=q, dq=dq, torque=100.0 * dq, joint_names=limits.joint_names, t=np.array([0.0, 1.0])),
+        estimate=None,
+        truth="",
+        torque_error=0.0,
+        noise=np.zeros(3),
+        options={},
+    )
+    assert done.use == {"position": pytest.approx(1.5), "velocity": pytest.approx(0.5)}
+    (sentence,) = done.exceeded
+    assert sentence.startswith("The motion exceeds a limit: b uses 150.0% of its limit of position, at 1.0 s.")
+
+
+def test_a_last_link_without_a_mass_is_told(tmp_path) -> None:
+    """The simulated robot cannot exist, which lower limits do not mend."""
+    body = '<inertial><mass value="2"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    joint = (
+        '<joint name="{0}" type="revolute"><parent link="{1}"/><child link="{2}"/><axis xyz="0 1 0"/>'
+        '<limit lower="-1" upper="1" velocity="1" effort="9"/></joint>'
+    )
+    joints = joint.format("first", "base", "arm") + joint.format("second", "arm", "hand")
+    path = tmp_path / "arm.urdf"
+    path.write_text(
+        f'<robot name="r"><link name="base"/><link name="arm">{body}</link><link name="hand"/>{joints}</robot>'
+    )
+    (tmp_path / "limits.toml").write_text("acceleration = 5\n")
+    with pytest.raises(sy.SteelyardError, match="; give every moving link its mass"):
+        excite_on_the_fly(path, limits=tmp_path / "limits.toml", longest=5.0)

@@ -52,6 +52,15 @@ def test_rosenbrock_stops_a_block_where_it_should(block, width):
     assert np.all(np.diff(result.energy) <= 0.0)
 
 
+def test_an_exact_sign_gets_a_method_that_steps_over_its_jump(block):
+    """The same throw with the method that is chosen; the adaptive ones find no step at rest."""
+    model, delta = block
+    result = simulate(model, delta, [0.0], [1.0], 0.5, sign_width=0.0)
+    assert (result.status.value, result.options["method"]) == ("finished", "rosenbrock")
+    assert abs(result.final_q[0] - 0.1) < 1e-5
+    assert np.abs(result.dq[result.t > 0.21]).max() < 1e-9
+
+
 def test_held_below_its_friction_a_joint_creeps_as_the_smooth_sign_says(block):
     """At 6 N against 10 N: v / sqrt(v² + w²) = 0.6."""
     model, delta = block

@@ -147,6 +147,7 @@ def test_a_wall_may_grow_hard_with_time():
         ({"parameters": np.r_[np.zeros(9), np.nan]}, "The parameters m1 of pendulum are not finite numbers"),
         ({"duration": -1.0}, "duration must be a positive number, in s, got -1.0"),
         ({"duration": np.inf}, "duration must be finite"),
+        ({"duration": 1e9}, "1e.09 s at 1000 Hz are too many samples for the memory"),
         ({"method": "euler"}, "method must be one of automatic, dormand_prince, .* got 'euler'"),
         ({"sign_width": -1.0}, "sign_width must be at least 0"),
         ({"step": 1e-3}, "step is for the fixed-step methods"),

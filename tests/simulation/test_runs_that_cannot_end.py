@@ -36,6 +36,9 @@ def test_a_joint_that_is_driven_away_ends_at_an_absurd_speed(method):
         name = model.robot.joint_names[0]
         assert result.message.startswith(f"joint {name!r} reached ")
         assert f" m/s, which no robot does, at {result.end_time:.6g} s" in result.message
+    never = Event(lambda t, q, dq: q[0] + 1.0, "behind")
+    watched = simulate(model, delta, [1.0], [0.0], 7.0, growth, method=method, rate=100.0, events=never)
+    assert (watched.message, watched.end_time) == (alone.message, alone.end_time)
     fast = simulate(model, delta, [0.0], [2e4], 0.01, growth, method=method)
     assert fast.status == "finished"  # who starts as fast as that means it
 

@@ -598,7 +598,7 @@ def show_on_the_fly(done: SimulatedExcitation) -> None:
     console = Console(highlight=False)
     excitation = done.excitation
     _say(console, f"{excitation.model.robot.name}, simulated; the robot is {done.truth}.")
-    for gap in excitation.unchecked:
+    for gap in (*excitation.unchecked, *excitation.limits.widening(excitation.model.robot)):
         _say(console, gap)
     rows = [
         (

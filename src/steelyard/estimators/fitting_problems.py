@@ -10,7 +10,13 @@ import scipy.linalg
 
 from steelyard.conic import Cone, ConicSolution, Outcome, Rows
 from steelyard.errors import SolverError
-from steelyard.feasibility.barrier import LinearConditions, add_log_determinants, matrix_conditions, newton_solutions
+from steelyard.feasibility.barrier import (
+    LinearConditions,
+    add_log_determinants,
+    log_determinants,
+    matrix_conditions,
+    newton_solutions,
+)
 from steelyard.feasibility.cone_program import Conditions, Part, Program, total, unidentifiable_conditions
 from steelyard.feasibility.dual_bound import PARAMETER_BOUND, ConvexProblem, Multipliers
 from steelyard.feasibility.feasible_set import FeasibleSet
@@ -740,7 +746,11 @@ class WarmFit:
             return False
         try:
             for own, coefficients, constants in self._groups:
-                np.linalg.cholesky(constants + np.einsum("bi,biac->bac", parameters[own], coefficients))
+                matrices = constants + np.einsum("bi,biac->bac", parameters[own], coefficients)
+                np.linalg.cholesky(matrices)
+                # The barrier has an elimination of its own, which rounds otherwise.
+                if not np.isfinite(log_determinants(matrices)).all():
+                    return False
         except np.linalg.LinAlgError:
             return False
         return True

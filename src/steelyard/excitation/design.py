@@ -40,6 +40,7 @@ _WATCHED = (
     "; self-collision is watched by default, and [collision] in the limits file has `exclude` for pairs of links and "
     "`self = false` for none"
 )
+_MOST = 1e6  # samples of a period, which take 1 GB for six joints
 _NAMED = 5  # parameters that a remark names at most
 _SHORT = 40  # characters of an expression in a remark at most
 _USED_UP = 0.01  # a limit whose margin is a smaller part of its scale counts as used up by the motion
@@ -108,9 +109,9 @@ def design_excitation(
 
     From each of several random starts the criterion is minimised with its gradient, which is computed by reverse
     differentiation of the expression graph, and the best results are refined. Every limit is then checked over the
-    whole motion at 1 kHz, ramp-up and ramp-down included, and violations are repaired. The same arguments give the same
-    motion, unless the search ends early by a time limit or by Ctrl-C; then the best motion so far is returned, and its
-    `status` says so.
+    whole motion, ramp-up and ramp-down included, at 1 kHz or finer, and violations are repaired. The same arguments
+    give the same motion, unless the search ends early by a time limit or by Ctrl-C; then the best motion so far is
+    returned, and its `status` says so.
 
     Parameters
     ----------
@@ -194,6 +195,8 @@ def design_excitation(
         periods=played[1] if periods is None else periods,
         slow_time=played[2] if slow_time is None else slow_time,
     )
+    _require_samples(chosen, rate)
+    verifier = Verifier(chosen, whole=True)
     remarks: list[str] = [] if whole is model else [_not_judged(whole)]
     where = "limits"
     sections: dict[str, Any] = {}
@@ -242,17 +245,16 @@ def design_excitation(
     assert result.best.x is not None
     best, found = result.best.x, result.best.figure
 
-    def checked(x: Array) -> tuple[Trajectory, Trajectory, list[Array], tuple[Margin, ...]]:
+    def checked(x: Array) -> tuple[Trajectory, Trajectory, tuple[Array, ...], tuple[Margin, ...]]:
         """Return the series, the motion, its samples and margins, independently of the search."""
         coefficients = problem.coefficients(x)
         series, whole = chosen.excitation(coefficients), chosen.trajectory(coefficients)
-        t, *motion = whole.sample(1000.0)
-        margins = margins_of(problem.constraints, t, (motion[0], motion[1], motion[2]))
-        return series, whole, motion, nearest_first(margins)
+        motion = whole.motion(verifier.times)
+        return series, whole, motion, nearest_first(margins_of(problem.constraints, verifier.times, motion))
 
     excitation, trajectory, motion, margins = checked(best)
     if not keeps_all(margins):  # between samples of the first period, where those of the others are
-        repaired = Verifier(chosen, whole=True).repaired(problem, best)
+        repaired = verifier.repaired(problem, best)
         if repaired is not None:
             best, found = repaired, figure(repaired)
             excitation, trajectory, motion, margins = checked(best)
@@ -263,6 +265,7 @@ def design_excitation(
         remarks.append(
             "The motion starts and ends in motion, without a ramp-up: bring the robot to the initial velocity first."
         )
+    remarks += _not_limited(bounds, motion)
     remarks += _notes(result.status, result.finished, options.starts)
     asked_for, known = measure.subset, prior
     if about_friction:  # laws that the robot may not have, in powers of its units: the stated model is judged
@@ -330,6 +333,7 @@ def _limits(
 ) -> MotionLimits:
     names = tuple(model.robot.joint_names)
     bounds = MotionLimits.for_robot(model.robot, limits, where)
+    remarks += bounds.widening(model.robot)
     if not isinstance(limits, MotionLimits):
         torques = {"torque", "effort", "power", "total_power"} & set(limits or {})
         if not torques and parameters is None and np.isnan(model.robot.parameters[_link_columns(model)]).any():
@@ -374,6 +378,15 @@ def _require_friction_asked_alone(asked: ExcitationObjective) -> None:
         )
 
 
+def _require_samples(family: Family, rate: float) -> None:
+    """Refuse a rate at which a period leaves no samples, or more than fit into the memory."""
+    if not 2.0 <= family.period * rate <= _MOST:
+        raise InputError(
+            f"rate must give 2 to {_MOST:g} samples of the {family.period:g} s that the criterion is about, got "
+            f"{rate:g} Hz; give another rate or period."
+        )
+
+
 def _period_times(family: Family, rate: float) -> Array:
     begin, end = family.window
     return np.asarray(begin + np.arange(round((end - begin) * rate)) / rate)
@@ -407,10 +420,11 @@ def _problem(
     begin, end = family.window
     period = _period_instants(family)
     count = len(period)
-    leads = np.concatenate([np.arange(0.0, begin, family.step), [end]])
+    step = min(family.step, begin / 20.0) if begin > 0.0 else family.step  # in the ramps, which may be short
+    leads = np.concatenate([np.arange(0.0, begin, step), [end]])
     if begin > 0.0:
-        leads = np.concatenate([leads, np.arange(family.duration, family.duration - begin, -family.step)])
-    changes = [np.arange(start, stop, family.step) for start, stop in getattr(family, "leads", ())]
+        leads = np.concatenate([leads, np.arange(family.duration, family.duration - begin, -step)])
+    changes = [np.arange(start, stop, step) for start, stop in getattr(family, "leads", ())]
     leads = np.concatenate([leads, *changes])
     lower, upper = limits.ranges
     return DesignProblem(
@@ -509,6 +523,19 @@ def _short(expression: str) -> str:
     return expression if len(expression) <= _SHORT else expression[: expression.rindex(" ", 0, _SHORT)] + " ..."
 
 
+def _not_limited(limits: MotionLimits, motion: tuple[Array, ...]) -> list[str]:
+    """Return the remark on what no limit was given for, with what the motion reaches there."""
+    found = []
+    for name, values, unit in (("velocity", motion[1], "rad/s or m/s"), ("acceleration", motion[2], "rad/s² or m/s²")):
+        free = np.flatnonzero(np.isinf(getattr(limits, name)))
+        if len(free):
+            whose = (
+                "all joints" if len(free) == len(limits.joint_names) else listed([limits.joint_names[k] for k in free])
+            )
+            found.append(f"the {name} of {whose}, which reaches {np.abs(values[:, free]).max():.3g} {unit}")
+    return [f"No limit was given for {' and '.join(found)}."] if found else []
+
+
 def _notes(status: str, finished: int, starts: int) -> list[str]:
     if status == "interrupted":
         return [f"The search was interrupted after {finished} of {starts} starts; this is the best motion so far."]
@@ -563,7 +590,7 @@ class ExcitationDesign:
     limits : MotionLimits
         The limits of the design, reduced by the fraction that was to be left free.
     margins : tuple of Margin
-        Margins of every limit over the whole motion at 1 kHz, the smallest first.
+        Margins of every limit over the whole motion at 1 kHz or finer, the smallest first.
     family, method, status : str
         Family of trajectories, method of the search, and how the search ended: ``"finished"``, ``"time limit"`` or
         ``"interrupted"``. In the latter two cases the result is the best motion so far.

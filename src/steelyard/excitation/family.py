@@ -134,6 +134,12 @@ class FourierFamily:
         passages, ramp = self._timing.slow_passages, self.ramp_time
         return tuple(ends for a, b in passages for ends in ((a, a + ramp), (b - ramp, b)))
 
+    @property
+    def ramps(self) -> tuple[tuple[float, float], ...]:
+        """Times at which each change of speed begins and ends, those at the start and the end as well, s."""
+        ramp, duration = self.ramp_time, self.duration
+        return ((0.0, ramp), (duration - ramp, duration), *self.leads) if ramp else ()
+
     def telling(self, t: Array) -> NDArray[np.bool_]:
         """Return which instants (S,) in even steps tell something of the limits that others do not.
 

@@ -127,21 +127,22 @@ class MotionLimits:
     def for_robot(
         cls, robot: Robot, limits: MotionLimits | Mapping[str, Any] | None, where: str = "limits"
     ) -> MotionLimits:
-        """Return the limits of the description with those of a mapping in their place, or given limits as they are.
+        """Return the limits of the description with those of a mapping in their place, or given limits by their names.
 
         Raises
         ------
         InputError
-            As `of` and `updated` do, or if the limits are of another number of joints, or nothing of the sort.
+            As `of` and `updated` do, or if the limits are of other joints, or nothing of the sort.
         """
         if isinstance(limits, MotionLimits):
-            names = robot.joint_names
-            if len(limits.joint_names) != len(names):
+            names, given = tuple(robot.joint_names), limits.joint_names
+            if sorted(given) != sorted(names):
                 raise InputError(
-                    f"The limits are of {len(limits.joint_names)} joints, but {robot.name} has {len(names)}: "
-                    f"{listed(names)}."
+                    f"The limits are of the joints {listed(given)}, but {robot.name} has {listed(names)}; give limits "
+                    "of these."
                 )
-            return limits
+            order = [given.index(name) for name in names]
+            return replace(limits, joint_names=names, **{name: getattr(limits, name)[order] for name in JOINT_FIELDS})
         own = cls.from_robot(robot)
         if limits is None:
             return own
@@ -200,6 +201,25 @@ class MotionLimits:
             return replace(self, **changes)
         except InputError as error:
             raise InputError(f"{where}: {error}") from None
+
+    def widening(self, robot: Robot) -> tuple[str, ...]:
+        """Return the remark, if any, that these limits are wider than those of the robot's description.
+
+        A number for all joints is wider for some of them than its author may think, as it is for a joint that others
+        mimic: the limits of these are limits of the joint that drives them.
+        """
+        own = MotionLimits.from_robot(robot)
+        wider = []
+        for name in JOINT_FIELDS:
+            given, described = getattr(self, name), getattr(own, name)
+            beyond = given < described if name == "lower" else given > described
+            wider += [
+                f"{name} of {self.joint_names[k]} ({given[k]:.4g}, there {described[k]:.4g})"
+                for k in np.flatnonzero(beyond)
+            ]
+        if not wider:
+            return ()
+        return (f"Some limits are wider than those of the description: {listed(wider, 4)}.",)
 
     def _row(self, key: str, value: Any, where: str) -> Array:
         names = self.joint_names

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +17,7 @@ __all__ = ["joint_trajectory_text", "read_joint_trajectory"]
 
 Array = NDArray[np.float64]
 _NANO = 1_000_000_000
+_NAMES = "joint_names:"
 
 
 def joint_trajectory_text(names: Sequence[str], t: Array, q: Array, dq: Array, ddq: Array) -> str:
@@ -34,7 +36,7 @@ def joint_trajectory_text(names: Sequence[str], t: Array, q: Array, dq: Array, d
         "# trajectory_msgs/msg/JointTrajectory",
         "header:",
         '  {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": ""}',
-        f"joint_names: {json.dumps(list(names), ensure_ascii=False)}",
+        f"{_NAMES} {json.dumps(list(names), ensure_ascii=False)}",
         "points:",
     ]
     # Each point is written in flow style, which is valid JSON and YAML.
@@ -51,8 +53,8 @@ def joint_trajectory_text(names: Sequence[str], t: Array, q: Array, dq: Array, d
     return "\n".join(lines) + "\n"
 
 
-def read_joint_trajectory(path: Path) -> tuple[Array, Array, Array, Array]:
-    """Read a file written by `joint_trajectory_text`: t (S,), q, dq and ddq (S, N).
+def read_joint_trajectory(path: Path) -> tuple[Any, tuple[Array, Array, Array, Array]]:
+    """Read a file written by `joint_trajectory_text`: what it gives as names, and t (S,), q, dq and ddq (S, N).
 
     Raises
     ------
@@ -63,6 +65,8 @@ def read_joint_trajectory(path: Path) -> tuple[Array, Array, Array, Array]:
     start = next((k for k, line in enumerate(lines) if line.strip() == "points:"), None)
     if start is None:
         raise InputError(f"{path}: has no line 'points:'; expected a JointTrajectory that steelyard wrote.")
+    above = (line.removeprefix(_NAMES) for line in lines[:start] if line.startswith(_NAMES))
+    names = next((parse_json(text, f"{path}, joint_names", remedy="write it again") for text in above), None)
     t, motion = [], []
     for number, line in enumerate(lines[start + 1 :], start=start + 2):
         if not line.strip():
@@ -80,4 +84,4 @@ def read_joint_trajectory(path: Path) -> tuple[Array, Array, Array, Array]:
     if len(t) < 2:
         raise InputError(f"{path}: has {len(t)} points; a trajectory needs at least 2.")
     values = np.array(motion, dtype=np.float64)
-    return np.array(t) - t[0], values[:, 0], values[:, 1], values[:, 2]
+    return names, (np.array(t) - t[0], values[:, 0], values[:, 1], values[:, 2])

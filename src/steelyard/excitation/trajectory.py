@@ -14,7 +14,16 @@ from steelyard.files import listed, replaced_file, write_json, write_table, writ
 
 from .ros import joint_trajectory_text
 
-__all__ = ["FORMAT", "SUFFIXES", "SampledTrajectory", "Trajectory", "sample_times", "save_trajectory", "times_of"]
+__all__ = [
+    "FORMAT",
+    "SUFFIXES",
+    "SampledTrajectory",
+    "Trajectory",
+    "sample_times",
+    "save_trajectory",
+    "times_of",
+    "unnamed",
+]
 
 Array = NDArray[np.float64]
 FORMAT = "steelyard-trajectory-1"
@@ -84,6 +93,11 @@ def sample_times(duration: float, rate: float) -> Array:
     return np.arange(int(np.ceil(duration * rate - 1e-9)) + 1) / rate
 
 
+def unnamed(count: int) -> list[str]:
+    """Return the names that files give to joints whose names nobody gave."""
+    return [f"joint{k + 1}" for k in range(count)]
+
+
 class SampledTrajectory:
     """Base class of the trajectories of this package: sampling from the first to the last instant, and saving."""
 
@@ -137,7 +151,7 @@ def save_trajectory(
     suffix = target.suffix.lower()
     if suffix not in SUFFIXES:
         raise InputError(f"{target}: a trajectory is saved as {', '.join(SUFFIXES)}, got the suffix {target.suffix!r}.")
-    names = tuple(joint_names or (f"joint{k + 1}" for k in range(trajectory.dof)))
+    names = tuple(joint_names or unnamed(trajectory.dof))
     if len(names) != trajectory.dof or len(set(names)) < len(names):
         raise InputError(f"{target}: {trajectory.dof} different joint names are needed, got {listed(names)}.")
     if suffix == ".json":

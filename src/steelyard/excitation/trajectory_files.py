@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
-from steelyard.files import read_json, read_table, reading_table, shown
+from steelyard.files import listed, read_json, read_table, reading_table, shown
+from steelyard.robot import Robot
 
 from .fourier import FourierTrajectory, RestToRestTrajectory
 from .ros import read_joint_trajectory
 from .spline import QuinticTrajectory, SplineTrajectory
-from .trajectory import FORMAT, SUFFIXES, Trajectory
+from .trajectory import FORMAT, SUFFIXES, Trajectory, unnamed
 
 __all__ = ["load_trajectory"]
 
@@ -25,12 +26,14 @@ Array = NDArray[np.float64]
 LARGEST, LONGEST = 1e12, 1e7
 
 
-def load_trajectory(path: str | Path) -> Trajectory:
+def load_trajectory(path: str | Path, robot: Robot | None = None) -> Trajectory:
     """Read a trajectory that `save_trajectory` wrote.
 
     Parameters
     ----------
     path : str or Path
+    robot : Robot, optional
+        The robot that it is to move.
 
     Returns
     -------
@@ -41,7 +44,8 @@ def load_trajectory(path: str | Path) -> Trajectory:
     Raises
     ------
     InputError
-        If the file is missing or is not a trajectory.
+        If the file is missing, is not a trajectory, or is one of other joints than those of the robot. CSV and Parquet
+        do not name joints, so that only their number is compared.
     """
     source = Path(path)
     suffix = source.suffix.lower()
@@ -49,7 +53,9 @@ def load_trajectory(path: str | Path) -> Trajectory:
         raise InputError(
             f"{source}: a trajectory is read from {', '.join(SUFFIXES)}, got the suffix {source.suffix!r}."
         )
-    trajectory = _loaded(source, suffix)
+    trajectory, names = _loaded(source, suffix)
+    if robot is not None:
+        _require_joints(source, trajectory.dof, names, robot)
     if trajectory.duration <= LONGEST:
         with np.errstate(all="ignore"):
             motion = trajectory.motion(np.linspace(0.0, trajectory.duration, 200))
@@ -58,13 +64,31 @@ def load_trajectory(path: str | Path) -> Trajectory:
     return trajectory
 
 
-def _loaded(source: Path, suffix: str) -> Trajectory:
+def _require_joints(source: Path, count: int, names: Any, robot: Robot) -> None:
+    own = list(robot.joint_names)
+    if count != len(own):
+        raise InputError(
+            f"{source}: is a motion of {count} joints, but {robot.name} has {len(own)} ({listed(own)}); give a motion "
+            "of this robot."
+        )
+    if names is not None and names not in (own, unnamed(count)):
+        given = listed(names) if isinstance(names, list) else shown(names)
+        raise InputError(
+            f"{source}: is a motion of the joints {given}, but those of {robot.name} are {listed(own)}, in this order; "
+            "give a motion of this robot."
+        )
+
+
+def _loaded(source: Path, suffix: str) -> tuple[Trajectory, Any]:
+    """Return the trajectory, and the names of its joints as the file has them, None where it has none."""
     try:
         if suffix == ".json":
-            return _from_document(read_json(source), source)
+            document = read_json(source)
+            return _from_document(document, source), document.get("joint_names")
         if suffix in (".yaml", ".yml"):
-            return QuinticTrajectory(*read_joint_trajectory(source))
-        return QuinticTrajectory(*_read_table(source))
+            names, motion = read_joint_trajectory(source)
+            return QuinticTrajectory(*motion), names
+        return QuinticTrajectory(*_read_table(source)), None
     except OSError as error:
         raise InputError(f"{source}: cannot be read ({error.strerror or error}).") from None
     except InputError as error:

@@ -10,7 +10,7 @@ from typing import Any
 from steelyard.dynamics import Model
 from steelyard.excitation import ExcitationDesign, ExcitationObjective, Trajectory, design_excitation, load_trajectory
 from steelyard.regression import Information
-from steelyard.robot import RobotFile
+from steelyard.robot import Robot, RobotFile
 
 from .default_terms import model_of_estimate
 from .payload import payload_mounting
@@ -64,7 +64,7 @@ def excite(
     parameters = None if estimate is None else parameters_of_estimate(model, estimate)
     asked = _about_the_carrier(file, model, ExcitationObjective() if objective is None else objective)
     if prior_information is not None:
-        asked = replace(asked, prior_information=_known(prior_information))
+        asked = replace(asked, prior_information=_known(prior_information, model.robot))
     return design_excitation(
         model,
         limits,
@@ -84,12 +84,12 @@ def _about_the_carrier(file: RobotFile, model: Model, objective: ExcitationObjec
     return replace(objective, subset=[model.robot.link_names[link] if name == "payload" else name for name in names])
 
 
-def _known(path: str | Path) -> Information | Trajectory:
+def _known(path: str | Path, robot: Robot) -> Information | Trajectory:
     """Load a trajectory or an Information, whichever a file holds."""
     place = Path(path)
     if place.suffix.lower() == ".json" and place.is_file() and '"steelyard-information' in _head(place):
         return Information.load(place)
-    return load_trajectory(place)
+    return load_trajectory(place, robot)
 
 
 def _head(path: Path) -> str:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from steelyard.dynamics import Model
 from steelyard.errors import InputError
+from steelyard.excitation import MotionLimits
 from steelyard.files import listed, read_table, reading_table
 from steelyard.regression import Estimate
 from steelyard.regression.estimate import estimate_file
@@ -38,6 +39,7 @@ __all__ = ["FileSimulation", "simulate_files"]
 Array = NDArray[np.float64]
 # Hz, of the samples where torques come from a file, so that they show the motion between its rows.
 LEAST_RATE = 1000.0
+_PASSED = 1.01  # of an effort limit, which feedback passes by less where a motion uses it up
 GAINS = (150.0, 25.0)
 """Of the controller that follows a trajectory, 1/s² and 1/s: a natural frequency of 12 rad/s, critically damped."""
 
@@ -57,7 +59,7 @@ class FileSimulation:
     options : dict
         What was asked for.
     notes : tuple of str
-        What was made of the torques of a file.
+        What was made of the torques of a file, and which torques the drives of the robot could not give.
     """
 
     model: Model
@@ -116,6 +118,7 @@ def simulate_files(
     """
     file = RobotFile.load(robot)
     model = model_of_estimate(estimate, file)
+    drives = MotionLimits.from_robot(model.robot)
     inputs = [file.path, *([model.robot.source] if model.robot.source is not None else [])]
     parameters, base, whose = _parameters(model, estimate)
     elastic = None if estimate is None else _elastic(model, estimate)
@@ -137,9 +140,7 @@ def simulate_files(
         from steelyard.control import ComputedTorque
         from steelyard.excitation import load_trajectory
 
-        trajectory = load_trajectory(follow)
-        if trajectory.dof != model.dof:
-            raise InputError(f"{follow}: moves {trajectory.dof} joints, but {model.robot.name} has {model.dof}.")
+        trajectory = load_trajectory(follow, model.robot)
         start = trajectory.motion(np.zeros(1))
         q0, dq0 = start[0][0] if initial is None else q0, start[1][0]
         kp, kd = GAINS
@@ -170,6 +171,9 @@ def simulate_files(
         sign_width=sign_width,
         events=events,
     )
+    if motors is not None:
+        at_drives = result.torque if elastic is None else result.torque[:, motor_coordinates(model)]
+        notes = (*notes, *_notes_on_drives(at_drives, drives))
     options = {
         **result.options,
         "initial": initial_positions.tolist(),
@@ -222,6 +226,19 @@ def _notes_on_motors(elastic: ElasticModel) -> tuple[str, ...]:
     if elastic.verdict.parameters is None:
         found.append("these parameters are not proved to be physically possible together")
     return tuple(found)
+
+
+def _notes_on_drives(torque: Array, drives: MotionLimits) -> tuple[str, ...]:
+    """Say which joints take more torque (S, N) than the description allows, for a simulated drive gives any."""
+    most = np.fmax.reduce(np.abs(torque), axis=0)
+    beyond = [
+        f"{name} takes {most[k]:.4g} of {drives.torque[k]:.4g} N·m or N"
+        for k, name in enumerate(drives.joint_names)
+        if most[k] > _PASSED * drives.torque[k]
+    ]
+    if not beyond:
+        return ()
+    return (f"drives have no limits here, and the efforts of the description are passed: {listed(beyond)}",)
 
 
 def _parameters(model: Model, estimate: str | Path | None) -> tuple[Array, bool, str]:

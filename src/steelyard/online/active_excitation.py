@@ -696,9 +696,14 @@ class ActiveExcitation:
             order=3,
             trim=TRIM,
             torque_cutoff=self.cutoff,
-            velocity_threshold=tuple(float(x) for x in SLOW * self.limits.velocity),
+            velocity_threshold=None,
         )
-        return samples, float(part[-1, 0]) - 2.0 * TRIM
+        fast = np.abs(samples.dq) >= SLOW * self.limits.velocity
+        if samples.mask is not None:
+            fast &= samples.mask
+        if not fast.any():  # a robot of one joint that has only sunk while it was caught
+            return None, begin
+        return replace(samples, mask=fast), float(part[-1, 0]) - 2.0 * TRIM
 
     def _learnt(self, log: Array, before: _Knowledge) -> tuple[_Knowledge, float]:
         samples, used = self._samples(log, self._used)

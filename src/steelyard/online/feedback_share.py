@@ -86,7 +86,7 @@ class FeedbackShare:
         if self._last is not None and t > self._last[0]:
             passed, way = t - self._last[0], q - self._last[1]
             self._work += damping * (way - passed * wanted)
-            self.values = np.minimum(self.values * np.exp2(passed / self._doubling), self._most)
+            self.values = np.minimum(self.values * np.exp2(np.minimum(passed / self._doubling, 60.0)), self._most)
             moved = way != 0.0
             self._reading = np.where(moved, np.minimum(self._reading, np.abs(way)), self._reading)
             least = np.maximum(self._least, READINGS * self._reading / passed)

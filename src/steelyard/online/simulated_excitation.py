@@ -98,13 +98,18 @@ class SimulatedExcitation:
 
     @property
     def _parts(self) -> dict[str, Array]:
-        """(S, N) each, the parts of the limits that the true motion used, of those that there are."""
+        """(S, N) each, the parts of the limits that the true motion used, of those that there are; NaN of the others.
+
+        A position counts from the middle of the range, which a joint with a single limit has as well.
+        """
         limits, result = self.excitation.limits, self.result
-        middle, half = 0.5 * (limits.lower + limits.upper), 0.5 * (limits.upper - limits.lower)
+        lower, upper = limits.ranges
+        place = (result.q - 0.5 * (lower + upper)) / (0.5 * (upper - lower))
+        below, above = np.where(np.isfinite([limits.lower, limits.upper]), 1.0, np.nan)
         found = {
-            "position": np.abs(result.q - np.where(np.isfinite(middle), middle, 0.0)) / half,
+            "position": np.fmax(-place * below, place * above),
             "velocity": np.abs(result.dq) / limits.velocity,
-            "torque": np.abs(result.torque) / limits.torque,
+            "torque": np.abs(result.torque) / np.where(np.isfinite(limits.torque), limits.torque, np.nan),
         }
         return {name: part for name, part in found.items() if np.isfinite(part).any()}
 
@@ -214,7 +219,9 @@ def excite_on_the_fly(
         seed=seed,
     )
     if result.status == "diverged":
-        raise SteelyardError(f"The simulated robot went out of control: {result.message}; give it lower limits.")
+        impossible = "not physically possible" in result.message
+        remedy = "give every moving link its mass" if impossible else "give it lower limits"
+        raise SteelyardError(f"The simulated robot went out of control: {result.message}; {remedy}.")
     found = excitation.estimate
     if found is None or found.parameters is None:
         why = "; ".join(f"at {t:.1f} s {reason}" for t, reason in excitation.interruptions[-2:]) or "no motion was made"

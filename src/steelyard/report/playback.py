@@ -13,7 +13,6 @@ from steelyard.collision.self_collision import SelfCollision
 from steelyard.collision.surroundings import Surroundings
 from steelyard.errors import InputError
 from steelyard.excitation import load_trajectory
-from steelyard.files import listed
 from steelyard.identification.log_reader import LogReader
 
 from .viewed_robot import ViewedRobot
@@ -129,16 +128,10 @@ def play_trajectory(viewed: ViewedRobot, path: str | Path) -> Playback:
     Raises
     ------
     InputError
-        If it cannot be read, or is of a robot with another number of joints.
+        If it cannot be read, or is of a robot with other joints.
     """
     place = Path(path)
-    trajectory = load_trajectory(place / "trajectory.json" if place.is_dir() else place)
-    robot = viewed.model.robot
-    if trajectory.dof != robot.dof:
-        raise InputError(
-            f"{place}: is a motion of {trajectory.dof} joints, but {robot.name} has {robot.dof} "
-            f"({listed(robot.joint_names)}); give a motion of this robot."
-        )
+    trajectory = load_trajectory(place / "trajectory.json" if place.is_dir() else place, viewed.model.robot)
     rate = (POINTS - 1) / trajectory.duration
     t = np.arange(POINTS) / rate
     q, dq, ddq = trajectory.motion(t)

@@ -156,6 +156,8 @@ class FixedStep(Integrator):
             return result
 
         rows = np.flatnonzero(~self.watch.ended)
+        if not len(rows):  # the only run has just diverged
+            return
         stop = self.state[rows]
         times = np.full(len(rows), begin), np.full(len(rows), end)
         self.watch.piece(rows, *times, stop, interpolate)

@@ -36,6 +36,7 @@ Array = NDArray[np.float64]
 # Inertia matrices whose eigenvalues are computed after a simulation, over all runs, but at least eight of each run. An
 # eigenvalue decomposition takes longer than a step of a batch, so that not every sample is checked.
 MOST = 400
+_LARGEST = 1e8  # samples of all joints and runs, which would take 6 GB
 _TOLD = 100  # steps after which it is told how far the simulation has come
 
 
@@ -653,7 +654,8 @@ actuators, environment, stopping_conditions, rate
         """Choose a method; docs/how-to/simulate.md has the measurements behind the choice."""
         if not self._has_coulomb_friction():
             return "runge_kutta_4" if self.sample_time is not None else "dormand_prince"
-        return "rosenbrock" if self.sample_time is not None or self.is_batch else "radau"
+        # Adaptive methods find no step across the jump of an exact sign.
+        return "rosenbrock" if self.sample_time is not None or self.is_batch or not self.sign_width else "radau"
 
     def _has_coulomb_friction(self) -> bool:
         """Return whether there is Coulomb friction: torques that jump where a velocity changes its sign."""
@@ -684,6 +686,12 @@ actuators, environment, stopping_conditions, rate
                     f"rate must be the control rate {1.0 / self.sample_time:.6g} Hz divided by a whole number, "
                     f"got {self.rate:.6g} Hz."
                 )
+        ticks = self.duration / self.tick
+        if ticks * max(1.0, self.runs * self.model.dof / self.every) > _LARGEST:
+            raise InputError(
+                f"{self.duration:g} s at {1.0 / (self.tick * self.every):g} Hz are too many samples for the memory, of "
+                f"{self.runs} runs of {self.model.dof} joints; give a shorter duration, a lower rate, or fewer runs."
+            )
         count = int(np.ceil(self.duration / self.tick - 1e-9))
         self.ticks = np.minimum(np.arange(count + 1) * self.tick, self.duration)
         if self.ticks[-1] - self.ticks[-2] < 1e-6 * self.tick:
