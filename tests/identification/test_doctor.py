@@ -241,6 +241,17 @@ def test_a_second_run_in_the_same_file_is_told_to_be_split_off(arm, tmp_path):
     assert "Split the log" in one.advice
 
 
+@pytest.mark.parametrize("pause", [3600.0, 1e6])
+def test_a_pause_between_two_runs_is_no_slow_rate(arm, pause, tmp_path):
+    """Taken for a rate of 1.4 Hz, an hour between them asked for another unit of time, with which nothing is read."""
+    path, _, log = arm
+    found = examine(written({**log, "t": np.where(T < 10.0, T, T + pause)}, tmp_path / "log.csv"), path)
+    assert [(one.kind, one.remedy) for one in found.findings] == [("gaps", {})]
+    speed, step = found.joint_heads.index("speed"), 25  # rows in 0.1 s
+    fastest = np.abs(log["q"][step:] - log["q"][:-step]).max(axis=0) / 0.1
+    np.testing.assert_allclose([float(row[speed]) for row in found.joint_rows], fastest, rtol=0.1)
+
+
 @pytest.mark.slow
 def test_coarse_encoders_and_loud_torques_are_told(arm, tmp_path):
     step = np.ptp(arm[2]["q"][:, 0]) / 100

@@ -118,6 +118,17 @@ def test_raw_chunks_tile_the_log(path: Path, recording: Recording) -> None:
     assert {chunk.recording.rate for chunk in chunks} == {recording.rate}
 
 
+def test_pauses_are_no_part_of_the_rate(recording: Recording, tmp_path: Path) -> None:
+    pauses = 1000.0 * (np.arange(COUNT) // 1500)  # episodes of 3 s
+    whole = replace(recording, t=recording.t + pauses)
+    chunks = list(read_chunks(whole.save(tmp_path / "log.npz"), rows=1700))
+    for rate in (whole.rate, *(chunk.recording.rate for chunk in chunks)):
+        assert rate == pytest.approx(RATE, rel=1e-9)
+    # Rows that are missing one by one are no pauses.
+    thinned = recording.chosen(np.arange(COUNT) % 3 != 0)
+    assert thinned.rate == pytest.approx(RATE * 2 / 3, rel=1e-3)
+
+
 def test_stated_rate_without_stamps(recording: Recording, tmp_path: Path) -> None:
     path = tmp_path / "log.npz"
     np.savez(path, q=recording.q, tau=recording.torque)
