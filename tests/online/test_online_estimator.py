@@ -167,6 +167,16 @@ def test_samples_that_are_not_as_they_should_be(model: sy.Model, motion: tuple[A
     )
 
 
+@pytest.mark.parametrize("unit", [1e-3, 1e-9])
+def test_stamps_since_1970_in_another_unit_are_told(model: sy.Model, motion: tuple[Array, ...], unit: float) -> None:
+    t, q, _, _, torque = motion
+    estimator = sy.OnlineEstimator(model)
+    estimator.update((1.76e9 + t) / unit, q, torque)
+    assert estimator.estimate().rows == 0
+    assert f"{len(t)} samples had a time" in " ".join(estimator.remarks)
+    assert "ms and ns, where s are expected" in " ".join(estimator.remarks)
+
+
 @pytest.mark.parametrize(("rate", "jitter"), [(40.0, 0.0), (50.0, 0.5)])
 def test_slow_samples_are_no_gaps(model: sy.Model, motion: tuple[Array, ...], rate: float, jitter: float) -> None:
     """All of them count where that is the rate that was said; where it was not, the remarks say what came."""
