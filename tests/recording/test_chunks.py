@@ -13,6 +13,7 @@ import pytest
 import steelyard as sy
 from steelyard.errors import InputError
 from steelyard.recording import Processing, Recording, Samples, process_chunks, read_chunks
+from steelyard.recording.survey import LogSurvey
 
 COUNT, RATE = 6000, 500.0
 
@@ -202,3 +203,18 @@ def test_write_fixture_is_read_in_chunks(log: dict[str, np.ndarray], write: Call
     )
     assert [part.count for part in parts] == [70, 70, 70, 70, 20]
     np.testing.assert_array_equal(Samples.joined(parts).torque[:, 1], log["tau2"])
+
+
+def test_a_jump_is_told_whichever_piece_has_it(recording: Recording) -> None:
+    q = recording.q.copy()
+    q[4000:, 1] += 0.4
+    log = replace(recording, q=q)
+    (told,) = LogSurvey.of(log).jump_remarks()
+    assert f"joint 2 jumps by {q[4000, 1] - q[3999, 1]:.3g}" in told
+    assert "at t = 1008 s" in told
+    whole, parts = LogSurvey(), [LogSurvey() for _ in range(3)]
+    for part, start in zip(parts, (0, 2000, 4000 - 100), strict=True):
+        part.add(log, start, start + 2000)
+        whole.join(part.state, log)
+    assert told in whole.remarks()
+    assert LogSurvey.of(recording).jump_remarks() == ()

@@ -26,6 +26,7 @@ __all__ = [
     "clock_at",
     "convert",
     "log_columns",
+    "position_jumps",
     "require_numbers",
     "signals_fields",
     "times",
@@ -313,6 +314,43 @@ def without_wild(t: NDArray[np.float64], q: NDArray[np.float64]) -> NDArray[np.f
             result = result.copy() if result is q else result
             result[rows[off], j] = np.nan
     return result
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def position_jumps(t: NDArray[np.float64], q: NDArray[np.float64]) -> tuple[NDArray[np.intp], ...]:
+    """Find rows whose position is further from the row before than a joint moves, and which the next rows follow.
+
+    An encoder does so that slips, is set to another zero, or goes on after it stood still; and two runs without a pause
+    between their stamps. A filter makes a push of it that no torque explains.
+
+    Parameters
+    ----------
+    t : ndarray
+        (S,) s.
+    q : ndarray
+        (S, N), rad or m, without wild readings.
+
+    Returns
+    -------
+    tuple of ndarray
+        The rows of each joint; none where they are so many that the position is noise, or another quantity.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.arange(200) / 100
+    >>> angle = np.sin(t)[:, None]
+    >>> angle[70:] += 1.0
+    >>> [rows.tolist() for rows in position_jumps(t, angle)]
+    [[70]]
+    """
+    found = []
+    for steps in np.diff(q, axis=0).T:
+        here = steps[1:-1]
+        off = np.minimum(np.abs(here - steps[:-2]), np.abs(here - steps[2:]))
+        rows = np.flatnonzero(off > np.maximum(SUDDEN * np.diff(t)[1:-1], LEAST_JUMP)) + 2
+        found.append(rows if rows.size <= FEW * len(q) else rows[:0])
+    return tuple(found)
 
 
 def turn_remarks(q: NDArray[np.float64], joint_names: Sequence[str] | None = None) -> tuple[str, ...]:

@@ -13,6 +13,7 @@ from steelyard.errors import InputError
 from steelyard.files import listed
 from steelyard.files.arguments import LARGEST
 
+from .conversion import position_jumps
 from .measurements import Measurements
 from .samples import column_extremes
 
@@ -59,6 +60,12 @@ MOVING = 5e-3
 """Root mean square velocity (rad/s or m/s) from which a joint counts as moving."""
 
 
+JUMPED = "further than a joint moves from one row to the next"
+"""What a remark on positions that jump says, and no other."""
+STILL = 0.05
+"""s from which it is told that a position stood still before it jumped."""
+
+
 _SUMS = ("count", "_far", "_whole", "_filled", "_steps", "_swift", "_blocks", "_products", "_derived", "_averaged")
 """The attributes of a survey that are added where another one of the rows that follow joins it."""
 
@@ -86,6 +93,7 @@ class LogSurvey:
         self._steps, self._swift = 0, np.empty((2, 0), dtype=int)  # blocks, and those faster than wheels and motors
         self._blocks = 0
         self._products = self._derived = self._averaged = np.empty(0)
+        self._jumps = np.empty((0, 4))  # since when the position stood still, s; when it jumped, s; joint; by how much
 
     @classmethod
     def of(cls, recording: Measurements) -> Self:
@@ -118,6 +126,7 @@ class LogSurvey:
         for index, flags in enumerate((recording.position_missing, recording.torque_missing)):
             self._filled[index] += 0 if flags is None else int(flags[rows].sum())
         if stop - start > 2:
+            self._see_jumps(recording.t[rows], q)
             self._see_speeds(recording.t[rows], q, recording.rate)
             if recording.velocity is not None:
                 self._compare(recording.t[rows], q, recording.velocity[rows], recording.rate)
@@ -125,19 +134,20 @@ class LogSurvey:
     @property
     def state(self) -> dict[str, NDArray[Any]]:
         """What was gathered of rows of a log, as plain arrays for `join`, perhaps in another process."""
-        return {name: np.asarray(getattr(self, name)) for name in ("q", "torque", "speed", *_SUMS)}
+        return {name: np.asarray(getattr(self, name)) for name in ("q", "torque", "speed", "_jumps", *_SUMS)}
 
     def join(self, state: Mapping[str, NDArray[Any]], first: Measurements) -> None:
         """Take in what was gathered of the rows that follow, of a log whose first row is the first of `first`."""
         if self._log is None:
             self._log, self._rate = first.chosen(np.arange(first.count) == 0), first.rate
-            self.q, self.torque, self.speed = state["q"], state["torque"], state["speed"]
+            self.q, self.torque, self.speed, self._jumps = (state[key] for key in ("q", "torque", "speed", "_jumps"))
             for name in _SUMS:
                 setattr(self, name, state[name])
             return
         for name in ("q", "torque"):
             self._widen(name, *state[name])
         self.speed = np.maximum(self.speed, state["speed"])
+        self._jumps = np.concatenate([self._jumps, state["_jumps"]])
         for name in _SUMS:
             setattr(self, name, getattr(self, name) + state[name])
 
@@ -145,11 +155,22 @@ class LogSurvey:
         low, high = getattr(self, name)
         setattr(self, name, np.stack([np.minimum(low, lowest), np.maximum(high, highest)]))
 
+    def _see_jumps(self, t: Array, q: Array) -> None:
+        found = []
+        for j, rows in enumerate(position_jumps(t, q)):
+            for row in map(int, rows):
+                moving = np.flatnonzero(q[: row - 1, j] != q[row - 1, j])
+                since = t[moving[-1] + 1] if len(moving) else t[0]
+                found.append((since, t[row], j, q[row, j] - q[row - 1, j]))
+        self._jumps = np.concatenate([self._jumps, np.reshape(found, (-1, 4))])
+
     def _see_speeds(self, t: Array, q: Array, rate: float) -> None:
         size = max(1, round(BLOCK * rate))
         coarse, stamps = q[::size], t[::size]
         if stamps.size > 1:
             speed = np.abs(np.diff(coarse, axis=0) / np.diff(stamps)[:, None])
+            for _, at, joint, _ in self._jumps:  # no joint moves as fast as it jumps
+                speed[(stamps[:-1] < at) & (at <= stamps[1:]), int(joint)] = 0.0
             self.speed = np.maximum(self.speed, speed.max(axis=0))
             self._steps += len(speed)
             swift = [np.count_nonzero(speed > fastest, axis=0) for fastest in (FASTEST_WHEEL, FASTEST_MOTOR)]
@@ -205,6 +226,7 @@ class LogSurvey:
         return (
             *self.velocity_remarks(),
             *self._standstill_remarks(),
+            *self.jump_remarks(),
             *self.unit_remarks(),
             *self._filled_remarks(),
         )
@@ -335,6 +357,20 @@ class LogSurvey:
                     "connected."
                 )
         return tuple(remarks)
+
+    def jump_remarks(self) -> tuple[str, ...]:
+        """Remark, for all joints together, on positions that jump and stay there."""
+        if not len(self._jumps):
+            return ()
+        since, at, joint, size = min(self._jumps.tolist(), key=lambda jump: jump[1])
+        still = f", after it stood still for {at - since:.2g} s" if at - since > STILL else ""
+        names = listed([self.label(j) for j in sorted({int(j) for j in self._jumps[:, 2]})], MOST_NAMED)
+        more = f" ({len(self._jumps)} such jumps, of {names})" if len(self._jumps) > 1 else ""
+        return (
+            f"The position of {self.label(int(joint))} jumps by {size:.3g} at t = {at:.9g} s{still}, and goes on from "
+            f"there{more}, {JUMPED}: an encoder slipped, was set to another zero or stood still, or two runs follow "
+            "each other.",
+        )
 
     def unit_remarks(self) -> tuple[str, ...]:
         """Remark, for all joints together, on rates, positions and speeds that no robot has, and on units to blame."""
