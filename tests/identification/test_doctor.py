@@ -284,6 +284,14 @@ def test_a_position_that_jumps_is_told_and_the_pieces_are_right(arm, simulation,
     assert errors[1] < 0.2 * errors[0]
 
 
+def test_positions_that_were_read_as_degrees_are_not_told_to_be_so_again(tmp_path):
+    """Milliradians go far beyond the limits, and would fit them as degrees of degrees."""
+    log = {"t": T, "q": 1e3 * np.sin(np.outer(T, [1.0, 1.7])), "tau": np.cos(np.outer(T, [1.0, 1.7]))}
+    recording = sy.Recording.read(written(log, tmp_path / "log.csv"), {"position_unit": "deg"}, 2)
+    limits = [-3.0, -3.0], [3.0, 3.0], [9.0, 9.0]
+    assert sum("beyond its limits of -3 and 3" in said for said in LogSurvey.of(recording).limit_remarks(*limits)) == 2
+
+
 @pytest.mark.parametrize("pause", [3600.0, 1e6])
 def test_a_pause_between_two_runs_is_no_slow_rate(arm, pause, tmp_path):
     """Taken for a rate of 1.4 Hz, an hour between them asked for another unit of time, with which nothing is read."""

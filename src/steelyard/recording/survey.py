@@ -460,7 +460,10 @@ class LogSurvey:
             for j, (times, least) in enumerate(beyond[one] for one in usual)
             if j in outside and max(-reach_low[j], reach_high[j]) > times * max(abs(low[j]), abs(high[j]), least)
         ]
-        wrong = {usual[j] for j in far}  # joints of one kind have one unit as a rule
+        layout = self.first_row.layout
+        read = () if layout is None else layout.units["position"]
+        # Joints of one kind have one unit as a rule. What was read as degrees or millimetres is not so once more.
+        wrong = {usual[j] for j in far if len(read) != len(usual) or read[j] == usual[j]}
         smaller = {"rad": ("deg", DEGREE), "m": ("mm", 1e-3)}
         told, scales = zip(*(smaller[one] if one in wrong else (one, 1.0) for one in usual), strict=True)
         if far and all(fits(j, j, scales[j]) for j in joints):
