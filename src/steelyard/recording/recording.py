@@ -18,11 +18,12 @@ from . import diagnosis  # as are these
 from .automatic import decide, settle
 from .clock import CLOCK_ROWS, FEWEST_ROWS
 from .columns import LogColumns
-from .conversion import clock_at, convert, log_columns, signals_fields, times, turn_remarks
+from .conversion import clock_at, convert, log_columns, signals_fields, times
 from .cutoff import CutoffChoice
 from .diagnosis import find_missing
 from .even import evened
 from .formats import LogFiles, Source, write_log
+from .jumps import turn_remarks
 from .measurements import Measurements, check_period
 from .options import Processing
 from .recognition import Joints, names_of

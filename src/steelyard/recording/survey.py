@@ -13,7 +13,7 @@ from steelyard.errors import InputError
 from steelyard.files import listed
 from steelyard.files.arguments import LARGEST
 
-from .conversion import position_jumps
+from .jumps import position_jumps
 from .measurements import Measurements
 from .samples import column_extremes
 
