@@ -462,9 +462,9 @@ class LogSurvey:
         ]
         layout = self.first_row.layout
         read = () if layout is None else layout.units["position"]
-        # Joints of one kind have one unit as a rule. What was read as degrees or millimetres is not so once more.
-        wrong = {usual[j] for j in far if len(read) != len(usual) or read[j] == usual[j]}
         smaller = {"rad": ("deg", DEGREE), "m": ("mm", 1e-3)}
+        # Joints of one kind have one unit as a rule. What was read as degrees or millimetres is not so once more.
+        wrong = {usual[j] for j in far if len(read) != len(usual) or read[j] in smaller}
         told, scales = zip(*(smaller[one] if one in wrong else (one, 1.0) for one in usual), strict=True)
         if far and all(fits(j, j, scales[j]) for j in joints):
             j = far[0]
