@@ -15,10 +15,10 @@ from .clock import ClockStatistics, clock_of
 from .columns import ACCELERATION_UNITS, POSITION_UNITS, TORQUE_UNITS, VELOCITY_UNITS, LogColumns
 from .even import filled
 from .formats import Columns, LogFiles
-from .jumps import turned_on, without_wild
 from .measurements import check_order
 from .recognition import Layout
 from .samples import cut_channels, joined_channels
+from .survey import turned_on, without_wild
 
 __all__ = [
     "Signals",

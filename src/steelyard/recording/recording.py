@@ -23,12 +23,11 @@ from .cutoff import CutoffChoice
 from .diagnosis import find_missing
 from .even import evened
 from .formats import LogFiles, Source, write_log
-from .jumps import turn_remarks
 from .measurements import Measurements, check_period
 from .options import Processing
 from .recognition import Joints, names_of
 from .samples import Samples
-from .survey import LogSurvey
+from .survey import LogSurvey, turn_remarks
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
