@@ -1,5 +1,6 @@
 """The weight of a prior by cross-validation: its fits against the conic solver, its losses against the samples."""
 
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -7,11 +8,13 @@ import pytest
 from simulated_arm import blurred, simulated_arm
 
 import steelyard as sy
-from steelyard.errors import InputError
+from steelyard.errors import InputError, SolverError
 from steelyard.estimators import ConstantPullbackPrior, EntropicPrior
 from steelyard.estimators.cross_validation import cross_validation, term_deviations
+from steelyard.estimators.plausible_fit import tried_prior
 from steelyard.feasibility import FeasibleSet, SymmetricLink, TotalMass
 
+MOTION = ("q", "dq", "ddq", "torque")
 ARM = simulated_arm(3)
 CAD = blurred(ARM, 3)
 
@@ -173,3 +176,40 @@ def test_a_prior_that_the_data_contradict_slows_no_fit() -> None:
     theirs = sy.fit(information, feasible_set, prior=prior, prior_weight=weights[0])
     ours = information.relative_error(feasible_set.K @ found.parameters[0])
     assert ours == pytest.approx(theirs.relative_error, rel=1e-3)
+
+
+def test_accelerations_that_are_a_million_times_too_great_leave_no_fit_and_are_told(tmp_path) -> None:
+    """As of times in s that are taken for ms. Whether rounding leaves a fit depends on how much too great they are."""
+    link = """<link name="l{k}"><inertial><origin xyz="0.1 0.01 0.03"/><mass value="{m}"/>
+      <inertia ixx="0.02" ixy="0.001" ixz="0" iyy="0.05" iyz="0.002" izz="0.05"/></inertial></link>
+      <joint name="j{k}" type="continuous"><parent link="{parent}"/><child link="l{k}"/><origin xyz="{x} 0 0.2"/>
+      <axis xyz="{axis}"/></joint>"""
+    of_links = ((1, 3.2, "base", 0, "0 0 1"), (2, 2.4, "l1", 0, "0 1 0"), (3, 1.2, "l2", 0.4, "0 1 0"))
+    links = [link.format(k=k, m=m, parent=parent, x=x, axis=axis) for k, m, parent, x, axis in of_links]
+    path = tmp_path / "arm.urdf"
+    path.write_text(f'<robot name="arm"><link name="base"/>{"".join(links)}</robot>')
+    robot = sy.Robot.from_urdf(path).with_terms(sy.Viscous(), sy.Coulomb())
+    model = sy.Model(robot)
+    t, random = np.arange(1500) / 75, np.random.default_rng(1)
+    pace, size = np.array([[0.6, 1.9, 3.1], [1.3, 2.2, 2.9], [0.9, 2.5, 3.0]]), random.normal(size=(2, 3, 3)) * 0.4
+    angle = pace * t[:, None, None]
+    q = (size[0] * np.sin(angle) + size[1] * np.cos(angle)).sum(axis=2)
+    dq = (pace * (size[0] * np.cos(angle) - size[1] * np.sin(angle))).sum(axis=2)
+    ddq = (-(pace**2) * (size[0] * np.sin(angle) + size[1] * np.cos(angle))).sum(axis=2)
+    torque = model.inverse_dynamics(q, dq, ddq, np.nan_to_num(np.asarray(robot.parameters)) * 1.25) + dq + np.sign(dq)
+    torque += 0.02 * torque.std(axis=0) * random.normal(size=torque.shape)
+    for factor in (1000.0, 1500.0, 2000.0, 3000.0):
+        samples = sy.Samples(q=q, dq=factor * dq, ddq=factor**2 * ddq, torque=torque)
+        stretches = [
+            sy.Information.from_samples(
+                model, replace(samples, **{n: getattr(samples, n)[a : a + 300] for n in MOTION})
+            )
+            for a in range(0, len(t), 300)
+        ]
+        information = stretches[0]
+        for one in stretches[1:]:
+            information = information + one
+        with suppress(SolverError):  # and nothing else
+            tried = tried_prior(information, stretches, FeasibleSet(model), sy.least_squares(information))
+            assert tried.validation is not None
+            assert np.isfinite(tried.validation.losses).all()

@@ -342,6 +342,17 @@ def test_one_log_that_is_given_for_several_robots_is_compared_once(arms: Arms) -
     assert not any("same data" in remark for remark in sound.remarks)
 
 
+def test_a_log_that_a_pattern_finds_for_another_robot_too_is_told(arms: Arms) -> None:
+    """The pattern R1*.json, meant for the robot R1, finds R10.json."""
+    for name in (0, 1, 10, 2):
+        arms.information(name).save(arms.folder / f"R{name}.json")
+    rows = [f"R{k},,R{k}.json" for k in (0, 10, 2)]
+    fleet = identify_fleet(arms.manifest([*rows, "R1,,R1.json;R10.json"]))
+    [told] = [remark for remark in fleet.remarks if "A log was given for two entries" in remark]
+    assert "R10 and R1:" in told
+    assert not any("A log was" in remark for remark in identify_fleet(arms.manifest([*rows, "R1,,R1.json"])).remarks)
+
+
 @pytest.mark.slow
 def test_what_failed_is_tried_again(arms: Arms, monkeypatch: pytest.MonkeyPatch) -> None:
     """A disk that was full in the run that was killed may have room in the next one."""

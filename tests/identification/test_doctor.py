@@ -8,6 +8,7 @@ import pytest
 
 import steelyard as sy
 from steelyard.identification import examine, next_steps
+from steelyard.recording.survey import LogSurvey
 from steelyard.robot import RobotFile
 
 T = np.arange(5000) / 250
@@ -239,6 +240,67 @@ def test_a_second_run_in_the_same_file_is_told_to_be_split_off(arm, tmp_path):
     assert (one.kind, one.harm, one.remedy) == ("stamps that go back", "refused", {})
     assert "line 2002" in one.statement
     assert "Split the log" in one.advice
+
+
+@pytest.mark.parametrize("stood", [0.0, 0.4])
+def test_a_position_that_jumps_is_told_and_the_pieces_are_right(arm, simulation, stood, tmp_path):
+    """The prediction stays good, whose stretches are all spoilt by what filters make of the jump."""
+    path, model, log = arm
+    q, jumped = log["q"].copy(), 2500
+    if stood:
+        still = slice(jumped - round(250 * stood), jumped)
+        q[still, 1] = q[still.start, 1]
+    else:
+        q[jumped:, 1] += 0.25
+    spoilt = written({**log, "q": q}, tmp_path / "log.csv")
+    for robot in (None, path):
+        found = examine(spoilt, robot)
+        (one,) = [one for one in found.findings if one.kind == "position jumps"]
+        assert one is found.findings[0]
+        size = q[jumped, 1] - q[jumped - 1, 1]
+        assert f"jumps by {size:.3g} at t = 10 s" in one.statement
+        assert ("after it stood still for" in one.statement) == bool(stood)
+        assert "Cut the log there" in one.advice
+    speeds = [LogSurvey.of(sy.Recording(t=T, q=one, torque=log["tau"])).speed for one in (q, log["q"])]
+    np.testing.assert_allclose(*speeds, rtol=0.01)  # so that no limit of a velocity is blamed
+
+    result = sy.identify(path, [spoilt])
+    assert any(step.action.startswith("Cut the log where a position jumps") for step in next_steps(result))
+    begin = jumped - round(250 * stood)
+    pieces = [{name: values[:begin] for name, values in log.items()}]
+    pieces += [{name: values[jumped:] for name, values in log.items()}] if stood else []
+    logs = [written({**piece}, tmp_path / f"piece{k}.csv") for k, piece in enumerate(pieces)]
+    mended_result = sy.identify(path, logs)
+    assert not any(step.action.startswith("Cut the log") for step in next_steps(mended_result))
+    motion = simulation.trajectory(5).motion(T)
+    true, *told = (
+        one.inverse_dynamics(*motion, parameters)
+        for one, parameters in [
+            (model, simulation.true_parameters(model)),
+            *((one.model, one.estimate.parameters) for one in (result, mended_result)),
+        ]
+    )
+    errors = [np.linalg.norm(torque - true) for torque in told]
+    assert errors[1] < 0.2 * errors[0]
+
+
+def test_positions_that_were_read_as_degrees_are_not_told_to_be_so_again(tmp_path):
+    """Milliradians go far beyond the limits, and would fit them as degrees of degrees."""
+    log = {"t": T, "q": 1e3 * np.sin(np.outer(T, [1.0, 1.7])), "tau": np.cos(np.outer(T, [1.0, 1.7]))}
+    recording = sy.Recording.read(written(log, tmp_path / "log.csv"), {"position_unit": "deg"}, 2)
+    limits = [-3.0, -3.0], [3.0, 3.0], [9.0, 9.0]
+    assert sum("beyond its limits of -3 and 3" in said for said in LogSurvey.of(recording).limit_remarks(*limits)) == 2
+
+
+@pytest.mark.parametrize("pause", [3600.0, 1e6])
+def test_a_pause_between_two_runs_is_no_slow_rate(arm, pause, tmp_path):
+    """Taken for a rate of 1.4 Hz, an hour between them asked for another unit of time, with which nothing is read."""
+    path, _, log = arm
+    found = examine(written({**log, "t": np.where(T < 10.0, T, T + pause)}, tmp_path / "log.csv"), path)
+    assert [(one.kind, one.remedy) for one in found.findings] == [("gaps", {})]
+    speed, step = found.joint_heads.index("speed"), 25  # rows in 0.1 s
+    fastest = np.abs(log["q"][step:] - log["q"][:-step]).max(axis=0) / 0.1
+    np.testing.assert_allclose([float(row[speed]) for row in found.joint_rows], fastest, rtol=0.1)
 
 
 @pytest.mark.slow

@@ -637,3 +637,18 @@ def test_nothing_tells_the_factor_of_a_joint_that_stands_alone(tmp_path, planted
     alone = planted.Arm(path)
     samples, _ = planted.log(alone, np.random.default_rng(1), "rich")
     assert exact_scale(sy.Model(alone.robot.with_terms(*PLAIN)), samples, 0, 0.1) is None
+
+
+@pytest.mark.parametrize("seed", [7, pytest.param(3, marks=pytest.mark.slow), pytest.param(9, marks=pytest.mark.slow)])
+def test_positions_in_revolutions_are_told_and_are_no_rotors(planted, arms, light, seed, tmp_path):
+    """Motion that looks too small by 2 pi asks for inertia, which rotors would have."""
+    samples, _ = planted.log(arms[False], np.random.default_rng(seed), "rich")
+    turns = {name: getattr(samples, name) / (2 * np.pi) for name in ("q", "dq", "ddq")}
+    first, *others = find_mistakes(light, replace(samples, **turns))
+    assert (first.kind, others) == ("position unit", [])
+    assert "in revolutions" in first.statement
+    file = RobotFile.load(arms[False].path)
+    assert correction_settings(first.correction, file, light.robot.joint_names) == {"log": {"position_unit": "rev"}}
+    log = sy.Recording(t=samples.t, q=turns["q"], torque=samples.torque).save(tmp_path / "log.npz")
+    read = sy.Recording.read(log, LogColumns(position_unit="rev"), light.robot.dof)
+    np.testing.assert_allclose(read.q, samples.q, rtol=1e-12, atol=1e-12)

@@ -167,6 +167,16 @@ def test_samples_that_are_not_as_they_should_be(model: sy.Model, motion: tuple[A
     )
 
 
+@pytest.mark.parametrize("unit", [1e-3, 1e-9])
+def test_stamps_since_1970_in_another_unit_are_told(model: sy.Model, motion: tuple[Array, ...], unit: float) -> None:
+    t, q, _, _, torque = motion
+    estimator = sy.OnlineEstimator(model)
+    estimator.update((1.76e9 + t) / unit, q, torque)
+    assert estimator.estimate().rows == 0
+    assert f"{len(t)} samples had a time" in " ".join(estimator.remarks)
+    assert "ms and ns, where s are expected" in " ".join(estimator.remarks)
+
+
 @pytest.mark.parametrize(("rate", "jitter"), [(40.0, 0.0), (50.0, 0.5)])
 def test_slow_samples_are_no_gaps(model: sy.Model, motion: tuple[Array, ...], rate: float, jitter: float) -> None:
     """All of them count where that is the rate that was said; where it was not, the remarks say what came."""
@@ -517,3 +527,31 @@ def test_merged_parts_are_the_whole(model: sy.Model, motion: tuple[Array, ...]) 
                 half.add([r[own] for r in rows], used[own])
     first.merge(second.ended())
     assert same(first.information(), whole.information())
+
+
+@pytest.mark.parametrize("noise", [1e-4, 1e-3])
+def test_a_joint_that_stands_still_shows_no_friction_by_the_noise_of_its_encoder(model: sy.Model, noise: float) -> None:
+    """Velocities of noise have a sign, which friction at rest does not follow; few rows outweigh no other joint."""
+    body = sy.Inertia.from_com(3.0, [-0.2, 0.0, 0.0], 0.02 * np.eye(3)).parameters
+    true = np.concatenate([body, [0.5, 0.4], body, [0.3, 0.5]])
+    t, random = np.arange(10000) / 500, np.random.default_rng(5)
+    pace = np.array([1.1, 1.9, 2.7])
+    motion = [f(pace * t[:, None]) @ (0.5 * pace**k) for f, k in ((np.sin, 0), (np.cos, 1), (lambda x: -np.sin(x), 2))]
+    q, dq, ddq = (
+        np.column_stack([one, still * np.ones(len(t))]) for one, still in zip(motion, (0.4, 0, 0), strict=True)
+    )
+    torque = model.inverse_dynamics(q, dq, ddq, true)
+    torque[:, 1] += 0.2  # friction at rest: any, up to that of sliding
+    torque += 0.01 * random.normal(size=torque.shape)
+    estimator = sy.OnlineEstimator(model, rate=500)
+    estimator.update(t, q + noise * random.normal(size=q.shape), torque)
+    answer = estimator.estimate()
+    intervals = estimator.intervals()
+    names = list(model.base_parameters().expressions)
+    low, high = intervals[names.index("Fcj2")]
+    assert low < 0.5 < high
+    assert estimator.factors()[1].count < 0.02 * len(t)
+    low, high = intervals[names.index("Fcj1")]
+    assert 0.3 < low < high < 0.5
+    away = model.inverse_dynamics(q, dq, ddq, answer.parameters)[:, 0] - model.inverse_dynamics(q, dq, ddq, true)[:, 0]
+    assert np.std(away) < 0.03 * np.std(torque[:, 0])

@@ -48,6 +48,22 @@ def test_mat(compressed: bool, across: bool, struct: bool, tmp_path: Path) -> No
 
 
 @pytest.mark.usefixtures("mat_in_this_process")
+@pytest.mark.parametrize("suffix", [".mat", pytest.param(".h5", marks=needs_h5py)])
+def test_the_name_of_a_run_names_no_joint(suffix: str, tmp_path: Path) -> None:
+    path = tmp_path / f"run{suffix}"
+    content = {"t": T, "q": Q, "tau": TORQUE, "name": "third run"}
+    if suffix == ".mat":
+        savemat(path, content)
+    else:
+        import h5py
+
+        with h5py.File(path, "w") as file:
+            for key, value in content.items():
+                file[key] = value
+    expect(path, JOINTS)
+
+
+@pytest.mark.usefixtures("mat_in_this_process")
 def test_mat_version_4(tmp_path: Path) -> None:
     path = tmp_path / "run.mat"
     savemat(path, {"t": T, "q": Q, "tau": TORQUE}, format="4")

@@ -13,6 +13,7 @@ import pytest
 import steelyard as sy
 from steelyard.errors import InputError
 from steelyard.recording import Processing, Recording, Samples, process_chunks, read_chunks
+from steelyard.recording.survey import LogSurvey
 
 COUNT, RATE = 6000, 500.0
 
@@ -118,6 +119,17 @@ def test_raw_chunks_tile_the_log(path: Path, recording: Recording) -> None:
     assert {chunk.recording.rate for chunk in chunks} == {recording.rate}
 
 
+def test_pauses_are_no_part_of_the_rate(recording: Recording, tmp_path: Path) -> None:
+    pauses = 1000.0 * (np.arange(COUNT) // 1500)  # episodes of 3 s
+    whole = replace(recording, t=recording.t + pauses)
+    chunks = list(read_chunks(whole.save(tmp_path / "log.npz"), rows=1700))
+    for rate in (whole.rate, *(chunk.recording.rate for chunk in chunks)):
+        assert rate == pytest.approx(RATE, rel=1e-9)
+    # Rows that are missing one by one are no pauses.
+    thinned = recording.chosen(np.arange(COUNT) % 3 != 0)
+    assert thinned.rate == pytest.approx(RATE * 2 / 3, rel=1e-3)
+
+
 def test_stated_rate_without_stamps(recording: Recording, tmp_path: Path) -> None:
     path = tmp_path / "log.npz"
     np.savez(path, q=recording.q, tau=recording.torque)
@@ -191,3 +203,18 @@ def test_write_fixture_is_read_in_chunks(log: dict[str, np.ndarray], write: Call
     )
     assert [part.count for part in parts] == [70, 70, 70, 70, 20]
     np.testing.assert_array_equal(Samples.joined(parts).torque[:, 1], log["tau2"])
+
+
+def test_a_jump_is_told_whichever_piece_has_it(recording: Recording) -> None:
+    q = recording.q.copy()
+    q[4000:, 1] += 0.4
+    log = replace(recording, q=q)
+    (told,) = LogSurvey.of(log).jump_remarks()
+    assert f"joint 2 jumps by {q[4000, 1] - q[3999, 1]:.3g}" in told
+    assert "at t = 1008 s" in told
+    whole, parts = LogSurvey(), [LogSurvey() for _ in range(3)]
+    for part, start in zip(parts, (0, 2000, 4000 - 100), strict=True):
+        part.add(log, start, start + 2000)
+        whole.join(part.state, log)
+    assert told in whole.remarks()
+    assert LogSurvey.of(recording).jump_remarks() == ()

@@ -151,6 +151,7 @@ def test_size_tells_degrees_where_nothing_else_does(largest: float, unit: str) -
     [
         *(("q1 [rad]", "rad"), ("q1 [deg]", "deg"), ("q1 (°)", "deg"), ("q1_deg", "deg"), ("q1 [mm]", "mm")),
         *(("position [Degrees] 1", "deg"), ("Joint 1 [deg]", "deg"), ("Joint_1_position_(rad)", "rad")),
+        *(("q1 [rev]", "rev"), ("pos1 [turns]", "rev"), ("q1_turns", "rev")),  # as ODrive and moteus count
     ],
 )
 def test_units_of_positions(column: str, unit: str) -> None:
@@ -162,6 +163,7 @@ def test_units_of_positions(column: str, unit: str) -> None:
     [
         *(("dq1 [rad/s]", "rad/s"), ("dq1 [°/s]", "deg/s"), ("Joint 1 velocity [rpm]", "rpm"), ("qd1 [1/min]", "rpm")),
         *(("speed 1 [mm/s]", "mm/s"), ("vel1_rad_s", "rad/s"), ("dq1", "deg/s")),  # that of the positions, per s
+        *(("vel1 [turns/s]", "rev/s"), ("dq1 [rev/s]", "rev/s")),
     ],
 )
 def test_units_of_velocities(column: str, unit: str) -> None:
@@ -180,7 +182,7 @@ def test_units_of_torques(column: str, unit: str) -> None:
 
 
 def test_a_unit_that_is_not_known_is_a_question() -> None:
-    assert "no columns that look like positions" in question(["t", "q1 [turns]", "tau1"], 1)
+    assert "no columns that look like positions" in question(["t", "q1 [gon]", "tau1"], 1)
 
 
 def test_what_is_stated_comes_before_what_columns_say() -> None:

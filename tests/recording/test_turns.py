@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import steelyard as sy
-from steelyard.recording.conversion import turned_on
+from steelyard.recording.survey import turned_on
 
 T = np.arange(0.0, 12.0, 0.004)
 ANGLE = np.column_stack([9.0 * np.sin(0.9 * T), 2.0 * np.cos(1.3 * T)])

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from steelyard.display import text_table
-from steelyard.errors import InputError
+from steelyard.errors import InputError, SolverError
 from steelyard.feasibility.barrier import Barrier, log_determinants, minimise
 from steelyard.feasibility.feasible_set import FeasibleSet
 from steelyard.files import tell
@@ -175,7 +175,7 @@ def cross_validation(
     InputError
         For fewer than three stretches, or a prior that is impossible.
     SolverError
-        If no parameters satisfy all conditions.
+        If no parameters satisfy all conditions, or the data are too far from all that do for a fit.
     """
     if len(stretches) < FEWEST_FOLDS:
         raise InputError(f"cross-validation needs at least {FEWEST_FOLDS} stretches of data, got {len(stretches)}.")
@@ -189,9 +189,16 @@ def cross_validation(
     start = _inside(info, used, feasible_set, prior, function)
     basis = feasible_set.equation_directions
     parameters = np.empty((1 + folds, chosen, start.size))
-    parameters[0] = _path(function, start, basis)
-    # What is left out of a fold moves the fit little: all of them start from the fits of all the data, side by side.
-    others = minimise(function, np.tile(parameters[0], (folds, 1)), basis, problems=np.arange(chosen, function.count))
+    try:
+        parameters[0] = _path(function, start, basis)
+        # What is left out of a fold moves the fit little: all of them start from the fits of all the data.
+        starts = np.tile(parameters[0], (folds, 1))
+        others = minimise(function, starts, basis, problems=np.arange(chosen, function.count))
+    except np.linalg.LinAlgError as error:  # accelerations that are a million times too great do that
+        raise SolverError(
+            "the torques are so far from those of any robot like the one that is described that rounding leaves no fit "
+            "near it; find the unit or the column that is wrong with `steelyard doctor LOG ROBOT`."
+        ) from error
     parameters[1:] = others.reshape(folds, chosen, -1)
     bases = parameters @ feasible_set.K.T
     plain = np.array([solve(data.reduced(used)) for data in training])

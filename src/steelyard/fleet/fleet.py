@@ -488,6 +488,13 @@ def identify_fleet(
             f"The same data was given for {listed(pairs)}: of each two, only the first is compared with siblings; "
             "correct the paths in the manifest."
         )
+    shared = _shared(rows, copies)
+    if shared:
+        pairs = [f"{rows[first].entry.label} and {rows[k].entry.label}" for first, k in shared]
+        remarks.append(
+            f"A log was given for two entries, {listed(pairs)}: they are alike in it, and others may seem to differ; "
+            "correct the paths in the manifest (the pattern A-1*.csv finds the logs of A-10, too)."
+        )
     blind = sum(not row.reason and row.entry.gives_informations for row in rows)
     if blind:
         remarks.append(
@@ -574,6 +581,18 @@ def _copies(rows: Sequence[RobotRow]) -> dict[int, int]:
             if before != number:
                 found[number] = before
     return found
+
+
+def _shared(rows: Sequence[RobotRow], copies: Container[int]) -> list[tuple[int, int]]:
+    """Pairs of rows to which one of several logs was given twice."""
+    first: dict[str, int] = {}
+    found: dict[tuple[int, int], None] = {}
+    for number, row in enumerate(rows):
+        for content in row.values.get("contents", ()) if number not in copies else ():
+            before = first.setdefault(content, number)
+            if before != number:
+                found[before, number] = None
+    return list(found)
 
 
 def _is_short(row: RobotRow) -> bool:

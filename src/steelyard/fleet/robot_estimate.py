@@ -209,7 +209,8 @@ def _estimate(task: dict[str, Any]) -> dict[str, Any]:
     assert estimate.parameters is not None
     validation, others = _validation(known, task["validate"])
     given += [(path, "validation", part) for path, part in zip(task["validate"], validation, strict=True)]
-    copies = copies_among(given, {name: content_hashes(name) for name, _, _ in given})
+    contents = {name: content_hashes(name) for name, _, _ in given}
+    copies = copies_among(given, contents)
     remarks += copies.values()
     validation = [part for index, (_, role, part) in enumerate(given) if role == "validation" and index not in copies]
     few = [
@@ -246,6 +247,7 @@ def _estimate(task: dict[str, Any]) -> dict[str, Any]:
         "reason": "",
         "with_rotors": model is not known.stated,
         "rows": information.count,
+        "contents": ["".join(contents[name]) for name, role, _ in given if role == "identification"],
         "base": unconstrained.base,
         "covariance": covariance.matrix,
         "freedom": covariance.degrees_of_freedom,

@@ -274,6 +274,9 @@ class _Patient:
         survey = LogSurvey.of(recording)
         diagnosis = recording.diagnose()
         clock = self._clock(recording, self._whole_clock(diagnosis.clock))
+        for statement in survey.jump_remarks():
+            advice = "Cut the log there, and give the pieces that are right as logs of their own; filters spread jumps."
+            self.add(Finding("position jumps", statement, "wrong", 1.0, advice=advice))
         self._signals(recording, diagnosis)
         suspect = self._units(survey)
         information = None

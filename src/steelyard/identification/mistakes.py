@@ -62,7 +62,7 @@ MANY_JOINTS, TOO_MANY_JOINTS = 10, 20
 minute and a half for a humanoid of 32 joints."""
 FEWEST = 50
 """Samples of each joint below which a log tells too little."""
-THOUSAND, DEGREE = 1e3, np.pi / 180.0
+THOUSAND, DEGREE, TURN = 1e3, np.pi / 180.0, 2.0 * np.pi
 MOTION_UNITS = ("position unit", "gear ratio", "time unit")
 TERMS = {
     "rotor_inertia": "The model lacks the inertia of the rotors",
@@ -466,8 +466,9 @@ class _Search:
         if "torque unit" in gaining:  # any smaller factor makes torques fit that are too large, too
             self._once(self._whole_factor)
         found = bool(gaining)
-        if found:  # rotors behind gears make torques as large as a wrong unit or a payload would
+        if found:  # rotors behind gears make torques as large as a wrong unit or a payload would, and units make rotors
             self._once(self._missing_terms)
+            self._once(self._units)
         return poor or found
 
     def _once(self, attempt: Callable[[], None]) -> None:
@@ -747,6 +748,8 @@ class _Search:
         changes: list[tuple[str, str, NDArray[np.bool_], float]] = []
         for factor, said in ((DEGREE, "in degrees"), (1.0 / DEGREE, "57.3 times too small, radians taken for degrees")):
             changes.append(("The positions", said, turning, factor))
+        # Drives that count revolutions do so at all joints.
+        changes.append(("The positions", "in revolutions", turning, TURN))
         for factor, said in ((1.0 / THOUSAND, "in mm"), (THOUSAND, "a thousand times too small, m taken for mm")):
             changes.append(("The positions of the sliding joints", said, ~turning, factor))
         if turning.any() and not turning.all():  # a controller that shows degrees shows mm, too
@@ -758,7 +761,7 @@ class _Search:
                 continue
             matrix = np.diag(np.where(which, factor, 1.0))
             self._try("position unit", f"{what} look to be {said}", Correction(positions=matrix), 2.0, anywhere=True)
-            if which.sum() == 1:
+            if which.sum() == 1 or factor == TURN:
                 continue
             for k in np.flatnonzero(which):
                 matrix = np.diag(np.where(np.arange(n) == k, factor, 1.0))

@@ -16,6 +16,7 @@ from steelyard.excitation.motion_limits import MotionLimits
 from steelyard.feasibility.constraints import MeasuredMass, TotalMass
 from steelyard.files import listed
 from steelyard.recording.diagnosis import remedy_of
+from steelyard.recording.survey import JUMPED
 from steelyard.regression import Information, least_squares
 
 from .doubts import heavy_ends
@@ -160,6 +161,7 @@ def _steps(identification: Identification) -> Iterator[NextStep]:
     sure, doubtful = ([step for is_sure, step in mistakes if is_sure is wanted] for wanted in (True, False))
     yield from sure
     yield from _scale(identification)
+    yield from _jumps(identification)
     yield from _clipped(identification)
     yield from _events(identification)
     yield from _drifts(identification)
@@ -274,6 +276,17 @@ def _scale(identification: Identification) -> Iterator[NextStep]:
         mends = "With the line below the log agrees with the description." if scale.settings else words
         yield NextStep(
             f"Check the scale of the {scale.of}, and identify again.", f"{scale.sentence} {mends}", scale.toml, "toml"
+        )
+
+
+def _jumps(identification: Identification) -> Iterator[NextStep]:
+    """Positions that jump, of which filters make a push that no torque explains."""
+    for said in [remark for remark in identification.remarks if JUMPED in remark][:1]:
+        yield NextStep(
+            "Cut the log where a position jumps, and identify the pieces that are right as logs of their own.",
+            said,
+            _doctor_command(identification, [*identification.logs, *identification.validation_logs]),
+            "console",
         )
 
 

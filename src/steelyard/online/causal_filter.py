@@ -90,12 +90,20 @@ class CausalMotionFilter:
     joints : int
     derived : {0, 1}
         How many derivatives are measured: with 1, velocities come with the positions, and only these are derived.
+
+    Attributes
+    ----------
+    velocity_noise : ndarray
+        (S', N): the standard deviation that the noise of all samples so far makes of each velocity that `add` returned
+        last, from fourth differences, which no motion shows in.
     """
 
     def __init__(self, rate: float, cutoff: float, order: int, joints: int, derived: int = 0) -> None:
         self.kernels = motion_kernels(rate, cutoff, order)
         self.delay = self.kernels.shape[1] // 2
         self.joints, self.derived = joints, derived
+        self.velocity_noise = np.zeros((0, joints))
+        self._noise = np.zeros((2, joints))  # sums of squares of fourth differences, and how many
         self.restart()
 
     def restart(self) -> None:
@@ -106,10 +114,16 @@ class CausalMotionFilter:
         """Add samples (S, N), or (S, 2 N) with velocities; return (S', 3, N), fewer while the filter fills."""
         length = self.kernels.shape[1]
         held = np.vstack([self._held, values])
+        differences = np.diff(held[max(len(self._held) - 4, 0) :, -self.joints :], 4, axis=0)
+        powers = np.stack([differences**2, np.ones_like(differences)], axis=1)
+        noise = self._noise + np.cumsum(powers, axis=0)
+        self._noise = noise[-1] if len(noise) else self._noise
         count = len(held) - length + 1
         if count <= 0:
-            self._held = held
+            self._held, self.velocity_noise = held, np.zeros((0, self.joints))
             return np.zeros((0, 3, self.joints))
+        white = float(np.linalg.norm(self.kernels[1 - self.derived]) / np.sqrt(70.0))  # 70 = 1 + 16 + 36 + 16 + 1
+        self.velocity_noise = white * np.sqrt(noise[-count:, 0] / noise[-count:, 1])
         self._held = held[count:]
         out = self.kernels @ np.lib.stride_tricks.sliding_window_view(held, length, axis=0).swapaxes(1, 2)
         if not self.derived:

@@ -153,7 +153,8 @@ class EvenStream:
         for key, text in (
             (
                 "not finite",
-                "samples had a time or a position that is no finite number, or beyond 1e12; they were left out",
+                "samples had a time or a position that is no finite number, or beyond 1e12, as times since 1970 are in "
+                "ms and ns, where s are expected; they were left out",
             ),
             ("repeated", "samples had the time stamp of the one before; they were left out"),
             ("late", "samples had a time before that of the one before; they were left out"),

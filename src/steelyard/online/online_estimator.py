@@ -78,6 +78,9 @@ MISFIT = 0.2
 """Part of the weighted torques that an answer leaves, from which it is told where least squares leave less than half of
 that: what is assumed of the robot beyond what bodies can be then makes most of the error."""
 
+NOISE_DEVIATIONS = 3.0
+"""Standard deviations of the noise of a velocity below which its sign, and so that of friction, is not certain."""
+
 DETECTION = 0.05
 """s over which residuals are averaged to notice a change; see `ChangeDetector`."""
 
@@ -202,7 +205,8 @@ class OnlineEstimator:
         s up to which missing samples are interpolated; over longer gaps the filter starts anew. By default 0.02 s, or
         five sample times where these are longer.
     least_speed : float
-        rad/s or m/s, below which a joint counts as at rest.
+        rad/s or m/s, below which a joint counts as at rest; at least three standard deviations of the noise of its
+        velocity, where that is filtered.
 
     Raises
     ------
@@ -411,7 +415,7 @@ class OnlineEstimator:
         N = self.model.dof
         if self._filter is None:
             q, dq, ddq = (stretch.values[:, k * N : (k + 1) * N] for k in range(3))
-            self._reduce(stretch.t, q, dq, ddq, stretch.torque, stretch.used)
+            self._reduce(stretch.t, q, dq, ddq, stretch.torque, stretch.used, np.full_like(q, self._least_speed))
             return
         if stretch.begins:
             self._filter.restart()
@@ -427,11 +431,14 @@ class OnlineEstimator:
         t, torque, used = (each[skip:end] for each in late)
         self._late = (late[0][end:], late[1][end:], late[2][end:])
         if len(motion):
-            self._reduce(t, motion[:, 0], motion[:, 1], motion[:, 2], torque, used)
+            slowest = np.maximum(self._least_speed, NOISE_DEVIATIONS * self._filter.velocity_noise)
+            self._reduce(t, motion[:, 0], motion[:, 1], motion[:, 2], torque, used, slowest)
 
-    def _reduce(self, t: Array, q: Array, dq: Array, ddq: Array, torque: Array, used: NDArray[np.bool_]) -> None:
+    def _reduce(
+        self, t: Array, q: Array, dq: Array, ddq: Array, torque: Array, used: NDArray[np.bool_], slowest: Array
+    ) -> None:
         if self._jumps.any():
-            resting = self._jumps & (np.abs(dq) < self._least_speed)
+            resting = self._jumps & (np.abs(dq) < slowest)
             if resting.any():
                 self._at_rest += int(np.sum(resting & used))
                 used = used & ~resting
@@ -509,8 +516,8 @@ class OnlineEstimator:
         found = [*self._stream.remarks(), *self._positions.remarks()]
         if self._at_rest:
             found.append(
-                f"{self._at_rest} rows of joints that moved slower than {self._least_speed:g} rad/s (or m/s) were left "
-                "out, since friction at rest is not that of motion."
+                f"{self._at_rest} rows of joints that moved slower than {self._least_speed:g} rad/s (or m/s), or than "
+                "their encoders tell, were left out, since friction at rest is not that of motion."
             )
         if self._left[0] > MISFIT and self._left[1] < 0.5 * self._left[0]:
             found.append(
@@ -656,9 +663,14 @@ class OnlineEstimator:
 
         plain = info.reduced(None)
         if not np.all(np.diagonal(plain.R)) or not is_well_conditioned(plain.R / column_lengths(plain.R)):
-            return info.joint_weights("joint")
-        # As `joint_weights`, but not by singular values, which take as long as the whole answer.
-        return inverse_deviations(info.factors, solve_triangular(plain.R, plain.rho, check_finite=False))
+            weights = info.joint_weights("joint")
+        else:  # as `joint_weights`, but not by singular values, which take as long as the whole answer
+            weights = inverse_deviations(info.factors, solve_triangular(plain.R, plain.rho, check_finite=False))
+        # A joint of which few rows count, since it stands still, would outweigh all others: any parameters explain it.
+        for k, factor in enumerate(info.factors):
+            if 0 < factor.count < FEW * len(factor.columns) and factor.norm2 > 0.0:
+                weights[k] = min(weights[k], 1.0 / (FIRST_DEVIATION * np.sqrt(factor.norm2 / factor.count)))
+        return weights
 
     def _prior(self, deviations: Array) -> Prior:
         return distance_from(self._reference, self._set, deviations)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.recording.conversion import LEAST_JUMP, STEADY, SUDDEN, TURN
+from steelyard.recording.survey import LEAST_JUMP, STEADY, SUDDEN, TURN
 
 from .even_stream import GREATEST
 

@@ -233,6 +233,9 @@ _UNIT_SPELLINGS: Mapping[str, str] = {
     "ma": "mA",
     **dict.fromkeys(("radian", "radians"), "rad"),
     **dict.fromkeys(("°", "deg.", "degree", "degrees"), "deg"),
+    **dict.fromkeys(("turn", "turns", "revs", "revolution", "revolutions"), "rev"),
+    **dict.fromkeys(("rev/sec", "revs/s", "turn/s", "turns/s", "rev_s", "turns_s"), "rev/s"),
+    **dict.fromkeys(("rev/s^2", "rev/s2", "turn/s²", "turn/s^2", "turns/s^2"), "rev/s²"),
     **dict.fromkeys(("rad/sec", "rad s^-1", "rad*s^-1", "rad·s^-1", "rad_s", "radians/s"), "rad/s"),
     **dict.fromkeys(("°/s", "deg/sec", "deg*s^-1", "deg_s", "degrees/s"), "deg/s"),
     **dict.fromkeys(("1/min", "min^-1", "rev/min", "u/min", "r/min"), "rpm"),
@@ -246,7 +249,10 @@ _UNIT_SPELLINGS: Mapping[str, str] = {
     **dict.fromkeys(("nsec", "nanosec", "nanoseconds"), "ns"),
 }
 
-_UNIT_SUFFIXES = ("rad", "deg", "degree", "degrees", "nm", "mnm", "rpm", "mm", "rad_s", "deg_s", "ma", "amp", "amps")
+_UNIT_SUFFIXES = (
+    *("rad", "deg", "degree", "degrees", "rev", "turns", "mm", "rad_s", "deg_s", "rev_s", "turns_s", "rpm"),
+    *("nm", "mnm", "ma", "amp", "amps"),
+)
 """Units that are understood behind ``_``; shorter ones may be part of a name, such as ``arm_a``."""
 _TIME_SUFFIXES = frozenset(
     [

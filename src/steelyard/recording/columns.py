@@ -14,16 +14,25 @@ from steelyard.files import TomlSection
 __all__ = ["LogColumns"]
 
 TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
-POSITION_UNITS = {"rad": 1.0, "deg": pi / 180.0, "m": 1.0, "mm": 1e-3}
-VELOCITY_UNITS = {"rad/s": 1.0, "deg/s": pi / 180.0, "rpm": pi / 30.0, "m/s": 1.0, "mm/s": 1e-3}
-ACCELERATION_UNITS = {"rad/s²": 1.0, "deg/s²": pi / 180.0, "rpm/s": pi / 30.0, "m/s²": 1.0, "mm/s²": 1e-3}
+POSITION_UNITS = {"rad": 1.0, "deg": pi / 180.0, "rev": 2.0 * pi, "m": 1.0, "mm": 1e-3}
+VELOCITY_UNITS = {"rad/s": 1.0, "deg/s": pi / 180.0, "rev/s": 2.0 * pi, "rpm": pi / 30.0, "m/s": 1.0, "mm/s": 1e-3}
+ACCELERATION_UNITS = {
+    "rad/s²": 1.0,
+    "deg/s²": pi / 180.0,
+    "rev/s²": 2.0 * pi,
+    "rpm/s": pi / 30.0,
+    "m/s²": 1.0,
+    "mm/s²": 1e-3,
+}
 PER_SECOND = {
     "rad": "rad/s",
     "deg": "deg/s",
+    "rev": "rev/s",
     "m": "m/s",
     "mm": "mm/s",
     "rad/s": "rad/s²",
     "deg/s": "deg/s²",
+    "rev/s": "rev/s²",
     "rpm": "rpm/s",
     "m/s": "m/s²",
     "mm/s": "mm/s²",
@@ -71,9 +80,9 @@ class LogColumns(TomlSection):
         word "none" for velocity or acceleration leaves columns that are in the log unread.
     position_unit, velocity_unit, torque_unit
         One unit, or a list with one per column; where some joints turn and others slide, one unit is that of its kind,
-        and the other kind has rad or m. Positions: rad, deg, m, mm. Velocities (and accelerations, per s more):
-        rad/s, deg/s, rpm, m/s, mm/s; by default that of the positions per s. Torques: N·m, mN·m, N; A, mA with `gain`.
-        By default what the names of the columns say, otherwise rad and N·m.
+        and the other kind has rad or m. Positions: rad, deg, rev, m, mm. Velocities (and accelerations, per s more):
+        rad/s, deg/s, rev/s, rpm, m/s, mm/s; by default that of the positions per s. Torques: N·m, mN·m, N; A, mA with
+        `gain`. By default what the names of the columns say, otherwise rad and N·m.
     position_matrix, position_offset
         (N, M) and (N,): q = position_matrix @ columns + position_offset, both after the units; the matrix also
         turns velocities and accelerations. Numbers, or strings such as "1/45" and "-pi/2".

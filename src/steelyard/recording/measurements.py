@@ -21,6 +21,9 @@ if TYPE_CHECKING:
 __all__ = ["Measurements", "check_order", "check_period"]
 
 SHORTEST_PERIOD, LONGEST_PERIOD = 1e-6, 0.5  # s
+PAUSE = 10.0
+"""Periods between two rows from which nothing was recorded: runs and episodes that follow each other in one file may be
+minutes apart, or days, which say nothing of the rate."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -113,12 +116,16 @@ class Measurements:
 
     @property
     def rate(self) -> float:
-        """Mean sample rate in Hz, or the stated one."""
+        """Mean sample rate in Hz between pauses, or the stated one."""
         if self.stated_rate is not None:
             return self.stated_rate
         if self.count < 2:
             raise InputError(f"{self.source} has a single row; a sample rate needs two at least.")
-        return float((self.count - 1) / (self.t[-1] - self.t[0]))
+        steps, duration = np.diff(self.t), self.duration
+        if steps.max() > PAUSE * duration / len(steps):
+            steps = steps[steps <= PAUSE * np.median(steps)]
+            duration = float(steps.sum())
+        return len(steps) / duration
 
     @property
     def duration(self) -> float:

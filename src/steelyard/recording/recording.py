@@ -18,7 +18,7 @@ from . import diagnosis  # as are these
 from .automatic import decide, settle
 from .clock import CLOCK_ROWS, FEWEST_ROWS
 from .columns import LogColumns
-from .conversion import clock_at, convert, log_columns, signals_fields, times, turn_remarks
+from .conversion import clock_at, convert, log_columns, signals_fields, times
 from .cutoff import CutoffChoice
 from .diagnosis import find_missing
 from .even import evened
@@ -27,7 +27,7 @@ from .measurements import Measurements, check_period
 from .options import Processing
 from .recognition import Joints, names_of
 from .samples import Samples
-from .survey import LogSurvey
+from .survey import LogSurvey, turn_remarks
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.display import capital
+from steelyard.display import capital, joint_label
 from steelyard.errors import InputError
 from steelyard.files import listed
 from steelyard.files.arguments import LARGEST
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 
-__all__ = ["LogSurvey", "stuck_torques"]
+__all__ = ["LogSurvey", "position_jumps", "stuck_torques", "turn_remarks", "turned_on", "without_wild"]
 
 Array = NDArray[np.float64]
 DEGREE = pi / 180.0
@@ -59,6 +59,27 @@ MOVING = 5e-3
 """Root mean square velocity (rad/s or m/s) from which a joint counts as moving."""
 
 
+TURN = 2.0 * np.pi
+STEADY = 0.5
+"""rad that a joint moves between two rows at most, at a jump and in the steps on either side of it: 25 rad/s at 50 Hz.
+Motors in front of gears turn faster, and what jumps there stays as it is."""
+
+SUDDEN = 20.0
+"""rad/s or m/s by which no joint changes its velocity from one row to the next. Knees of legged robots turn at this
+speed, wrists of arms at a third of it; a link of an arm that meets a wall loses less."""
+
+LEAST_JUMP = 0.05
+"""rad or m; a smaller jump may be one count of a coarse encoder. Five of twice the size in 20 s of an arm that moves at
+1 rad/s move estimates by as much as noise does."""
+
+FEW = 0.01
+"""Part of the rows of a joint up to which single positions count as wild: more are no readings that went wrong."""
+JUMPED = "further than a joint moves from one row to the next"
+"""What a remark on positions that jump says, and no other."""
+STILL = 0.05
+"""s from which it is told that a position stood still before it jumped."""
+
+
 _SUMS = ("count", "_far", "_whole", "_filled", "_steps", "_swift", "_blocks", "_products", "_derived", "_averaged")
 """The attributes of a survey that are added where another one of the rows that follow joins it."""
 
@@ -86,6 +107,7 @@ class LogSurvey:
         self._steps, self._swift = 0, np.empty((2, 0), dtype=int)  # blocks, and those faster than wheels and motors
         self._blocks = 0
         self._products = self._derived = self._averaged = np.empty(0)
+        self._jumps = np.empty((0, 4))  # since when the position stood still, s; when it jumped, s; joint; by how much
 
     @classmethod
     def of(cls, recording: Measurements) -> Self:
@@ -118,6 +140,7 @@ class LogSurvey:
         for index, flags in enumerate((recording.position_missing, recording.torque_missing)):
             self._filled[index] += 0 if flags is None else int(flags[rows].sum())
         if stop - start > 2:
+            self._see_jumps(recording.t[rows], q)
             self._see_speeds(recording.t[rows], q, recording.rate)
             if recording.velocity is not None:
                 self._compare(recording.t[rows], q, recording.velocity[rows], recording.rate)
@@ -125,19 +148,20 @@ class LogSurvey:
     @property
     def state(self) -> dict[str, NDArray[Any]]:
         """What was gathered of rows of a log, as plain arrays for `join`, perhaps in another process."""
-        return {name: np.asarray(getattr(self, name)) for name in ("q", "torque", "speed", *_SUMS)}
+        return {name: np.asarray(getattr(self, name)) for name in ("q", "torque", "speed", "_jumps", *_SUMS)}
 
     def join(self, state: Mapping[str, NDArray[Any]], first: Measurements) -> None:
         """Take in what was gathered of the rows that follow, of a log whose first row is the first of `first`."""
         if self._log is None:
             self._log, self._rate = first.chosen(np.arange(first.count) == 0), first.rate
-            self.q, self.torque, self.speed = state["q"], state["torque"], state["speed"]
+            self.q, self.torque, self.speed, self._jumps = (state[key] for key in ("q", "torque", "speed", "_jumps"))
             for name in _SUMS:
                 setattr(self, name, state[name])
             return
         for name in ("q", "torque"):
             self._widen(name, *state[name])
         self.speed = np.maximum(self.speed, state["speed"])
+        self._jumps = np.concatenate([self._jumps, state["_jumps"]])
         for name in _SUMS:
             setattr(self, name, getattr(self, name) + state[name])
 
@@ -145,11 +169,22 @@ class LogSurvey:
         low, high = getattr(self, name)
         setattr(self, name, np.stack([np.minimum(low, lowest), np.maximum(high, highest)]))
 
+    def _see_jumps(self, t: Array, q: Array) -> None:
+        found = []
+        for j, rows in enumerate(position_jumps(t, q)):
+            for row in map(int, rows):
+                moving = np.flatnonzero(q[: row - 1, j] != q[row - 1, j])
+                since = t[moving[-1] + 1] if len(moving) else t[0]
+                found.append((since, t[row], j, q[row, j] - q[row - 1, j]))
+        self._jumps = np.concatenate([self._jumps, np.reshape(found, (-1, 4))])
+
     def _see_speeds(self, t: Array, q: Array, rate: float) -> None:
         size = max(1, round(BLOCK * rate))
         coarse, stamps = q[::size], t[::size]
         if stamps.size > 1:
             speed = np.abs(np.diff(coarse, axis=0) / np.diff(stamps)[:, None])
+            for _, at, joint, _ in self._jumps:  # no joint moves as fast as it jumps
+                speed[(stamps[:-1] < at) & (at <= stamps[1:]), int(joint)] = 0.0
             self.speed = np.maximum(self.speed, speed.max(axis=0))
             self._steps += len(speed)
             swift = [np.count_nonzero(speed > fastest, axis=0) for fastest in (FASTEST_WHEEL, FASTEST_MOTOR)]
@@ -205,6 +240,7 @@ class LogSurvey:
         return (
             *self.velocity_remarks(),
             *self._standstill_remarks(),
+            *self.jump_remarks(),
             *self.unit_remarks(),
             *self._filled_remarks(),
         )
@@ -336,6 +372,20 @@ class LogSurvey:
                 )
         return tuple(remarks)
 
+    def jump_remarks(self) -> tuple[str, ...]:
+        """Remark, for all joints together, on positions that jump and stay there."""
+        if not len(self._jumps):
+            return ()
+        since, at, joint, size = min(self._jumps.tolist(), key=lambda jump: jump[1])
+        still = f", after it stood still for {at - since:.2g} s" if at - since > STILL else ""
+        names = listed([self.label(j) for j in sorted({int(j) for j in self._jumps[:, 2]})], MOST_NAMED)
+        more = f" ({len(self._jumps)} such jumps, of {names})" if len(self._jumps) > 1 else ""
+        return (
+            f"The position of {self.label(int(joint))} jumps by {size:.3g} at t = {at:.9g} s{still}, and goes on from "
+            f"there{more}, {JUMPED}: an encoder slipped, was set to another zero or stood still, or two runs follow "
+            "each other.",
+        )
+
     def unit_remarks(self) -> tuple[str, ...]:
         """Remark, for all joints together, on rates, positions and speeds that no robot has, and on units to blame."""
         remarks = []
@@ -424,8 +474,11 @@ class LogSurvey:
             for j, (times, least) in enumerate(beyond[one] for one in usual)
             if j in outside and max(-reach_low[j], reach_high[j]) > times * max(abs(low[j]), abs(high[j]), least)
         ]
-        wrong = {usual[j] for j in far}  # joints of one kind have one unit as a rule
+        layout = self.first_row.layout
+        read = () if layout is None else layout.units["position"]
         smaller = {"rad": ("deg", DEGREE), "m": ("mm", 1e-3)}
+        # Joints of one kind have one unit as a rule. What was read as degrees or millimetres is not so once more.
+        wrong = {usual[j] for j in far if len(read) != len(usual) or read[j] in smaller}
         told, scales = zip(*(smaller[one] if one in wrong else (one, 1.0) for one in usual), strict=True)
         if far and all(fits(j, j, scales[j]) for j in joints):
             j = far[0]
@@ -491,3 +544,152 @@ def stuck_torques(
 ) -> NDArray[np.int64]:
     """Return the joints that move while their torque is one number, by extremes of torque and travel (rad or m)."""
     return np.flatnonzero((lowest == highest) & (travel > 1e-3))
+
+
+@np.errstate(over="ignore", invalid="ignore")  # the step between two huge numbers is infinite, and no turn
+def turned_on(q: NDArray[np.float64]) -> tuple[NDArray[np.float64], tuple[int, ...]]:
+    """Take jumps by a whole turn out of positions, as encoders of joints that turn on and on make them.
+
+    A jump counts where the joint moves on after it as before: what is left of the step without the turn is small, and
+    so are the steps before and after. No joint that slides jumps by 6.283 m.
+
+    Parameters
+    ----------
+    q : ndarray
+        (S, N), rad or m; NaN where values are missing.
+
+    Returns
+    -------
+    ndarray
+        (S, N), with the first row as it was; `q` itself where nothing jumps.
+    tuple of int
+        How many jumps each joint had.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> angle = np.linspace(0.0, 15.0, 200)
+    >>> found, jumps = turned_on(np.mod(angle, 2 * np.pi)[:, None])
+    >>> bool(np.allclose(found[:, 0], angle)), jumps
+    (True, (2,))
+    """
+    jumps = np.zeros(q.shape[1], dtype=int)
+    result = q
+    low, high = column_extremes(q)
+    far = ~(high - low <= TURN - STEADY)  # true also where values are missing
+    for j in map(int, np.flatnonzero(far)):  # no step of the others is as long
+        there = np.flatnonzero(np.isfinite(q[:, j]))
+        steps = np.diff(q[there, j])
+        of_turns = np.flatnonzero(np.abs(np.abs(steps) - TURN) < STEADY)
+        if not len(of_turns) or np.median(np.abs(steps)) >= STEADY:
+            continue
+        # Noise makes several jumps in a row, to and fro; the steps before and after them are small.
+        others = np.delete(np.arange(-1, len(steps) + 1), of_turns + 1)
+        small = np.concatenate([[True], np.abs(steps) < STEADY, [True]])[others + 1]
+        after = np.searchsorted(others, of_turns)
+        of_turns = of_turns[small[after - 1] & small[after]]
+        jumps[j] = len(of_turns)
+        if len(of_turns):
+            change = np.zeros(len(there))
+            change[of_turns + 1] = -np.sign(steps[of_turns]) * TURN
+            turns = np.cumsum(change)
+            result = result.copy() if result is q else result
+            result[there, j] += turns
+    return result, tuple(jumps.tolist())
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def without_wild(t: NDArray[np.float64], q: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Make single positions missing that are far from both their neighbours, which are near each other.
+
+    A filter makes an acceleration of a wild reading over its whole response, which the model takes for true: *measured*
+    on an arm of three joints, five readings that were 1 rad off, of 20 000, moved estimates by up to 10 standard
+    errors, and the prediction was good.
+
+    Parameters
+    ----------
+    t : ndarray
+        (S,) s.
+    q : ndarray
+        (S, N), rad or m; NaN where values are missing.
+
+    Returns
+    -------
+    ndarray
+        (S, N), `q` itself where nothing is wild.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.arange(200) / 100
+    >>> angle = np.sin(t)[:, None]
+    >>> angle[70] += 1.0
+    >>> np.flatnonzero(np.isnan(without_wild(t, angle))).tolist()
+    [70]
+    """
+    result = q
+    if len(q) < 3:
+        return q
+    low, high = column_extremes(np.diff(q, axis=0))
+    unlike = ~((low >= -LEAST_JUMP) & (high <= LEAST_JUMP))  # true also where values are missing
+    for j in map(int, np.flatnonzero(unlike)):
+        steps = np.diff(q[:, j])
+        far = np.flatnonzero(np.abs(steps) > LEAST_JUMP)
+        rows = np.intersect1d(far + 1, far, assume_unique=True)  # with a long step before and one after
+        if not len(rows) or rows.size > FEW * len(q):
+            continue
+        most = np.maximum(SUDDEN * (t[rows + 1] - t[rows - 1]), LEAST_JUMP)
+        before, after = steps[rows - 1], steps[rows]
+        off = (np.minimum(np.abs(before), np.abs(after)) > most) & (np.abs(before + after) <= most)
+        off &= np.abs(q[rows, j]) <= LARGEST  # beyond it is damage, for which a log is refused
+        if off.any():
+            result = result.copy() if result is q else result
+            result[rows[off], j] = np.nan
+    return result
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def position_jumps(t: NDArray[np.float64], q: NDArray[np.float64]) -> tuple[NDArray[np.intp], ...]:
+    """Find rows whose position is further from the row before than a joint moves, and which the next rows follow.
+
+    An encoder does so that slips, is set to another zero, or goes on after it stood still; and two runs without a pause
+    between their stamps. A filter makes a push of it that no torque explains.
+
+    Parameters
+    ----------
+    t : ndarray
+        (S,) s.
+    q : ndarray
+        (S, N), rad or m, without wild readings.
+
+    Returns
+    -------
+    tuple of ndarray
+        The rows of each joint; none where they are so many that the position is noise, or another quantity.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> t = np.arange(200) / 100
+    >>> angle = np.sin(t)[:, None]
+    >>> angle[70:] += 1.0
+    >>> [rows.tolist() for rows in position_jumps(t, angle)]
+    [[70]]
+    """
+    found = []
+    for steps in np.diff(q, axis=0).T:
+        here = steps[1:-1]
+        off = np.minimum(np.abs(here - steps[:-2]), np.abs(here - steps[2:]))
+        rows = np.flatnonzero(off > np.maximum(SUDDEN * np.diff(t)[1:-1], LEAST_JUMP)) + 2
+        found.append(rows if rows.size <= FEW * len(q) else rows[:0])
+    return tuple(found)
+
+
+def turn_remarks(q: NDArray[np.float64], joint_names: Sequence[str] | None = None) -> tuple[str, ...]:
+    """Say of which joints positions (S, N) jump by whole turns, which reading takes out."""
+    return tuple(
+        f"The position of {joint_label(j, joint_names)} jumps by a turn {count} "
+        f"time{'s' * (count > 1)}: it was logged modulo a turn, and was put together."
+        for j, count in enumerate(turned_on(q)[1])
+        if count
+    )

@@ -90,7 +90,8 @@ class ArrayLog(LogFile):
         self, arrays: Sequence[StoredArray], texts: Mapping[tuple[str, ...], Sequence[str]], has_objects: bool
     ) -> None:
         """Take note of all arrays of numbers, of the lists of texts, and of whether there are objects of MATLAB."""
-        self._labels = next((tuple(found) for path, found in texts.items() if path[-1].lower() in LABELS), ())
+        lists = (tuple(found) for path, found in texts.items() if path[-1].lower() in LABELS)
+        self._labels = next((found for found in lists if len(found) > 1), ())  # a single `name` is that of the log
         arrays = [*arrays, *(one for path, found in texts.items() if (one := dates_stored(path, found)) is not None)]
         matrices = [matrix for matrix in _matrices(arrays) if matrix.width <= MOST_JOINTS]
         common = _common_groups([matrix.stored.path for matrix in matrices])

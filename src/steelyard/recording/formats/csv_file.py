@@ -38,7 +38,7 @@ HEAD_LINES = 100
 """First lines by which the dialect is told."""
 MISSING = ("", "na", "null", "none", "nan", "-nan", "+nan")
 UNIT = re.compile(
-    r"[\[(]?(s|ms|us|µs|ns|rad|deg|°|m|mm|m?n[ ·*]?m|n|m?a|rpm|-|1|(rad|deg|°|m|mm)/s(²|\^?2)?)?[\])]?", re.IGNORECASE
+    r"[\[(]?(s|ms|us|µs|ns|(rad|deg|°|rev|turns?|m|mm)(/s(²|\^?2)?)?|m?n[ ·*]?m|n|m?a|rpm|-|1)?[\])]?", re.IGNORECASE
 )
 """What stands in a line of units below the names."""
 
