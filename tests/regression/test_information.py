@@ -88,6 +88,29 @@ def test_joint_weights_are_equations_4_30_to_4_36(arm):
     np.testing.assert_allclose(explicit.base, estimate.base, rtol=1e-8, atol=1e-11)
 
 
+def test_a_joint_of_two_rows_outweighs_no_other():
+    """Both are met exactly by parameters of that joint alone, and so say nothing of its noise."""
+    robot = sy.Robot.from_dh([("pi/2", 0, 0.3, "q"), (0, 0.4, 0, "q")])
+    model = sy.Model(robot.with_terms(sy.Viscous(), sy.Coulomb(), sy.Offset()))
+    random = np.random.default_rng(0)
+    parameters, t = random.uniform(0.2, 1.0, model.parameter_count), np.arange(3000) / 100
+    speeds = random.uniform(1.0, 5.0, (2, 2, 1))
+    parts = [sum(np.sin(w * t + k + s * np.pi / 2) * w**s for k, w in enumerate(speeds)).T for s in range(3)]
+    exact = model.inverse_dynamics(*parts, parameters)
+    mask = np.ones(exact.shape, bool)
+    mask[:, 1] = False
+    mask[[700, 1900], 1] = True
+    noisy = exact + 0.1 * random.standard_normal(exact.shape)
+    q, dq, ddq = parts
+    info = sy.Information.from_samples(model, sy.Samples(q=q, dq=dq, ddq=ddq, torque=noisy, mask=mask))
+    weights = info.joint_weights("joint")
+    assert weights[0] == pytest.approx(10.0, rel=0.03)
+    assert weights[1] < weights[0]
+    W = np.asarray(model.kernel("regressor", base=True)(q, dq, ddq)).reshape(len(q), 2, -1)
+    error = np.linalg.norm(W[:, 0] @ sy.least_squares(info, "joint").base - exact[:, 0])
+    assert error < 1e-3 * np.linalg.norm(exact[:, 0])  # 5e-3 where the two rows were taken for exact
+
+
 def test_masked_rows_count_for_nothing(arm):
     random = np.random.default_rng(1)
     mask = random.random((300, 3)) > 0.4

@@ -30,7 +30,7 @@ from steelyard.files.arguments import read_number, real_array
 from steelyard.recording.even import PERIODS_FILLED, TIME_FILLED
 from steelyard.regression import Estimate, Factor, Information, ParameterCovariance
 from steelyard.regression.factor import Reduced, column_lengths, is_well_conditioned, solve
-from steelyard.regression.information import inverse_deviations
+from steelyard.regression.information import FIRST_DEVIATION, inverse_deviations
 from steelyard.regression.parameter_covariance import NORMAL
 from steelyard.regression.reduction import residuals_of_rows, rows_of_entries
 
@@ -59,10 +59,6 @@ SCALING = 4.0
 
 FEW = 20.0
 """Rows for each base parameter below which the residual tells little of the noise."""
-
-FIRST_DEVIATION = 0.03
-"""The deviation of the torques, relative to them, by noise and errors of the model that is assumed at least while rows
-are few. Without it, the first dozens of rows, which any parameters explain, would count as exact."""
 
 START = 0.1
 """Terms start at this part of their usual deviation: anywhere inside does."""
@@ -663,14 +659,10 @@ class OnlineEstimator:
 
         plain = info.reduced(None)
         if not np.all(np.diagonal(plain.R)) or not is_well_conditioned(plain.R / column_lengths(plain.R)):
-            weights = info.joint_weights("joint")
-        else:  # as `joint_weights`, but not by singular values, which take as long as the whole answer
-            weights = inverse_deviations(info.factors, solve_triangular(plain.R, plain.rho, check_finite=False))
-        # A joint of which few rows count, since it stands still, would outweigh all others: any parameters explain it.
-        for k, factor in enumerate(info.factors):
-            if 0 < factor.count < FEW * len(factor.columns) and factor.norm2 > 0.0:
-                weights[k] = min(weights[k], 1.0 / (FIRST_DEVIATION * np.sqrt(factor.norm2 / factor.count)))
-        return weights
+            base = solve(plain)
+        else:  # not by singular values, which take as long as the whole answer
+            base = solve_triangular(plain.R, plain.rho, check_finite=False)
+        return inverse_deviations(info.factors, base, FEW)
 
     def _prior(self, deviations: Array) -> Prior:
         return distance_from(self._reference, self._set, deviations)

@@ -28,12 +28,16 @@ from .time_blocks import FOLDS, TimeBlocks
 if TYPE_CHECKING:
     from steelyard.dynamics import Model
 
-__all__ = ["Information", "inverse_deviations"]
+__all__ = ["FIRST_DEVIATION", "Information", "inverse_deviations"]
 
 Array = NDArray[np.float64]
 Kept = TypeVar("Kept")
 FORMAT = "steelyard-information-2"
 
+
+FIRST_DEVIATION = 0.03
+"""The deviation of the torques, relative to them, by noise and errors of the model that is assumed at least while rows
+are few. Without it, the first dozens of rows, which any parameters explain, would count as exact."""
 
 FILTERED = (
     "Torques were filtered or decimated, and the regressor of this model was not, which keeps the jumps of friction "
@@ -652,7 +656,7 @@ def _finite(rows: Any) -> NDArray[np.float64]:
     return matrix
 
 
-def inverse_deviations(factors: Sequence[Factor], base: Array) -> Array:
+def inverse_deviations(factors: Sequence[Factor], base: Array, fewest: float = 1.0) -> Array:
     """Return the inverse standard deviations of the residuals of each joint (thesis eq. 4.32, 4.33).
 
     Parameters
@@ -661,6 +665,9 @@ def inverse_deviations(factors: Sequence[Factor], base: Array) -> Array:
         The rows of each of N joints, unweighted.
     base : (n_b,)
         Base parameters of ordinary least squares, whose residuals they are.
+    fewest : float
+        Rows for each column of a joint up to which its residual tells little of its noise, since any parameters explain
+        so few. Of such a joint a deviation of `FIRST_DEVIATION` is assumed at least.
 
     Returns
     -------
@@ -676,6 +683,10 @@ def inverse_deviations(factors: Sequence[Factor], base: Array) -> Array:
     """
     freedom = [max(f.count - len(base), 1) for f in factors]
     values = np.sqrt([f.residual2(base) / n for f, n in zip(factors, freedom, strict=True)])
+    # A joint that hardly moves may have two rows that count, which would be met exactly, whatever all others say.
+    few = [0 < f.count <= fewest * len(f.columns) for f in factors]
+    torques = np.sqrt([f.norm2 / max(f.count, 1) for f in factors])
+    values = np.where(few, np.maximum(values, FIRST_DEVIATION * torques), values)
     # A joint without noise or without rows would get an infinite weight: bound it by the others.
     largest = float(values.max(initial=0.0))
     if largest == 0.0:
