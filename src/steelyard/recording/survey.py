@@ -628,11 +628,7 @@ def without_wild(t: NDArray[np.float64], q: NDArray[np.float64]) -> NDArray[np.f
     [70]
     """
     result = q
-    if len(q) < 3:
-        return q
-    low, high = column_extremes(np.diff(q, axis=0))
-    unlike = ~((low >= -LEAST_JUMP) & (high <= LEAST_JUMP))  # true also where values are missing
-    for j in map(int, np.flatnonzero(unlike)):
+    for j in _joints_that_step(q, LEAST_JUMP):
         steps = np.diff(q[:, j])
         far = np.flatnonzero(np.abs(steps) > LEAST_JUMP)
         rows = np.intersect1d(far + 1, far, assume_unique=True)  # with a long step before and one after
@@ -676,13 +672,22 @@ def position_jumps(t: NDArray[np.float64], q: NDArray[np.float64]) -> tuple[NDAr
     >>> [rows.tolist() for rows in position_jumps(t, angle)]
     [[70]]
     """
-    found = []
-    for steps in np.diff(q, axis=0).T:
+    found = [np.empty(0, np.intp) for _ in range(q.shape[1])]
+    for j in _joints_that_step(q, 0.5 * LEAST_JUMP):  # two steps differ by no more than twice the longest
+        steps = np.diff(q[:, j])
         here = steps[1:-1]
         off = np.minimum(np.abs(here - steps[:-2]), np.abs(here - steps[2:]))
         rows = np.flatnonzero(off > np.maximum(SUDDEN * np.diff(t)[1:-1], LEAST_JUMP)) + 2
-        found.append(rows if rows.size <= FEW * len(q) else rows[:0])
+        found[j] = rows if rows.size <= FEW * len(q) else rows[:0]
     return tuple(found)
+
+
+def _joints_that_step(q: NDArray[np.float64], longest: float) -> list[int]:
+    """Return the joints, from 0, whose position has a longer step from row to row, or is missing somewhere."""
+    if len(q) < 3:
+        return []
+    low, high = column_extremes(np.diff(q, axis=0))
+    return [int(j) for j in np.flatnonzero(~((low >= -longest) & (high <= longest)))]
 
 
 def turn_remarks(q: NDArray[np.float64], joint_names: Sequence[str] | None = None) -> tuple[str, ...]:
