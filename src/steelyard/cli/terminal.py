@@ -598,8 +598,8 @@ def show_on_the_fly(done: SimulatedExcitation) -> None:
     console = Console(highlight=False)
     excitation = done.excitation
     _say(console, f"{excitation.model.robot.name}, simulated; the robot is {done.truth}.")
-    for gap in (*excitation.unchecked, *excitation.limits.widening(excitation.model.robot)):
-        _say(console, gap)
+    for note in done.limit_notes:
+        _say(console, note)
     rows = [
         (
             f"{step.time:.1f}",

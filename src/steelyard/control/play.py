@@ -24,6 +24,7 @@ from steelyard.simulation import (
     StoppingConditions,
     simulate,
 )
+from steelyard.simulation.simulation_result import IMPOSSIBLE
 
 from .feedforward_tracking import FeedforwardTracking
 from .joint_references import TrajectoryReference
@@ -271,8 +272,11 @@ def _log(
     if result.status is not Status.FINISHED:
         remedy = "give other limits, or another controller"
         if result.status is Status.DIVERGED and not causes:
-            impossible = "not physically possible" in result.message
-            remedy = "mend these" if impossible else "lower the gains of the controller, or shorten its sample time"
+            remedy = (
+                "mend these"
+                if IMPOSSIBLE in result.message
+                else "lower the gains of the controller, or shorten its sample time"
+            )
         raise InputError(f"The robot did not get to the end of the trajectory ({result.message}){because}; {remedy}.")
     wanted = trajectory.motion(
         np.minimum(result.t % trajectory.duration if periods > 1.0 else result.t, trajectory.duration)

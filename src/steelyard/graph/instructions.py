@@ -448,7 +448,7 @@ def _scatter(lanes: int) -> list[str]:
             f"  %{label}.second = getelementptr i64, ptr %{label}.first, i64 1",
             f"  %{label}.zeros = load i64, ptr %{label}.first",
             f"  %{label}.end = load i64, ptr %{label}.second",
-            # Behind the last run come all that is left of whole blocks.
+            # Behind the last run comes all that is left of whole blocks.
             f"  %{label}.final = icmp eq i64 {run}, %count",
             f"  %{label}.stop = select i1 %{label}.final, i64 %limit, i64 %{label}.zeros",
             f"  %{label}.some = icmp slt i64 {at}, %{label}.stop",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.recording.survey import LEAST_JUMP, STEADY, SUDDEN, TURN
+from steelyard.recording.survey import STEADY, TURN, farthest
 
 from .even_stream import GREATEST
 
@@ -79,14 +79,10 @@ class PositionJumps:
             if in_order and np.all(np.abs(known) <= GREATEST):
                 times = np.maximum(steps[:, :1], 1.0 / self.rate)
                 velocities = np.vstack([self._velocity, steps[:, 1:] / times])
-                if np.all(np.abs(np.diff(velocities, axis=0)) * times <= self._most(times)):
+                if np.all(np.abs(np.diff(velocities, axis=0)) * times <= farthest(times)):
                     self._last, self._velocity = known[-1], velocities[-1]
                     return [(False, rows)]
         return self._one_by_one(rows)
-
-    @staticmethod
-    def _most(times: Array) -> Array:
-        return np.asarray(np.maximum(SUDDEN * times, LEAST_JUMP))
 
     def _one_by_one(self, rows: Array) -> list[tuple[bool, Array]]:
         width = 1 + len(self.rotates)
@@ -155,7 +151,7 @@ class PositionJumps:
     def _follows(self, before: Array, velocity: Array, after: Array) -> bool:
         time = self._time_between(before, after)
         away = np.abs(after[1:] - before[1:] - velocity * time)
-        return bool(np.all(away <= self._most(np.array(time))))
+        return bool(np.all(away <= farthest(np.array(time))))
 
     def _turns_between(self, before: Array, velocity: Array, after: Array) -> Array | None:
         """The whole turns (N,) without which a row follows the one before, rad; None where there are none."""

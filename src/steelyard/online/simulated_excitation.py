@@ -18,6 +18,7 @@ from steelyard.identification.saved import parameters_of_description, parameters
 from steelyard.regression import Estimate
 from steelyard.robot import RobotFile
 from steelyard.simulation import Event, Measurement, Sensors, SimulationResult, simulate
+from steelyard.simulation.simulation_result import IMPOSSIBLE
 
 from .active_excitation import ActiveExcitation
 from .credible_robots import CredibleRobots, random_motions
@@ -67,6 +68,12 @@ class SimulatedExcitation:
     def reached(self) -> bool:
         """Whether the expected error came down to the accuracy that was asked for."""
         return self.excitation.expected_error <= self.excitation.accuracy
+
+    @property
+    def limit_notes(self) -> tuple[str, ...]:
+        """What was not checked, and which limits are wider than those of the description, a sentence each."""
+        excitation = self.excitation
+        return (*excitation.unchecked, *excitation.limits.widening(excitation.model.robot))
 
     @property
     def use(self) -> dict[str, float]:
@@ -219,8 +226,7 @@ def excite_on_the_fly(
         seed=seed,
     )
     if result.status == "diverged":
-        impossible = "not physically possible" in result.message
-        remedy = "give every moving link its mass" if impossible else "give it lower limits"
+        remedy = "give every moving link its mass" if IMPOSSIBLE in result.message else "give it lower limits"
         raise SteelyardError(f"The simulated robot went out of control: {result.message}; {remedy}.")
     found = excitation.estimate
     if found is None or found.parameters is None:

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from steelyard.display import html_table, joint_label
 from steelyard.errors import InputError
 from steelyard.files.arguments import LARGEST
+from steelyard.once import cached_property
 
 from .samples import checked_channels, cut_channels, read_only_matrix, read_only_vector, require_finite
 
@@ -114,7 +115,7 @@ class Measurements:
         """Number of joints, N."""
         return int(self.q.shape[1])
 
-    @property
+    @cached_property
     def rate(self) -> float:
         """Mean sample rate in Hz between pauses, or the stated one."""
         if self.stated_rate is not None:

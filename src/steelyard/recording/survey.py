@@ -634,7 +634,7 @@ def without_wild(t: NDArray[np.float64], q: NDArray[np.float64]) -> NDArray[np.f
         rows = np.intersect1d(far + 1, far, assume_unique=True)  # with a long step before and one after
         if not len(rows) or rows.size > FEW * len(q):
             continue
-        most = np.maximum(SUDDEN * (t[rows + 1] - t[rows - 1]), LEAST_JUMP)
+        most = farthest(t[rows + 1] - t[rows - 1])
         before, after = steps[rows - 1], steps[rows]
         off = (np.minimum(np.abs(before), np.abs(after)) > most) & (np.abs(before + after) <= most)
         off &= np.abs(q[rows, j]) <= LARGEST  # beyond it is damage, for which a log is refused
@@ -677,9 +677,14 @@ def position_jumps(t: NDArray[np.float64], q: NDArray[np.float64]) -> tuple[NDAr
         steps = np.diff(q[:, j])
         here = steps[1:-1]
         off = np.minimum(np.abs(here - steps[:-2]), np.abs(here - steps[2:]))
-        rows = np.flatnonzero(off > np.maximum(SUDDEN * np.diff(t)[1:-1], LEAST_JUMP)) + 2
+        rows = np.flatnonzero(off > farthest(np.diff(t)[1:-1])) + 2
         found[j] = rows if rows.size <= FEW * len(q) else rows[:0]
     return tuple(found)
+
+
+def farthest(times: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return how far a joint is, at most, from where its motion so far leads it in such times (s), rad or m."""
+    return np.asarray(np.maximum(SUDDEN * times, LEAST_JUMP))
 
 
 def _joints_that_step(q: NDArray[np.float64], longest: float) -> list[int]:

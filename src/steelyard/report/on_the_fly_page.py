@@ -132,7 +132,6 @@ def on_the_fly_html(done: SimulatedExcitation) -> str:
         [(name, f"{part:.1%}") for name, part in done.use.items()],
         identifier="use",
     )
-    limited = (*excitation.unchecked, *excitation.limits.widening(excitation.model.robot))
     told = [f"At {time:.1f} s the motion was broken off: {reason}." for time, reason in excitation.interruptions]
     lead = Markup(
         f"<p>In the simulator, after {number(float(result.end_time), 1)} s: expected torque error "
@@ -143,7 +142,7 @@ def on_the_fly_html(done: SimulatedExcitation) -> str:
     sections = [
         Section("learned", "What was known when", Markup(charts_markup([learned], identifier="error") + known)),
         Section("motion", "The motion", Markup(charts_markup(motion, identifier="joints") + bullets(told))),
-        Section("limits", "Limits", Markup(use + bullets(limited))),
+        Section("limits", "Limits", Markup(use + bullets(done.limit_notes))),
     ]
     title = f"{robot.name}: excitation on the fly"
     return html_document(title, "Steelyard excitation", robot.name, lead, sections, scripts=("charts.js",))

@@ -14,7 +14,7 @@ from steelyard.files import read_bytes, shown
 from steelyard.files.arguments import LARGEST
 
 from .references import find_reference
-from .xml_edit import XmlEdit, XmlElement
+from .xml_edit import XmlEdit, XmlElement, in_order
 
 __all__ = [
     "JOINTS",
@@ -100,11 +100,7 @@ class MjcfElement:
 
     def iterate(self) -> Iterator[MjcfElement]:
         """Yield the element and everything in it, in the order of the document."""
-        waiting = [self]
-        while waiting:
-            element = waiting.pop()
-            yield element
-            waiting += reversed(element.children)
+        return in_order(self)
 
     def require_numbers(self) -> None:
         """Refuse numbers that no robot has: NaN, infinity where there is no range, and beyond 1e15."""

@@ -4,21 +4,39 @@ from __future__ import annotations
 
 import re
 from bisect import bisect_left
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Protocol, Self, TypeVar
 from xml.parsers import expat
 
 from steelyard.errors import InputError
 
 from .xml_document import with_known_version
 
-__all__ = ["XmlEdit", "XmlElement", "attribute_text", "number_text", "tag_text"]
+__all__ = ["XmlEdit", "XmlElement", "attribute_text", "in_order", "number_text", "tag_text"]
 
 # A start tag: quoted values may hold ">".
 START_TAG = re.compile(rb"""<(?:[^"'>]|"[^"]*"|'[^']*')*>""")
 ATTRIBUTE = re.compile(rb"""([^\s=/>"'<]+)\s*=\s*("[^"]*"|'[^']*')""")
 _MARKS = str.maketrans({"&": "&amp;", "<": "&lt;", ">": "&gt;", '"': "&quot;", "'": "&apos;"})
+
+
+class _Parent(Protocol):
+    @property
+    def children(self) -> Sequence[Self]: ...
+
+
+Element = TypeVar("Element", bound=_Parent)
+
+
+def in_order(root: Element) -> Iterator[Element]:
+    """Yield an element and everything in it, in the order of the document; elements may be nested to any depth."""
+    waiting = [root]
+    while waiting:
+        element = waiting.pop()
+        yield element
+        waiting += reversed(element.children)
 
 
 @dataclass(eq=False)
@@ -43,11 +61,7 @@ class XmlElement:
 
     def iterate(self) -> Iterator[XmlElement]:
         """The element and everything in it, in order."""
-        waiting = [self]
-        while waiting:
-            element = waiting.pop()
-            yield element
-            waiting += reversed(element.children)
+        return in_order(self)
 
 
 class XmlEdit:

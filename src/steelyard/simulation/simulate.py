@@ -25,7 +25,7 @@ from .events import Event, Status
 from .integrators import FIXED_STEP_METHODS, LIBRARY_METHODS, DormandPrince, FixedStep, Integrator, LibraryMethod
 from .plant import Plant, TorqueFunction
 from .sensors import SensorReadings, Sensors
-from .simulation_result import Measured, SimulationResult
+from .simulation_result import IMPOSSIBLE, Measured, SimulationResult
 from .stopping_conditions import StoppingConditions
 from .watch import Watch
 
@@ -394,7 +394,7 @@ class Experiment:
 
     def _impossible(self, run: int) -> str:
         """Return a remark where the inertia matrix of a run was not positive definite, at its divergence or before."""
-        cause = "these parameters are not physically possible, which steelyard check (steelyard.check) explains"
+        cause = f"{IMPOSSIBLE}, which steelyard check (steelyard.check) explains"
         if self.watch.status[run] is Status.DIVERGED:
             least = float(least_inertia(self.plant, run, self.watch.final[[run], : self.count])[0])
             if least <= 0.0:

@@ -19,9 +19,11 @@ from steelyard.recording import Recording
 from .events import Occurrence, Status
 from .watch import Interpolant
 
-__all__ = ["Measured", "SimulationResult", "save_result"]
+__all__ = ["IMPOSSIBLE", "Measured", "SimulationResult", "save_result"]
 
 Array = NDArray[np.float64]
+IMPOSSIBLE = "these parameters are not physically possible"
+"""What the message of a run says where they are not, and no other."""
 _ALONG_TIME = ("q", "dq", "ddq", "torque", "kinetic_energy", "potential_energy", "dissipated")
 
 
