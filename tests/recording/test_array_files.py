@@ -403,6 +403,7 @@ def test_what_parts_a_table_is_read_in_changes_no_number(
     with monkeypatch.context() as patch:
         patch.setattr(table_file, "READ_NUMBERS", 100)
         for large, installed in ((10**6, True), (600, True), (600, False)):
+            patch.setattr(parquet_file, "PAGED_GROUP", large // 5)
             patch.setattr(parquet_file, "LARGE_GROUP", large)
             patch.setattr(parquet_file, "is_installed", lambda _, installed=installed: installed)
             file = open_log(path, LogColumns())
@@ -429,7 +430,7 @@ def test_a_large_group_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     random = np.random.default_rng(5)
     frame = pl.DataFrame({name: random.normal(size=200_000) for name in ("q", "tau")})
     frame.write_parquet(path, row_group_size=200_000, data_page_size=8 * 5000)
-    monkeypatch.setattr(parquet_file, "LARGE_GROUP", 100_000)
+    monkeypatch.setattr(parquet_file, "PAGED_GROUP", 100_000)
     monkeypatch.setattr(table_file, "READ_NUMBERS", 20_000)
     file = parquet_file.ParquetFile(path)
     next(iter(file.blocks_from(0, ["q"], 1000)))  # pyarrow is loaded

@@ -124,6 +124,7 @@ def _check_parquet(path: str, state: tuple[int, ...]) -> tuple[NDArray[np.int64]
         with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
             for rows, columns in _groups(content):
                 counts = [_values_of_pages(content, rows, column) for column in columns]
+                _forget(content)
                 groups.append(rows)
                 # Of a column of lists it is not told how many rows a page has.
                 longest: list[int] = max((one for one in counts if sum(one) == rows), key=len, default=[rows])
@@ -132,6 +133,12 @@ def _check_parquet(path: str, state: tuple[int, ...]) -> tuple[NDArray[np.int64]
         reason = str(error) if type(error) is ValueError else "its metadata is damaged"
         raise InputError(f"{path} cannot be read as Parquet: {reason}; save it again.") from None
     return np.cumsum(groups), np.cumsum(pages)
+
+
+def _forget(content: mmap.mmap) -> None:
+    """Take what was seen of a file out of the memory of this process: 64 kB around each header, a GB of small pages."""
+    if hasattr(mmap, "MADV_DONTNEED"):  # not on Windows
+        content.madvise(mmap.MADV_DONTNEED)
 
 
 def _groups(content: mmap.mmap) -> list[tuple[int, list[dict[int, Any]]]]:

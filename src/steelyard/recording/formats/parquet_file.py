@@ -17,8 +17,9 @@ from .table_file import TableFile
 
 __all__ = ["ParquetFile"]
 
-LARGE_GROUP = 4_000_000
-"""Rows of a group of which it matters that Polars reads all bytes for each part: 32 MB a column, before compression."""
+PAGED_GROUP, LARGE_GROUP = 500_000, 4_000_000
+"""Rows of groups that are read page by page, which pyarrow can and which takes a sixth off a log with groups of a
+million; and of those of which the bytes, 32 MB a column before compression, are not to stand in memory twice."""
 PAGES_BYTES = 2**20
 """Bytes of each column that are read together where pages are."""
 LONGEST_PART = 4
@@ -29,7 +30,7 @@ class ParquetFile(TableFile):
     """A Parquet file, also one of LeRobot's data sets.
 
     Polars reads all bytes of the groups of rows that a part touches, and decodes the pages. So parts are whole groups
-    or whole pages where these are small enough. Large groups are read page by page where pyarrow is installed.
+    or whole pages where these are small enough. Larger groups are read page by page where pyarrow is installed.
     """
 
     kind = "Parquet"
@@ -46,7 +47,7 @@ class ParquetFile(TableFile):
         return int(np.diff(self._groups).max(initial=0))
 
     def _scans(self, first: int, names: Sequence[str], rows: int) -> Iterator[Any]:
-        if self._largest_group <= LARGE_GROUP or not is_installed("pyarrow"):
+        if self._largest_group <= PAGED_GROUP or not is_installed("pyarrow"):
             yield from super()._scans(first, names, rows)
             return
         import polars as pl
@@ -86,7 +87,7 @@ class ParquetFile(TableFile):
         return min(stop, first + most, end if size > rows else stop)
 
     def places(self) -> tuple[tuple[int, int], ...] | None:
-        """See `LogFile.places`; for the bytes of large groups there is room once, and pages are read from a start."""
+        """See `LogFile.places`; none in large groups, of which pages are read from the beginning."""
         return super().places() if self._largest_group <= LARGE_GROUP else None
 
     @classmethod
