@@ -292,7 +292,7 @@ class ActiveExcitation:
         self_collision: bool = True,
         sample_time: float = 0.001,
         background: bool = False,
-        starts: int = 2,
+        starts: int = 1,
         seed: int = 0,
     ) -> None:
         self.model = model

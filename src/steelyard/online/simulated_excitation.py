@@ -131,7 +131,7 @@ def excite_on_the_fly(
     criterion: Literal["prediction", "d", "a"] = "prediction",
     noise: ArrayLike | None = None,
     rate: float = 1000.0,
-    starts: int = 2,
+    starts: int = 1,
     seed: int = 0,
     progress: Callable[[str], None] | None = None,
 ) -> SimulatedExcitation:
