@@ -1,5 +1,6 @@
 """Excitation on the fly: segments that join, a cautious start, limits that hold on the simulated states."""
 
+from concurrent.futures import Future
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -421,7 +422,7 @@ def test_a_lone_link_whose_size_nothing_tells_keeps_its_limits_and_the_longest_t
     assert done.torque_error < 0.02
 
 
-@pytest.mark.parametrize(("place", "own"), [(0.02, 5.0), (0.3, 20.0)])
+@pytest.mark.parametrize(("place", "own"), [(0.02, 5.0), pytest.param(0.3, 20.0, marks=pytest.mark.slow)])
 def test_a_link_that_its_drive_cannot_hold_has_the_error_that_is_expected(tmp_path, place: float, own: float) -> None:
     """300 kg and 50 N·m: 4 % were expected where the error was 68 %, and 27 % where it was all."""
     done = lone_link(tmp_path, 300.0, place, own, longest=12.0)
@@ -448,6 +449,30 @@ def test_what_is_assumed_gives_way_where_what_is_measured_contradicts_it(model: 
         empty = sy.Information.empty(model)
         known = [excitation._known(TRUE, noise, empty, one).expected_error for one in (1.0, trust)]
         assert known[1] == pytest.approx(known[0] / np.sqrt(trust))
+
+
+@pytest.mark.slow
+def test_plans_that_take_longer_than_was_thought_are_asked_for_sooner(model: sy.Model) -> None:
+    """Each came too late, and the robot was held where it stands for ever."""
+    excitation = ActiveExcitation(model, LIMITS, sample_time=0.01, background=True, longest=20.0)
+    ready: list[tuple[float, Future, object]] = []
+    now = 0.0
+
+    class Slow:
+        def submit(self, plan, *given):
+            ready.append((now + 1.3, Future(), plan(*given)))
+            return ready[-1][1]
+
+    excitation._pool = Slow()  # type: ignore[assignment]
+    q = np.array([0.2, -0.3])
+    for k in range(800):
+        now = 0.01 * k
+        for done in [one for one in ready if one[0] <= now]:
+            ready.remove(done)
+            done[1].set_result(done[2])
+        excitation.command(now, q)
+        q = excitation.reference(now + 0.01)[0]  # it follows exactly
+    assert [step.stage for step in excitation.steps[:3]] == ["hold", "cautious", "cautious"]
 
 
 def test_a_call_that_comes_late_gives_torques_within_their_limits(model: sy.Model) -> None:

@@ -54,7 +54,7 @@ STILL = 0.2  # s before `longest` at which the last motion ends at the latest
 SPACING = 0.8
 """s between control points. With 0.4 s, whose motions are smaller, the error after 16 s is a fifth larger."""
 RETRY = 0.2  # s after which another plan is asked for
-LEAD = 0.8  # s before a plan ends its played part, at which the next one is asked for
+LEAD = 0.8  # s before a plan ends its played part, at which the next one is asked for; more where one came too late
 BANDWIDTH = 50.0
 """rad/s of the feedback where the inertia is known; below it, as large a part of it as of the inertia is sure. At 1 kHz
 the loop with a filtered velocity bears an inertia that is guessed several times too large."""
@@ -550,7 +550,7 @@ class ActiveExcitation:
         self._reference: _Reference | None = None
         self._plan: _Plan | None = None
         self._waiting: Future[_Plan] | None = None
-        self._asked = np.inf
+        self._asked, self._lead = np.inf, LEAD
         self._knowledge = self._assumed()
         self._log = np.zeros((4096, 1 + 2 * size))
         self._count = 0
@@ -888,7 +888,7 @@ class ActiveExcitation:
         if self._stage == "done":
             return
         if self._waiting is None and t >= self._asked:
-            time = max(self._asked + LEAD, t + (LEAD if self._background else self.sample_time))
+            time = max(self._asked + self._lead, t + (self._lead if self._background else self.sample_time))
             q, dq, ddq = self._reference.state(time)
             state = (q.copy(), dq.copy(), ddq.copy())
             log = self._log[: self._count].copy()
@@ -918,7 +918,9 @@ class ActiveExcitation:
                 self._finish(t)
             elif following.reference is None or t > following.time + 2.0 * self.sample_time:
                 self._asked = t + RETRY  # too late, or none was found: the motion goes on to rest meanwhile
-                if following.reference is None:
+                if following.reference is not None:
+                    self._lead = 1.5 * (self._lead + t - following.time)
+                else:
                     self._pace = max(0.8 * self._pace, 0.1)
             else:
                 self._motions += 1
@@ -935,7 +937,7 @@ class ActiveExcitation:
                 self._integral = np.zeros_like(self._integral)
                 self._share.release()
         self._plan, self._reference, self._switched, self._stage = plan, plan.reference, t, stage
-        self._asked = plan.time + max(plan.played - LEAD, 0.0)
+        self._asked = plan.time + max(plan.played - self._lead, 0.0)
         if before is not None and stage != "stopping":
             kept = np.maximum(1.5 * self._largest + LEAST_ROOM, FORGETTING * self._room)
             self._room = np.clip(kept, LEAST_ROOM, TRACKING)
