@@ -173,7 +173,8 @@ def one(seed: int, criterion: str) -> dict[str, object]:
     random = np.random.default_rng([seed, 1])
     half = 0.5 * (limits.upper - limits.lower)
     start = limits.lower + half * (1.0 + 0.2 * random.uniform(-1.0, 1.0, model.dof))
-    excitation = ActiveExcitation(model, limits, accuracy=1e-6, longest=DURATION, criterion=criterion, seed=seed)
+    # It would go on beyond: no motion ends at rest before.
+    excitation = ActiveExcitation(model, limits, accuracy=1e-6, longest=2 * DURATION, criterion=criterion, seed=seed)
     result = simulate(model, truth, start, np.zeros(model.dof), DURATION, excitation, sensors=sensors(), seed=seed)
     whole, curve = excitation.recording, []
     for duration in np.arange(10.5, DURATION + 1e-9, 3.0):  # as if it had ended there

@@ -1,5 +1,6 @@
 """Excitation on the fly: segments that join, a cautious start, limits that hold on the simulated states."""
 
+from concurrent.futures import Future
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -126,12 +127,12 @@ def test_wrists_of_ten_times_the_credible_inertia_keep_their_limits(tmp_path) ->
     except sy.InputError as error:
         pytest.skip(str(error))
     (tmp_path / "limits.toml").write_text("velocity = 2.5\nacceleration = 8\n")
-    done = excite_on_the_fly(RobotFile.of(robot), tmp_path / "limits.toml", longest=5.0, starts=1)
+    done = excite_on_the_fly(RobotFile.of(robot), tmp_path / "limits.toml", longest=7.0, starts=1)
     limits = done.excitation.limits
     assert np.all(np.abs(done.result.dq) <= limits.velocity)
     assert np.all((done.result.q >= limits.lower) & (done.result.q <= limits.upper))
     assert np.all(np.abs(done.result.torque) <= limits.torque)
-    assert done.result.end_time > 5.0
+    assert 5.0 < done.result.end_time <= 7.0
 
 
 @pytest.mark.parametrize(("part", "swings"), [(1.0, False), (0.2, True), (0.15, True)])
@@ -269,7 +270,7 @@ def test_a_drive_that_cannot_hold_its_link_is_named(tmp_path) -> None:
 
 @pytest.mark.slow
 def test_a_robot_of_which_only_the_kinematics_are_known(model: sy.Model) -> None:
-    excitation = ActiveExcitation(model, LIMITS, accuracy=0.03, longest=30.0, cutoff=8.0)
+    excitation = ActiveExcitation(model, LIMITS, accuracy=0.01, longest=30.0, cutoff=8.0)
     sensors = Sensors(
         encoder_resolution=2e-5, velocity="none", torque_noise=[0.3, 0.15], torque_time_constant=0.02, seed=3
     )
@@ -293,7 +294,7 @@ def test_a_robot_of_which_only_the_kinematics_are_known(model: sy.Model) -> None
         assert steps[k - 2 : k + 2].max() < max(1.0, 1.01 * steps[k - 600 : k - 2].max())
     # Confidence grows, the gains with it, and the band of torques narrows.
     errors = [step.expected_error for step in excitation.steps]
-    assert errors[-1] <= 0.03
+    assert errors[-1] <= 0.01
     assert sorted(errors, reverse=True) == errors
     first, last = excitation.steps[0], excitation.steps[-2]
     assert np.all(last.bandwidth > first.bandwidth)
@@ -365,6 +366,113 @@ def test_a_single_joint_that_only_sinks_at_first_goes_on(tmp_path) -> None:
     done = excite_on_the_fly(path, limits=tmp_path / "limits.toml", longest=12.0)
     assert not any("no further motion" in why for _, why in done.excitation.interruptions)
     assert done.torque_error < 0.2
+
+
+def test_the_search_weighs_the_precision_that_a_motion_adds() -> None:
+    """One over the trace of the covariance, by inverses of the whole and of what was known before; and its gradient."""
+    model = sy.Model(sy.Robot.from_dh([(0, 0.5, 0, "q"), (0, 0.4, 0, "q")], gravity=(0, -9.81, 0)))
+    limits = MotionLimits.of(model.robot.joint_names, lower=-1.0, upper=1.0, velocity=2.0, acceleration=6.0)
+    base = model.base_parameters()
+    random = np.random.default_rng(2)
+    for kind in ("a", "d"):
+        criterion = Criterion(kind, Subset(base.expressions, np.eye(base.count), True))
+        planner = SegmentPlanner(
+            RegressorInformation(model, 0.04, np.ones(2)), criterion, limits, duration=2.5, rate=10
+        )
+        known = 40.0 * (np.eye(base.count) + np.triu(random.normal(size=(base.count, base.count))))
+        problem = planner._problem((np.zeros(2), np.zeros(2), np.zeros(2)), known)
+        x = 0.3 * random.normal(size=problem.unknowns)
+        rows = np.asarray(model.kernel("regressor", base=True)(*problem.motion(x))).reshape(-1, base.count)
+        before = known.T @ known
+        after = before + 25.0 / len(problem.times) * rows.T @ rows
+
+        def precision(information: np.ndarray, kind: str = kind) -> float:
+            if kind == "a":
+                return 1.0 / float(np.trace(np.linalg.inv(information)))
+            return float(np.exp(np.linalg.slogdet(information)[1] / len(information)))
+
+        value, slopes = problem.objective(problem.motion(x), 8.0)
+        assert value == pytest.approx(-np.log(1.0 - precision(before) / precision(after)) - np.log(precision(after)))
+        way = random.normal(size=x.shape)
+        values = [problem.objective(problem.motion(x + step * way), 8.0)[0] for step in (-1e-5, 1e-5)]
+        assert problem.chain(slopes, problem.basis) @ way == pytest.approx((values[1] - values[0]) / 2e-5, rel=1e-4)
+
+
+ONE = """<robot name="one"><link name="base"/>
+<link name="arm"><inertial><origin xyz="0 0 {place}"/><mass value="{mass}"/>
+<inertia ixx="{own}" iyy="{own}" izz="{own}" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="hinge" type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
+<limit lower="-2" upper="2" velocity="1.5" effort="50"/><dynamics damping="0.5" friction="1"/></joint></robot>
+"""
+
+
+def lone_link(folder, mass: float, place: float, own: float, longest: float, **options: float) -> SimulatedExcitation:
+    (folder / "one.urdf").write_text(ONE.format(mass=mass, place=place, own=own))
+    (folder / "limits.toml").write_text("acceleration = 5\n")
+    return excite_on_the_fly(folder / "one.urdf", folder / "limits.toml", longest=longest, **options)
+
+
+def test_a_lone_link_whose_size_nothing_tells_keeps_its_limits_and_the_longest_time(tmp_path) -> None:
+    """It passed its limit of velocity four times over, and ended after longer than the longest time."""
+    done = lone_link(tmp_path, 3.0, 0.3, 0.02, longest=10.0, accuracy=1e-6)
+    assert done.exceeded == ()
+    assert done.excitation.interruptions == []
+    assert 9.5 < done.result.end_time <= 10.0
+    assert np.abs(done.result.dq[-1]).max() < 0.02
+    assert done.torque_error < 0.02
+
+
+@pytest.mark.parametrize(("place", "own"), [(0.02, 5.0), pytest.param(0.3, 20.0, marks=pytest.mark.slow)])
+def test_a_link_that_its_drive_cannot_hold_has_the_error_that_is_expected(tmp_path, place: float, own: float) -> None:
+    """300 kg and 50 N·m: 4 % were expected where the error was 68 %, and 27 % where it was all."""
+    done = lone_link(tmp_path, 300.0, place, own, longest=12.0)
+    assert done.torque_error < 3.0 * done.excitation.expected_error
+    assert done.exceeded
+    assert done.result.end_time <= 14.0
+
+
+def test_what_is_assumed_gives_way_where_what_is_measured_contradicts_it(model: sy.Model) -> None:
+    """With its whole weight it makes the torques of 300 times the masses wrong by more than their noise."""
+    random = np.random.default_rng(4)
+    q, dq, ddq = (random.uniform(-size, size, (1000, 2)) for size in (2.0, 2.0, 6.0))
+    noise = np.array([3.0, 1.5])
+    excitation = ActiveExcitation(model, LIMITS)
+    count = model.base_parameters().count
+    for factor, gives_way in ((1.0, False), (300.0, True)):
+        torque = model.inverse_dynamics(q, dq, ddq, factor * TRUE) + noise * random.normal(size=q.shape)
+        info = sy.Information.from_samples(model, sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque))
+        parameters, trust = excitation._fitted(info, noise)
+        assert (trust < 1.0) == gives_way
+        true, found = (model.inverse_dynamics(q, dq, ddq, one) / noise for one in (factor * TRUE, parameters))
+        assert np.sum((found - true) ** 2) / excitation._correlation < 2.0 * count
+        # What was not measured is known the less.
+        empty = sy.Information.empty(model)
+        known = [excitation._known(TRUE, noise, empty, one).expected_error for one in (1.0, trust)]
+        assert known[1] == pytest.approx(known[0] / np.sqrt(trust))
+
+
+@pytest.mark.slow
+def test_plans_that_take_longer_than_was_thought_are_asked_for_sooner(model: sy.Model) -> None:
+    """Each came too late, and the robot was held where it stands for ever."""
+    excitation = ActiveExcitation(model, LIMITS, sample_time=0.01, background=True, longest=20.0)
+    ready: list[tuple[float, Future, object]] = []
+    now = 0.0
+
+    class Slow:
+        def submit(self, plan, *given):
+            ready.append((now + 1.3, Future(), plan(*given)))
+            return ready[-1][1]
+
+    excitation._pool = Slow()  # type: ignore[assignment]
+    q = np.array([0.2, -0.3])
+    for k in range(800):
+        now = 0.01 * k
+        for done in [one for one in ready if one[0] <= now]:
+            ready.remove(done)
+            done[1].set_result(done[2])
+        excitation.command(now, q)
+        q = excitation.reference(now + 0.01)[0]  # it follows exactly
+    assert [step.stage for step in excitation.steps[:3]] == ["hold", "cautious", "cautious"]
 
 
 def test_a_call_that_comes_late_gives_torques_within_their_limits(model: sy.Model) -> None:

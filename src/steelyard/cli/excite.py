@@ -71,7 +71,7 @@ def excite(
     accuracy: Annotated[
         float, typer.Option(help="Expected relative torque error at which a motion on the fly ends.", min=1e-6)
     ] = 0.02,
-    longest: Annotated[float, typer.Option(help="s, after which a motion on the fly ends.", min=5.0)] = 60.0,
+    longest: Annotated[float, typer.Option(help="s, within which a motion on the fly ends at rest.", min=5.0)] = 60.0,
     quiet: Quiet = False,
     allow_extensions: AllowExtensions = False,
 ) -> None:

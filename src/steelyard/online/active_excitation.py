@@ -49,10 +49,12 @@ DURATION, PLAYED = 8.0, 6.0
 """s of every later plan, to rest, and of its part that is played before the next one takes over. Of a simulated WAM the
 expected torque error after 16 s was 0.25 of its noise with plans of 6 s of which 4 s are played, 0.19 with these, and
 0.18 with 10 s and 8 s, which uses the new data less often."""
+SHORTEST = 1.5  # s of a motion, below which the filters leave nothing of it
+STILL = 0.2  # s before `longest` at which the last motion ends at the latest
 SPACING = 0.8
 """s between control points. With 0.4 s, whose motions are smaller, the error after 16 s is a fifth larger."""
 RETRY = 0.2  # s after which another plan is asked for
-LEAD = 0.8  # s before a plan ends its played part, at which the next one is asked for
+LEAD = 0.8  # s before a plan ends its played part, at which the next one is asked for; more where one came too late
 BANDWIDTH = 50.0
 """rad/s of the feedback where the inertia is known; below it, as large a part of it as of the inertia is sure. At 1 kHz
 the loop with a filtered velocity bears an inertia that is guessed several times too large."""
@@ -103,10 +105,11 @@ OVERSPEED = 0.6
 """Of the room between the largest velocity of a plan and the limit, beyond which the motion is broken off: a slow plan
 is stopped at a lower velocity than a fast one."""
 NOISE_ROUNDS = 3  # in which the noise and the rows that the parameters use up are made to agree
-PRIOR_WEIGHT = 0.2
+PRIOR_WEIGHTS = tuple(0.2 * 0.1**k for k in range(8))
 """Of the distance from the assumed distribution of mass, which grows with the ratio of inertias: with 2, one that is
 three times what is assumed was found 30 % too small, by five standard deviations; a Panda was known to 2 % in 23.9 s,
-with 0.2 in 19.9 s."""
+with 0.2 in 19.9 s. The others are for robots that the description tells nothing of: a link with a thousand times the
+assumed inertia was found with a fourteenth of its own, and what it left unexplained was taken for noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,7 +231,8 @@ class ActiveExcitation:
     accuracy : float
         The motion ends when the expected error of predicted torques, relative to these torques, is at most this.
     longest : float
-        s after which it ends at the latest.
+        s after which the robot is at rest at the latest; the last motion is made as short as that needs. Only a motion
+        that must be broken off near the end may take longer to stop.
     criterion : {"prediction", "d", "a"}
         What the next motion is to make small: the expected error of predicted torques over motions within the limits,
         the volume of the confidence ellipsoid, or the sum of the variances of the base parameters.
@@ -292,7 +296,7 @@ class ActiveExcitation:
         self_collision: bool = True,
         sample_time: float = 0.001,
         background: bool = False,
-        starts: int = 2,
+        starts: int = 1,
         seed: int = 0,
     ) -> None:
         self.model = model
@@ -546,7 +550,7 @@ class ActiveExcitation:
         self._reference: _Reference | None = None
         self._plan: _Plan | None = None
         self._waiting: Future[_Plan] | None = None
-        self._asked = np.inf
+        self._asked, self._lead = np.inf, LEAD
         self._knowledge = self._assumed()
         self._log = np.zeros((4096, 1 + 2 * size))
         self._count = 0
@@ -588,7 +592,7 @@ class ActiveExcitation:
         prior = EntropicPrior(known.prior.parameters, term_deviations=known.term_deviations)
         search = WarmFit(feasible)
         search.begin(self._inside)
-        return search, prior.prepare(feasible, PRIOR_WEIGHT)
+        return search, prior.prepare(feasible, PRIOR_WEIGHTS[0])
 
     @cached_property
     def _inside(self) -> Array:
@@ -626,11 +630,15 @@ class ActiveExcitation:
         """Return what is known before any measurement."""
         parameters = self._credible.parameters
         empty = Information.empty(self.model)
-        return self._known(parameters, FIRST_NOISE * self._credible.torque_sizes, empty)
+        return self._known(parameters, FIRST_NOISE * self._credible.torque_sizes, empty, 1.0)
 
-    def _covariance(self, noise: Array, info: Information) -> tuple[Array, Array]:
-        """Return the factor R of the information with the prior, and the covariance, (n_b, n_b) each."""
-        precision = self._prior_precision.copy()
+    def _covariance(self, noise: Array, info: Information, trust: float) -> tuple[Array, Array]:
+        """Return the factor R of the information with the prior, and the covariance, (n_b, n_b) each.
+
+        A robot that is not as what is assumed in what was measured need not be in what was not: `trust` is the part of
+        the precision of the prior that is left.
+        """
+        precision = trust * self._prior_precision
         if info.count:
             R = info.reduced(1.0 / noise).R
             precision += R.T @ R / self._correlation
@@ -639,12 +647,12 @@ class ActiveExcitation:
         inverse = np.linalg.inv(root)
         return root, inverse @ inverse.T
 
-    def _spent(self, noise: Array, info: Information) -> Array:
+    def _spent(self, noise: Array, info: Information, trust: float) -> Array:
         """Return how many independent rows of each joint (N,) the fit uses up: its part of the trace of the hat matrix.
 
         A fit leaves that many rows less of the noise (MacKay, "Bayesian interpolation", Neural Computation 4, 1992).
         """
-        covariance = self._covariance(noise, info)[1]
+        covariance = self._covariance(noise, info, trust)[1]
         found = np.zeros(self.model.dof)
         for k, factor in enumerate(info.measured):
             rows = factor.triangle[:, :-1]
@@ -652,9 +660,9 @@ class ActiveExcitation:
             found[k] = np.sum((rows @ own) * rows) / (noise[k] ** 2 * self._correlation)
         return found
 
-    def _known(self, parameters: Array, noise: Array, info: Information) -> _Knowledge:
+    def _known(self, parameters: Array, noise: Array, info: Information, trust: float) -> _Knowledge:
         base = np.asarray(self._base.K) @ parameters
-        root, covariance = self._covariance(noise, info)
+        root, covariance = self._covariance(noise, info, trust)
         errors = np.array([np.sum(matrix * covariance) for matrix in self._prediction])
         sizes = np.array([base @ matrix @ base for matrix in self._prediction])
         if not info.count:
@@ -683,7 +691,7 @@ class ActiveExcitation:
         size = self.model.dof
         first = int(np.searchsorted(log[:, 0], begin - 1e-9))
         part = log[first:]
-        if len(part) < 3.0 * TRIM / self.sample_time:
+        if len(part) < SHORTEST / self.sample_time:
             return None, begin
         recording = Recording(
             t=part[:, 0] - part[0, 0], q=part[:, 1 : 1 + size], torque=part[:, 1 + size :], source="on the fly"
@@ -712,30 +720,52 @@ class ActiveExcitation:
         fresh = Information.from_samples(self.model, samples, batch_means=False)
         info = before.information + fresh
         noise = before.noise
-        search, prior = self._search
-        problem = info.reduced(1.0 / noise)
-        # So many rows tell as much as one independent one; the noise is in the weights.
-        found = search.solve(problem.R, problem.rho, self._correlation, prior, PRIOR_WEIGHT)
-        if not found.converged:  # the answer before was a bad place to begin
-            search.begin(self._inside)
-            found = search.solve(problem.R, problem.rho, self._correlation, prior, PRIOR_WEIGHT)
-        base = np.asarray(self._base.K) @ found.parameters
-        residual = np.asarray(info.joint_rms_error(base))
+        parameters, trust = self._fitted(info, noise)
+        residual = np.asarray(info.joint_rms_error(np.asarray(self._base.K) @ parameters))
         counts = np.array([factor.count for factor in info.measured]) / self._correlation
         first = FIRST_COUNT * (FIRST_NOISE * self._credible.torque_sizes) ** 2
         squares = np.where(counts > 0, counts * residual**2, 0.0)
         for _ in range(NOISE_ROUNDS):
-            free = np.maximum(counts - self._spent(noise, info), 0.0)
+            free = np.maximum(counts - self._spent(noise, info, trust), 0.0)
             noise = np.sqrt((first + squares) / (FIRST_COUNT + free))
-        return self._known(found.parameters, noise, info), used
+        return self._known(parameters, noise, info, trust), used
+
+    def _fitted(self, info: Information, noise: Array) -> tuple[Array, float]:
+        """Return the parameters (n,) by what was measured and what is assumed, and the part of its weight that is left.
+
+        What is assumed has the largest weight with which it takes no more from the fit than noise does from as many
+        parameters (the discrepancy principle of Morozov, 1966).
+        """
+        problem = info.reduced(1.0 / noise)
+        search, prior = self._search
+
+        def fit(weight: float) -> tuple[Array, float]:
+            # So many rows tell as much as one independent one; the noise is in the weights.
+            found = search.solve(problem.R, problem.rho, self._correlation, prior, weight)
+            if not found.converged:  # the answer before was a bad place to begin
+                search.begin(self._inside)
+                found = search.solve(problem.R, problem.rho, self._correlation, prior, weight)
+            left = problem.R @ (np.asarray(self._base.K) @ found.parameters) - problem.rho
+            return found.parameters, float(left @ left) / self._correlation
+
+        _, least = fit(PRIOR_WEIGHTS[-1])
+        for weight in PRIOR_WEIGHTS:
+            parameters, left = fit(weight)
+            if left - least <= self._base.count:
+                break
+        return parameters, weight / PRIOR_WEIGHTS[0]
 
     def _next(self, log: Array, time: float, state: State) -> _Plan:
         """Learn from what was recorded, and plan the motion that begins at a time in a state of the reference."""
         knowledge, self._used = self._learnt(log, self._knowledge)
         done = knowledge.expected_error <= self.accuracy and knowledge.information.count > 0
-        if done or time - self._started >= self.longest:
+        left = self._started + self.longest - STILL - time
+        if done or left < SHORTEST:
             return _Plan(time, knowledge, np.inf)
-        share, duration, played = STAGES[self._motions] if self._motions < len(STAGES) else (1.0, DURATION, PLAYED)
+        share, whole, played = STAGES[self._motions] if self._motions < len(STAGES) else (1.0, DURATION, PLAYED)
+        duration = min(whole, left)
+        if left - played < SHORTEST:  # none follows: it is played to its end
+            played = duration
         limits = self._planning_limits(state, share * self._pace, knowledge)
         planner = SegmentPlanner(
             self._regressor.weighted(1.0 / knowledge.noise),
@@ -743,7 +773,7 @@ class ActiveExcitation:
             limits,
             self._torque_constraints(state, limits, knowledge) + self._constraints,
             duration=duration,
-            spacing=SPACING if duration >= DURATION else 0.5,
+            spacing=SPACING if whole >= DURATION else 0.5,
             rate=1.0 / (self.sample_time * self._correlation),
             starts=self._starts,
             seed=self._seed + 1000 * len(self.steps),
@@ -858,7 +888,7 @@ class ActiveExcitation:
         if self._stage == "done":
             return
         if self._waiting is None and t >= self._asked:
-            time = max(self._asked + LEAD, t + (LEAD if self._background else self.sample_time))
+            time = max(self._asked + self._lead, t + (self._lead if self._background else self.sample_time))
             q, dq, ddq = self._reference.state(time)
             state = (q.copy(), dq.copy(), ddq.copy())
             log = self._log[: self._count].copy()
@@ -888,7 +918,9 @@ class ActiveExcitation:
                 self._finish(t)
             elif following.reference is None or t > following.time + 2.0 * self.sample_time:
                 self._asked = t + RETRY  # too late, or none was found: the motion goes on to rest meanwhile
-                if following.reference is None:
+                if following.reference is not None:
+                    self._lead = 1.5 * (self._lead + t - following.time)
+                else:
                     self._pace = max(0.8 * self._pace, 0.1)
             else:
                 self._motions += 1
@@ -905,7 +937,7 @@ class ActiveExcitation:
                 self._integral = np.zeros_like(self._integral)
                 self._share.release()
         self._plan, self._reference, self._switched, self._stage = plan, plan.reference, t, stage
-        self._asked = plan.time + max(plan.played - LEAD, 0.0)
+        self._asked = plan.time + max(plan.played - self._lead, 0.0)
         if before is not None and stage != "stopping":
             kept = np.maximum(1.5 * self._largest + LEAST_ROOM, FORGETTING * self._room)
             self._room = np.clip(kept, LEAST_ROOM, TRACKING)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.dynamics import Model
+from steelyard.estimators.kinematic_bodies import ASSUMED_REACH, SHORTEST_REACH, reach_of
 from steelyard.estimators.physical_prior import PhysicalPrior, nonnegative_terms, physical_prior
 from steelyard.excitation import MotionLimits
 from steelyard.once import cached_property
@@ -104,6 +105,7 @@ class CredibleRobots:
         """(600, n) parameters of random robots, every one of them possible."""
         model, random = self.model, np.random.default_rng(0)
         found = np.zeros((_COUNT, model.parameter_count))
+        unknown = reach_of(model.robot) < SHORTEST_REACH
         common = np.exp(COMMON_DEVIATION * random.standard_normal(_COUNT))
         for columns, link in zip(model.link_columns, self.prior.links, strict=True):
             matrix = pseudo_inertia(link.parameters)
@@ -116,6 +118,8 @@ class CredibleRobots:
             size = np.exp(STRETCH * random.standard_normal(_COUNT)) if link.source != "description" else np.ones(_COUNT)
             change[:, :3, :3] *= size[:, None, None]
             shift = SHIFT if link.source != "description" else 0.3 * SHIFT
+            if unknown and link.source == "kinematics":  # the sphere about the joint stands for a link of any shape
+                radius = ASSUMED_REACH
             change[:, :3, 3] = shift * radius * random.standard_normal((_COUNT, 3))
             moved = factor[:, None, None] * (change @ matrix @ np.swapaxes(change, 1, 2))
             found[:, np.asarray(columns)] = parameters_of_pseudo_inertia(moved)

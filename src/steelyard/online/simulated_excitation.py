@@ -20,7 +20,7 @@ from steelyard.robot import RobotFile
 from steelyard.simulation import Event, Measurement, Sensors, SimulationResult, simulate
 from steelyard.simulation.simulation_result import IMPOSSIBLE
 
-from .active_excitation import ActiveExcitation
+from .active_excitation import STILL, ActiveExcitation
 from .credible_robots import CredibleRobots, random_motions
 
 __all__ = ["SimulatedExcitation", "excite_on_the_fly"]
@@ -30,8 +30,7 @@ Array = NDArray[np.float64]
 ENCODER = 2.0 * np.pi / 2**17  # rad or m between two readings, as of the usual encoders of 17 bits
 NOISE = 0.01  # of the root mean square torque of each joint, where nothing else is said
 WEAK = 0.2  # of the time until a limit was exceeded, at the limit of torque, from which on the drive is called too weak
-LAST_MOTION = 15.0
-"""s of simulation beyond `longest`: the last plan, of 8 s, is played to its end, and a stop may come in between."""
+LAST_STOP = 2.0  # s of simulation beyond `longest`, for a motion that is broken off near the end
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +130,7 @@ def excite_on_the_fly(
     criterion: Literal["prediction", "d", "a"] = "prediction",
     noise: ArrayLike | None = None,
     rate: float = 1000.0,
-    starts: int = 2,
+    starts: int = 1,
     seed: int = 0,
     progress: Callable[[str], None] | None = None,
 ) -> SimulatedExcitation:
@@ -213,13 +212,15 @@ def excite_on_the_fly(
     lower, upper = bounds.ranges
     # The feedback catches the robot where it stands; a zero position may be a stretched arm at the end of a range.
     begin = 0.5 * (lower + upper)
-    at_rest = Event(lambda t, q, dq: max(t - excitation.end - 0.1, -1.0), "the excitation has finished", direction=1)
+    at_rest = Event(
+        lambda t, q, dq: max(t - excitation.end - 0.5 * STILL, -1.0), "the excitation has finished", direction=1
+    )
     result = simulate(
         model,
         truth,
         begin,
         np.zeros(model.dof),
-        longest + LAST_MOTION,
+        longest + LAST_STOP,
         _Told(excitation, say),
         sensors=Sensors(encoder_resolution=ENCODER, velocity="none", torque_noise=deviations),
         events=(at_rest,),
