@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from steelyard.display import html_table
 from steelyard.errors import InputError, faults_told
-from steelyard.files import listed, plain, read_json, shown, write_json
+from steelyard.files import listed, plain, read_json, require_format, shown, write_json
 from steelyard.robot.description import URDF, DescriptionFormat, UrdfFormat, description_format
 from steelyard.robot.joint import Drives
 
@@ -273,10 +273,7 @@ class Estimate:
             If something is missing or of a wrong size, a parameter is not a finite number, or the numbers are not those
             that the certificate speaks of; `where` is named in the message.
         """
-        if document.get("format") != FORMAT:
-            raise InputError(
-                f"{where}: format is {shown(document.get('format'))}, expected {FORMAT!r}; identify the robot anew."
-            )
+        require_format(document.get("format"), FORMAT, where, "identify the robot anew")
         values: dict[str, Any] = {}
         for item in fields(cls):
             if item.name not in document:
