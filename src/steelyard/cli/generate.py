@@ -32,7 +32,8 @@ def generate(
     ] = None,
     base: Annotated[bool, typer.Option("--base", help="In base parameters instead of standard ones.")] = False,
     gravity: Annotated[
-        Literal["fixed", "argument"], typer.Option(help="The robot's gravity, or an argument.")
+        Literal["fixed", "argument"],
+        typer.Option(help="The robot's gravity, or an argument of the functions that depend on it."),
     ] = "fixed",
     sign: Annotated[
         Literal["exact", "smooth"],
