@@ -59,7 +59,7 @@ def generate(
       steelyard generate robot.toml --function list
       steelyard generate robot.toml --online --output estimator
     """
-    from steelyard.identification import model_of_estimate, parameters_for_source
+    from steelyard.identification import model_of_estimate, parameters_for_source, terms_left_open
     from steelyard.robot import RobotFile
 
     if online:
@@ -84,6 +84,11 @@ def generate(
         )
     for path in written:
         echo(path)
+    if cad and not quiet and (open_terms := terms_left_open(model)):
+        echo(
+            f"Note: the description does not state these terms, which are 0 in the source: {open_terms}. State them in "
+            "the description, or give an --estimate."
+        )
 
 
 def _estimator(
