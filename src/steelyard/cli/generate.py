@@ -59,7 +59,8 @@ def generate(
       steelyard generate robot.toml --function list
       steelyard generate robot.toml --online --output estimator
     """
-    from steelyard.identification import model_of_estimate, parameters_for_source, terms_left_open
+    from steelyard.identification import model_of_estimate, parameters_for_source
+    from steelyard.identification.saved import terms_left_open
     from steelyard.robot import RobotFile
 
     if online:

@@ -48,7 +48,6 @@ if TYPE_CHECKING:
     from .saved import parameters_for_source as parameters_for_source
     from .saved import parameters_of_description as parameters_of_description
     from .saved import parameters_of_estimate as parameters_of_estimate
-    from .saved import terms_left_open as terms_left_open
     from .validation import Validation as Validation
     from .validation import validate_estimate as validate_estimate
     from .wam import demonstrate as demonstrate
