@@ -495,7 +495,7 @@ def _predict(model: Model, unconstrained: Estimate, estimate: Estimate, log: Red
 
 
 def _description(read: Mapping[str, Any], model: Model, estimate: Estimate) -> dict[str, Any]:
-    """Return what of the description was read, with springs and powers of friction that few formats hold."""
+    """Return what of the description was read, with what few formats hold, as springs, and where its joints are."""
     drives = {} if estimate.parameters is None else model.drives(estimate.parameters).told_where_present()
     told = {"drives": {name: values.tolist() for name, values in drives.items()}} if drives else {}
-    return {**read, **told}
+    return {**estimate.description, **read, **told}

@@ -319,6 +319,7 @@ def _estimate_of(model: Model, estimate: str | Path, *, certified: bool) -> Esti
             f"{estimate}: has the parameters of another robot or of other terms than {model.robot.name} has; give the "
             "robot file that it was identified with."
         )
+    loaded.require_geometry(model.robot, model.robot.name)
     return loaded
 
 

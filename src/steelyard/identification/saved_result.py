@@ -104,6 +104,7 @@ class SavedResult:
                 f"{given}: is of another robot than {beside.name}, since its base parameters are others; give the "
                 "description with which that was identified, with other inertials at most."
             )
+        estimate.require_geometry(described.robot, str(given))
         of_links = np.zeros(described.parameter_count, dtype=np.bool_)
         of_links[np.concatenate(described.link_columns)] = True
         values = np.where(of_links, described.robot.parameters, np.nan)
