@@ -269,8 +269,8 @@ def test_a_description_is_compared_as_exact_numbers(ur5, tmp_path):
     assert found.prediction.relative_difference[0] < 0.02
     assert any("is a description: its inertials are taken as exact" in remark for remark in found.remarks)
     tree = lxml.etree.parse(arm.path)
-    for joint in tree.xpath("//joint"):  # of what the description states of friction nothing is compared, as is said
-        lxml.etree.SubElement(joint, "dynamics", damping="50")
+    for dynamics in tree.xpath("//joint/dynamics"):  # nothing of friction is compared, as is said
+        dynamics.set("damping", "50")
     rubbing = tmp_path / "rubbing.urdf"
     tree.write(rubbing)
     again = compare_estimates([rubbing, folder / "one.json"])
