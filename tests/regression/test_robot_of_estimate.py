@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -66,7 +67,7 @@ def test_a_description_of_another_geometry_is_refused(
     write(estimate, own, target)
     if not joint:
         write(estimate, other, target)
-        np.testing.assert_allclose(read(target).parameters, estimate.parameters, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(read(target).parameters, np.asarray(estimate), rtol=1e-9, atol=1e-9)
         return
     target.unlink()
     with pytest.raises(sy.InputError, match=f"origin, axis or motion of the joint '{joint}' is another"):
@@ -85,6 +86,7 @@ def test_what_reads_robot_and_estimate_refuses_it_too(tmp_path: Path) -> None:
         matching_estimate(sy.Model(read(other)), tmp_path / "estimate.json")
     # Estimates that were saved before do not tell where joints are; what is damaged is refused.
     write(replace(estimate, description={}), other, tmp_path / "target.urdf")
-    for damaged in (3, [1, 2], [{}, {}], [{"name": "shoulder"}], "pair"):
+    several: tuple[Any, ...] = (3, [1, 2], [{}, {}], [{"name": "shoulder"}], "pair")
+    for damaged in several:
         with pytest.raises(sy.InputError, match="damaged"):
             write(replace(estimate, description={"joints": damaged}), own, tmp_path / "target.urdf")

@@ -17,7 +17,7 @@ from steelyard.feasibility.certificates import FeasibilityCertificate
 from steelyard.feasibility.feasible_set import FeasibleSet
 from steelyard.files import shown, suggestion
 from steelyard.regression import Estimate, Information, ParameterCovariance
-from steelyard.robot.geometry import joint_geometry
+from steelyard.robot.joint import joint_geometry
 
 __all__ = ["ESTIMATORS", "Estimator", "estimate_with", "find_estimator", "proved_estimate"]
 
@@ -124,7 +124,10 @@ def proved_estimate(
     joint_names = info.joint_names
     of_robot: dict[str, Any] = {}
     if isinstance(model, Model):
-        of_robot = {**model.drives(parameters).always_told(), "description": {"joints": joint_geometry(model.robot)}}
+        of_robot = {
+            **model.drives(parameters).always_told(),
+            "description": {"joints": joint_geometry(model.robot.joints)},
+        }
         joint_names = joint_names or tuple(model.robot.joint_names)  # reduced data does not name them
     # The certificate is about the standard parameters, which users take; the base parameters follow from them.
     certificate = FeasibilityCertificate.of_parameters(feasible_set, parameters)

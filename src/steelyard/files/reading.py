@@ -280,14 +280,14 @@ def require_format(given: object, expected: str, where: str | os.PathLike[str], 
     Traceback (most recent call last):
     ...
     steelyard.errors.InputError: estimate.json: format is 'steelyard-estimate-9', expected 'steelyard-estimate-3'; \
-a newer Steelyard wrote it: upgrade this one (pip install --upgrade steelyard).
+a newer Steelyard wrote it: upgrade this one.
     """
     if given == expected:
         return
     kind, _, version = expected.rpartition("-")
     later = re.fullmatch(rf"{re.escape(kind)}-([0-9]{{1,9}})", given) if isinstance(given, str) else None
     if later and int(later[1]) > int(version):
-        remedy = "a newer Steelyard wrote it: upgrade this one (pip install --upgrade steelyard)"
+        remedy = "a newer Steelyard wrote it: upgrade this one"
     raise InputError(f"{where}: format is {shown(given)}, expected {expected!r}; {remedy}.")
 
 

@@ -15,8 +15,7 @@ from steelyard.display import html_table
 from steelyard.errors import InputError, faults_told
 from steelyard.files import listed, plain, read_json, require_format, shown, write_json
 from steelyard.robot.description import URDF, DescriptionFormat, UrdfFormat, description_format
-from steelyard.robot.geometry import differing_joint
-from steelyard.robot.joint import Drives
+from steelyard.robot.joint import Drives, differing_joint
 from steelyard.robot.robot import Robot
 
 from .factor import LARGEST
@@ -401,7 +400,7 @@ class Estimate:
         """
         recorded = self.description.get("joints")
         try:
-            joint = "" if recorded is None else differing_joint(recorded, robot)
+            joint = "" if recorded is None else differing_joint(recorded, robot.joints)
         except (TypeError, ValueError, KeyError):
             raise InputError(
                 f"The 'joints' in 'description' of the estimate are damaged; save it anew ({where})."
