@@ -324,6 +324,23 @@ def test_generate_holds_the_description_and_a_smooth_sign(run, place):
     assert (code, "either an estimate or --cad" in err) == (2, True)
 
 
+def test_terms_that_the_description_does_not_state_are_named(run, place):
+    """The joint "elbow" of the URDF has no <dynamics>."""
+    options = ("--language", "c", "-o", place / "cad", "-f", "inverse_dynamics", "--cad")
+    for robot, terms in (("robot.toml", ""), ("pair.urdf", "; offset of all joints")):
+        said = f"viscous of elbow; coulomb of elbow{terms}"
+        assert f"which are 0 in the source: {said}. State" in run("generate", place / robot, *options)[1]
+        assert "which are 0" not in run("generate", place / robot, *options, "--quiet")[1]
+        run("simulate", place / robot, "--duration", 0.1, "-o", place / "simulation")
+        whose = json.loads((place / "simulation" / "simulation.json").read_text())["parameters"]
+        assert whose == f"the description (CAD), with 0 for the terms that it does not state: {said}"
+    urdf = (place / "pair.urdf").read_text()
+    (place / "pair.urdf").write_text(
+        urdf.replace('velocity="5"/></joint>', 'velocity="5"/><dynamics damping="0" friction="0"/></joint>')
+    )
+    assert "which are 0" not in run("generate", place / "robot.toml", *options)[1]
+
+
 def test_inspect_keeps_long_names_whole(run, tmp_path):
     name = "the_left_shoulder_joint_of_a_robot_with_many_long_names"
     path = tmp_path / "long.urdf"

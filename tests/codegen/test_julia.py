@@ -89,11 +89,11 @@ def test_every_element_is_documented() -> None:
 def test_wrong_sizes_are_refused() -> None:
     module = module_of(files(several_functions(), "julia"))
     three = np.zeros(3)
-    module.call("jacobian!", np.zeros((6, 3)), three, three, three)
+    module.call("jacobian!", np.zeros((6, 3)), three, three)
     for wrong in (
-        (np.zeros((3, 6)), three, three, three),
-        (np.zeros((6, 3)), np.zeros(2), three, three),
-        (np.zeros((6, 3)), three, three, np.zeros(4)),
+        (np.zeros((3, 6)), three, three),
+        (np.zeros((6, 3)), np.zeros(2), three),
+        (np.zeros((6, 3)), three, np.zeros(4)),
     ):
         with pytest.raises(DimensionMismatchError, match="must have"):
             module.call("jacobian!", *wrong)

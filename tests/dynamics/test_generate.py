@@ -44,6 +44,19 @@ def test_generated_python_computes_what_the_model_does(arm, tmp_path):
     np.testing.assert_allclose(torque, arm.inverse_dynamics(q, dq, ddq, delta, gravity=down), rtol=1e-12)
 
 
+def test_gravity_is_an_argument_of_the_functions_that_depend_on_it_and_of_no_other(arm):
+    delta, random = possible_parameters(ParameterLayout(arm.robot), 3), np.random.default_rng(0)
+    given = {name: random.normal(size=3) for name in ("q", "dq", "ddq", "tau", "point")} | {"parameters": delta}
+    for name in arm.functions:
+        function = arm.function(name, gravity="argument")
+        values = [
+            function.evaluate({a.name: (given | {"gravity": down})[a.name] for a in function.arguments})
+            for down in np.array([[1.0, -2.0, 3.0], [4.0, 5.0, 6.0]])
+        ]
+        depends = any(not np.allclose(values[0][output], values[1][output]) for output in values[0])
+        assert ("gravity" in [a.name for a in function.arguments]) is depends, name
+
+
 def test_an_estimate_in_the_code_leaves_no_argument_and_fewer_operations(arm):
     delta = possible_parameters(ParameterLayout(arm.robot))
     free, fixed = arm.function("inverse_dynamics"), arm.function("inverse_dynamics", parameters=delta)

@@ -269,6 +269,13 @@ def test_a_description_is_compared_as_exact_numbers(ur5, tmp_path):
     assert found.prediction.relative_difference[0] < 0.02
     assert any("is a description: its inertials are taken as exact" in remark for remark in found.remarks)
     tree = lxml.etree.parse(arm.path)
+    for dynamics in tree.xpath("//joint/dynamics"):  # nothing of friction is compared, as is said
+        dynamics.set("damping", "50")
+    rubbing = tmp_path / "rubbing.urdf"
+    tree.write(rubbing)
+    again = compare_estimates([rubbing, folder / "one.json"])
+    assert not again.differs
+    assert any("inertials are taken as exact, and are all that is compared" in remark for remark in again.remarks)
     (mass,) = tree.xpath("//link[@name='forearm_link']/inertial/mass")
     mass.set("value", str(2.0 * float(mass.get("value"))))
     heavy = tmp_path / "heavy.urdf"

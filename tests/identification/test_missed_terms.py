@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 
 import steelyard as sy
+from steelyard.cli.terminal import show_identification
+from steelyard.identification.next_steps import found
 from steelyard.report import save_results
+from steelyard.report.head import head, remarks
 from steelyard.robot import RobotFile
 
 BODY = """<inertial><mass value="{}"/><origin xyz="0.2 0.01 0"/>
@@ -25,7 +28,7 @@ TERMS = "".join(f'[[terms]]\nkind = "{kind}"\n' for kind in ("viscous", "coulomb
 
 
 @pytest.mark.parametrize(("suffix", "text"), [("urdf", URDF), pytest.param("sdf", SDF, marks=pytest.mark.slow)])
-def test_what_a_simulation_would_miss_is_said(tmp_path, suffix, text):
+def test_what_a_simulation_would_miss_is_said(tmp_path, suffix, text, capsys):
     (tmp_path / f"arm.{suffix}").write_text(text)
     (tmp_path / "robot.toml").write_text(f'[description]\nfile = "arm.{suffix}"\n{TERMS}')
     model = sy.Model.load(tmp_path / "robot.toml")
@@ -50,12 +53,19 @@ def test_what_a_simulation_would_miss_is_said(tmp_path, suffix, text):
     share = np.sqrt((missed**2).sum() / (torque**2).sum())
     told = float(said.partition("misses ")[2].partition("%")[0])
     assert told == pytest.approx(100 * share, rel=0.15)
+    # It is more than 5 % of the torques, so that it stands where everybody looks, and once.
+    assert share > 0.1
+    assert found(result)[-1] == said
+    page = str(head(result)) + str(remarks(result))
+    assert page.count("has no place for rotor inertia") == 1
+    show_identification(result)
+    assert capsys.readouterr().out.count("has no place for rotor inertia") == 1
     save_results(result, tmp_path / "result", force=True)
     again = RobotFile.load(tmp_path / "result" / f"robot.{suffix}")
-    found = dict(zip(result.estimate.parameter_names, result.estimate.parameters, strict=True))
-    assert [joint.rotor_inertia for joint in again.robot.joints] == [found["Ia1"], found["Ia2"]]
+    values = dict(zip(result.estimate.parameter_names, result.estimate.parameters, strict=True))
+    assert [joint.rotor_inertia for joint in again.robot.joints] == [values["Ia1"], values["Ia2"]]
     assert {"kind": "rotor_inertia"} in again.terms
-    assert f'offset="{float(found["Foj2"])!r}"' in (tmp_path / "result" / f"robot.{suffix}").read_text()
+    assert f'offset="{float(values["Foj2"])!r}"' in (tmp_path / "result" / f"robot.{suffix}").read_text()
 
 
 COUPLING = [[1.0, 0.6], [0.0, 1.0]]

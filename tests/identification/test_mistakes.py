@@ -21,7 +21,7 @@ from steelyard.identification.mistake_sizes import exact_scale
 from steelyard.identification.mistakes import find_mistakes
 from steelyard.recording import LogColumns
 from steelyard.recording.correction import Correction, correction_settings, toml_inline, toml_text
-from steelyard.robot import RobotFile
+from steelyard.robot import Inertia, RobotFile
 
 URDF = """<robot name="small">
 <link name="base"/>
@@ -459,6 +459,33 @@ def test_mistakes_that_leave_little_error_are_found(planted, mistake, name, moti
     robot = planted.described(arm.robot, seed) if cad else planted.undescribed(arm.robot)
     found = find_mistakes(sy.Model(robot.with_terms(*log.terms)), log.samples)
     assert [log.is_named_by(one) for one in found[:1]] == [True], found
+
+
+@pytest.mark.parametrize(("mass", "seed"), [(1.0, 8), (2.0, 4), (2.0, 5)])
+def test_what_a_hand_carries_is_no_mistake_of_a_log(planted, arms, mass, seed):
+    """CAD that is 30 % wrong, and torques that Pinocchio computes of a body that is held off the axis of the wrist."""
+    arm, random = arms[False], np.random.default_rng(seed)
+    log = planted.plant(arm, "none", seed, "rich")
+    held = Inertia.from_com(mass, random.uniform(-0.15, 0.15, 3), 1e-3 * np.eye(3))
+    loaded = replace(log.samples, torque=log.samples.torque + of_held(arm, held, log.samples))
+    found = find_mistakes(sy.Model(planted.described(arm.robot, seed).with_terms(*log.terms)), loaded)
+    # One of 1 kg was taken for torques that are 2.6 times too large.
+    assert [one.kind for one in found] == ["payload"] * (mass > 1.0)
+    for one in found:
+        _, whole, deviation = one.correction.payload
+        assert abs(whole - arm.robot.links[-1].inertia.mass - mass) < deviation < whole
+
+
+def of_held(arm, held, samples):
+    """The torques (S, N) of a body in the hand, by Pinocchio: what they grow by where the hand holds it."""
+    pinocchio = pytest.importorskip("pinocchio")
+    tree = pinocchio.buildModelFromUrdf(str(arm.path))
+    body = pinocchio.Inertia(held.mass, np.array(held.com), np.array(held.about_com))
+    loaded = tree.copy()
+    loaded.inertias[tree.njoints - 1] = tree.inertias[tree.njoints - 1] + body
+    motion = list(zip(samples.q, samples.dq, samples.ddq, strict=True))
+    each = [np.array([pinocchio.rnea(one, one.createData(), *row) for row in motion]) for one in (tree, loaded)]
+    return each[1] - each[0]
 
 
 def test_factors_of_all_torques_are_found(planted, arms):

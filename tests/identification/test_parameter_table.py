@@ -226,6 +226,32 @@ def test_an_inertia_that_may_hold_a_rotor_is_not_measured(stated, tmp_path) -> N
         assert table["Lyy2"].value == pytest.approx(truth["Lyy2"] + rotors[1], rel=0.01)
 
 
+GANTRY = """<robot name="gantry"><link name="base"/>
+<link name="bridge"><inertial><mass value="8"/>
+  <inertia ixx=".1" ixy="0" ixz="0" iyy=".1" iyz="0" izz=".1"/></inertial></link>
+<joint name="along" type="prismatic"><parent link="base"/><child link="bridge"/><axis xyz="1 0 0"/>
+<limit lower="-1" upper="1" effort="9" velocity="3"/></joint>
+<link name="lift"><inertial><mass value="3"/>
+  <inertia ixx=".1" ixy="0" ixz="0" iyy=".1" iyz="0" izz=".1"/></inertial></link>
+<joint name="up" type="prismatic"><parent link="bridge"/><child link="lift"/><axis xyz="0 0 1"/>
+<limit lower="-1" upper="1" effort="9" velocity="3"/></joint></robot>"""
+
+
+def test_all_links_weigh_what_each_of_them_does_at_least(tmp_path) -> None:
+    """Gravity weighs the lift alone; a rotor at the bridge may hold all that the bridge seems to weigh."""
+    (tmp_path / "robot.urdf").write_text(GANTRY)
+    model, random = Model(Robot.from_urdf(tmp_path / "robot.urdf")), np.random.default_rng(5)
+    q, dq, ddq = random.uniform(-1.0, 1.0, (3, 400, 2))
+    torque = np.column_stack([(8.0 + 3.0) * ddq[:, 0], 3.0 * (ddq[:, 1] + 9.81)]) + 0.01 * random.normal(size=q.shape)
+    info = sy.Information.from_samples(model, Samples(q=q, dq=dq, ddq=ddq, torque=torque))
+    feasible_set = FeasibleSet(model)
+    table = parameter_table(info, feasible_set, sy.fit(info, feasible_set), sy.least_squares(info))
+    assert table["m2"].lower == pytest.approx(3.0, abs=0.01)
+    assert table["m1"].lower == 0.0
+    assert table["total mass"].lower == table["m2"].lower
+    assert table["total mass"].upper == pytest.approx(11.0, abs=0.01)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("has_rotors", [False, True])
 def test_moments_that_a_rotor_would_make_others_are_named(has_rotors, example, tmp_path) -> None:

@@ -368,6 +368,7 @@ def test_errors_that_print_alike_are_not_said_to_differ(before, said):
         verdict=SimpleNamespace(feasible=False, violations=[]),
         unconstrained=SimpleNamespace(relative_error=before),
         estimate=SimpleNamespace(relative_error=0.03264),
+        missed_by_description="",
     )
     (told,) = found(result)
     assert told.endswith(said)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import steelyard as sy
-from steelyard.recording.survey import without_wild
+from steelyard.recording.survey import position_jumps, without_wild
 
 ARM = sy.Robot.from_dh([("pi/2", 0, 0.3, "q"), (0, 0.4, 0, "q")], name="arm")
 LINKS = np.tile(sy.Inertia.from_com(2.0, [-0.1, 0.0, 0.0], 0.02 * np.eye(3)).parameters, 2)
@@ -47,3 +47,22 @@ def test_wild_readings_do_not_move_the_estimate(size: float, tmp_path: Path) -> 
 )
 def test_what_moves_or_slips_is_not_wild(q: np.ndarray) -> None:
     assert without_wild(np.arange(len(q)) / 100.0, q[:, None]).tolist() == q[:, None].tolist()
+
+
+def test_an_encoder_that_slips_by_little_is_seen_where_rows_are_close() -> None:
+    """The acceleration that the step would be is computed by hand; what joints do in truth is none."""
+    random = np.random.default_rng(4)
+    for rate, slip in ((200.0, 0.05), (1000.0, 0.035), (100.0, 0.15)):
+        t = np.arange(0.0, 20.0, 1.0 / rate)
+        angle = np.sin(2.0 * t) + 0.4 * np.sin(7.0 * t) + 2e-5 * random.normal(size=t.size)
+        assert slip * rate**2 > 1000.0
+        angle[1234:] += slip
+        assert [rows.tolist() for rows in position_jumps(t, angle[:, None])] == [[1234]]
+    t = np.arange(0.0, 20.0, 0.005)
+    coarse = 0.04 * np.round(np.sin(2.0 * t) / 0.04)  # of an encoder of 157 counts
+    stopped = np.where(t < 9.0, 8.0 * t, 72.0)  # at full speed against a wall
+    slow = np.arange(0.0, 100.0, 0.1)
+    burst = np.zeros(slow.size)
+    burst[500:] = 0.25  # 2.5 rad/s for a tenth of a second
+    for times, angle in ((t, coarse), (t, stopped), (slow, burst)):
+        assert [rows.tolist() for rows in position_jumps(times, angle[:, None])] == [[]]

@@ -32,7 +32,8 @@ def generate(
     ] = None,
     base: Annotated[bool, typer.Option("--base", help="In base parameters instead of standard ones.")] = False,
     gravity: Annotated[
-        Literal["fixed", "argument"], typer.Option(help="The robot's gravity, or an argument.")
+        Literal["fixed", "argument"],
+        typer.Option(help="The robot's gravity, or an argument of the functions that depend on it."),
     ] = "fixed",
     sign: Annotated[
         Literal["exact", "smooth"],
@@ -59,6 +60,7 @@ def generate(
       steelyard generate robot.toml --online --output estimator
     """
     from steelyard.identification import model_of_estimate, parameters_for_source
+    from steelyard.identification.saved import terms_left_open
     from steelyard.robot import RobotFile
 
     if online:
@@ -83,6 +85,11 @@ def generate(
         )
     for path in written:
         echo(path)
+    if cad and not quiet and (open_terms := terms_left_open(model)):
+        echo(
+            f"Note: the description does not state these terms, which are 0 in the source: {open_terms}. State them in "
+            "the description, or give an --estimate."
+        )
 
 
 def _estimator(

@@ -376,7 +376,7 @@ def show_identification(result: Identification, *, whole_table: bool = False, ve
     steps = next_steps(result)
     for number, step in enumerate(steps, 1):
         _say(console, f"{number}. {step}")
-    told = (remark for remark in (*result.estimate.remarks, *result.remarks) if remark not in result.mistake_sentences)
+    told = (remark for remark in (*result.estimate.remarks, *result.remarks) if remark not in result.told_first)
     remarks = gathered(told, _all_logs(result))
     if verbose:
         _show_more(result, console, remarks)

@@ -375,6 +375,8 @@ class Entry:
         Whether the last index of the outputs counts parameters.
     remembers : bool
         Whether it is about the state of friction, so that only robots whose friction has one have this function.
+    weighs : bool
+        Whether gravity is in it, so that it may be an argument.
     """
 
     arguments: tuple[str, ...]
@@ -384,6 +386,7 @@ class Entry:
     by_parameter: bool = False
     drives: bool = False
     remembers: bool = False
+    weighs: bool = False
 
 
 _MOTION = ("q", "dq", "ddq")
@@ -392,24 +395,28 @@ CATALOGUE: dict[str, Entry] = {
         (*_MOTION, "parameters"),
         "Inverse dynamics: the joint torques of a motion (thesis eq. 2.7).",
         _inverse_dynamics,
+        weighs=True,
         drives=True,
     ),
     "forward_dynamics": Entry(
         ("q", "dq", "tau", "parameters"),
         "Forward dynamics: the accelerations that torques cause, by factors of the inertia matrix (thesis eq. 5.1).",
         _forward_dynamics_by_solving,
+        weighs=True,
         drives=True,
     ),
     "forward_dynamics_articulated": Entry(
         ("q", "dq", "tau", "parameters"),
         "Forward dynamics: the joint accelerations that torques cause, with the articulated-body algorithm.",
         _forward_dynamics_articulated,
+        weighs=True,
         drives=True,
     ),
     "computed_torque": Entry(
         (*_MOTION, "parameters"),
         "The torques that the links alone need for a motion: M ddq + C dq + g (thesis eq. 5.8).",
         _computed_torque,
+        weighs=True,
     ),
     "inertia_matrix": Entry(("q", "parameters"), "The inertia matrix of the links.", _inertia_matrix),
     "total_inertia_matrix": Entry(
@@ -421,7 +428,7 @@ CATALOGUE: dict[str, Entry] = {
         _coriolis_matrix,
     ),
     "coriolis": Entry(("q", "dq", "parameters"), "Coriolis and centripetal torques of the links.", _coriolis),
-    "gravity": Entry(("q", "parameters"), "The torques that hold the links against gravity.", _gravity),
+    "gravity": Entry(("q", "parameters"), "The torques that hold the links against gravity.", _gravity, weighs=True),
     "drive_torque": Entry(
         (*_MOTION, "parameters"),
         "The torques of friction, rotors and other terms.",
@@ -431,11 +438,12 @@ CATALOGUE: dict[str, Entry] = {
     ),
     "momentum": Entry(("q", "dq", "parameters"), "The generalised momentum.", _momentum),
     "kinetic_energy": Entry(("q", "dq", "parameters"), "The kinetic energy.", _kinetic_energy),
-    "potential_energy": Entry(("q", "parameters"), "The potential energy.", _potential_energy),
+    "potential_energy": Entry(("q", "parameters"), "The potential energy.", _potential_energy, weighs=True),
     "regressor": Entry(
         _MOTION,
         "The regressor of inverse dynamics (thesis eq. 2.22).",
         _regressor,
+        weighs=True,
         by_parameter=True,
         drives=True,
     ),
@@ -443,12 +451,17 @@ CATALOGUE: dict[str, Entry] = {
         ("q", "dq"), "The regressor of the generalised momentum.", _momentum_regressor, by_parameter=True
     ),
     "energy_regressor": Entry(
-        ("q", "dq"), "The regressors of kinetic and potential energy.", _energy_regressor, by_parameter=True
+        ("q", "dq"),
+        "The regressors of kinetic and potential energy.",
+        _energy_regressor,
+        by_parameter=True,
+        weighs=True,
     ),
     "inverse_dynamics_derivatives": Entry(
         (*_MOTION, "parameters"),
         "The partial derivatives of inverse dynamics by positions, velocities and accelerations.",
         _derivatives,
+        weighs=True,
         drives=True,
     ),
     "pose": Entry(("q",), "The pose of the frame of a link in the base frame.", _pose, subject="link"),

@@ -224,7 +224,7 @@ class ModelFunctions:
         base : bool
             In base parameters instead of standard ones.
         gravity : {"fixed", "argument"}
-            Gravity of the robot, or an argument.
+            Gravity of the robot, or an argument of the functions that depend on it.
         sign : {"exact", "smooth"}
             The sign of Coulomb friction, see :class:`SmoothSign`; its width is then an argument.
         parameters : array_like, optional
@@ -325,7 +325,7 @@ class ModelFunctions:
         if "point" in entry.arguments:
             texts = tuple(f"{axis} of the point in the link frame, m" for axis in "xyz")
             result.append(Argument("point", 3, True, "a point of the link, m", texts))
-        if gravity == "argument":
+        if gravity == "argument" and entry.weighs:
             texts = tuple(f"{axis} of gravity in the base frame, m/s²" for axis in "xyz")
             result.append(Argument("gravity", 3, True, "acceleration of gravity in the base frame, m/s²", texts))
         if sign == "smooth" and entry.drives:

@@ -752,7 +752,7 @@ class Model:
         base : bool
             In base parameters instead of standard ones.
         gravity : {"fixed", "argument"}
-            The gravity of the robot, or an argument of the function.
+            The gravity of the robot, or an argument of the functions that depend on it.
         sign : {"exact", "smooth"}
             The sign of Coulomb friction: exact, or ``v / sqrt(v² + w²)``, for simulation and differentiation, with w
             (1,) as the argument ``sign_width`` of the functions that depend on it.

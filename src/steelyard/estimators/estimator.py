@@ -17,6 +17,7 @@ from steelyard.feasibility.certificates import FeasibilityCertificate
 from steelyard.feasibility.feasible_set import FeasibleSet
 from steelyard.files import shown, suggestion
 from steelyard.regression import Estimate, Information, ParameterCovariance
+from steelyard.robot.joint import joint_geometry
 
 __all__ = ["ESTIMATORS", "Estimator", "estimate_with", "find_estimator", "proved_estimate"]
 
@@ -121,9 +122,12 @@ def proved_estimate(
     # Before the proof, so that what is proved, written and shown are the same numbers.
     parameters = _without_dust(feasible_set, parameters)
     joint_names = info.joint_names
-    drives: dict[str, Any] = {}
+    of_robot: dict[str, Any] = {}
     if isinstance(model, Model):
-        drives = model.drives(parameters).always_told()
+        of_robot = {
+            **model.drives(parameters).always_told(),
+            "description": {"joints": joint_geometry(model.robot.joints)},
+        }
         joint_names = joint_names or tuple(model.robot.joint_names)  # reduced data does not name them
     # The certificate is about the standard parameters, which users take; the base parameters follow from them.
     certificate = FeasibilityCertificate.of_parameters(feasible_set, parameters)
@@ -146,7 +150,7 @@ def proved_estimate(
         parameter_names=tuple(model.parameter_names),
         parameters=parameters,
         consistency=feasible_set.consistency,
-        **drives,
+        **of_robot,
         certificate=certificate.document(),
         remarks=(*info.remarks, *remarks),
         optimality_gap=optimality_gap,

@@ -324,6 +324,10 @@ class LikeliestRobot:
         (N,) mean squares of the torques.
     torque_surprise : ndarray
         (N,) what speaks against torques of this magnitude, as a logarithm of odds.
+    precision : ndarray
+        (n, n) inverse of the covariance of the parameters, of those that are not held at zero.
+    free : ndarray
+        (n,) which these are.
     """
 
     parameters: Array
@@ -332,6 +336,15 @@ class LikeliestRobot:
     held_out: Array
     power: Array
     torque_surprise: Array
+    precision: Array
+    free: NDArray[np.bool_]
+
+    def standard_deviation(self, column: int) -> float:
+        """Standard deviation of one parameter that is not held at zero."""
+        alone = np.zeros(len(self.free))
+        alone[column] = 1.0
+        places = np.ix_(self.free, self.free)
+        return float(np.sqrt(np.linalg.solve(self.precision[places], alone[self.free]) @ alone[self.free]))
 
     @property
     def error(self) -> float:
@@ -399,7 +412,8 @@ def likeliest_robot(
     outside = np.empty(0)
     if held_out:
         outside = _held_out_errors(moments, matrix, mean, precision, nonnegative, variance)
-    return LikeliestRobot(parameters, cost, np.sqrt(residual / np.maximum(square, 1e-300)), outside, power, surprise)
+    errors = np.sqrt(residual / np.maximum(square, 1e-300))
+    return LikeliestRobot(parameters, cost, errors, outside, power, surprise, normal, free)
 
 
 def gains_of_factors(moments: Moments, prior: BodyPrior, fit: LikeliestRobot) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
-from steelyard.files import listed, read_json, read_table, reading_table, shown
+from steelyard.files import listed, read_json, read_table, reading_table, require_format, shown
 from steelyard.robot import Robot
 
 from .fourier import FourierTrajectory, RestToRestTrajectory
@@ -115,8 +115,7 @@ _FAMILIES: dict[str, Callable[[dict[str, Any]], Trajectory]] = {
 
 
 def _from_document(document: dict[str, Any], source: Path) -> Trajectory:
-    if document["format"] != FORMAT:
-        raise InputError(f"{source}: format is {shown(document['format'])}, expected {FORMAT!r}.")
+    require_format(document["format"], FORMAT, source, "give a trajectory that steelyard saved")
     make = _FAMILIES.get(document["family"])
     if make is None:
         raise InputError(f"{source}: family is {shown(document['family'])}, expected one of {', '.join(_FAMILIES)}.")

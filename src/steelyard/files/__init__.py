@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from .reading import read_toml as read_toml
     from .reading import reading_table as reading_table
     from .reading import require_file as require_file
+    from .reading import require_format as require_format
     from .reading import shown as shown
     from .table_files import check_parquet as check_parquet
     from .table_files import read_table as read_table

@@ -31,6 +31,7 @@ __all__ = [
     "read_toml",
     "reading_table",
     "require_file",
+    "require_format",
     "shown",
 ]
 
@@ -253,6 +254,41 @@ def parse_json(text: str, path: str | os.PathLike[str], *, remedy: str) -> Any:
         raise InputError(f"{path}: holds a number with too many digits; save it again.") from None
     _require_usable(content, path, finite=True)
     return content
+
+
+def require_format(given: object, expected: str, where: str | os.PathLike[str], remedy: str) -> None:
+    """Make sure that a saved document is of the format that is read here, whose version its name ends with.
+
+    Parameters
+    ----------
+    given : object
+        What the document says of its format.
+    expected : str
+    where : str or path
+        Named in the message.
+    remedy : str
+        What the message advises, unless a newer version of this package wrote the document.
+
+    Raises
+    ------
+    InputError
+        For any other format.
+
+    Examples
+    --------
+    >>> require_format("steelyard-estimate-9", "steelyard-estimate-3", "estimate.json", "identify the robot anew")
+    Traceback (most recent call last):
+    ...
+    steelyard.errors.InputError: estimate.json: format is 'steelyard-estimate-9', expected 'steelyard-estimate-3'; \
+a newer Steelyard wrote it: upgrade this one.
+    """
+    if given == expected:
+        return
+    kind, _, version = expected.rpartition("-")
+    later = re.fullmatch(rf"{re.escape(kind)}-([0-9]{{1,9}})", given) if isinstance(given, str) else None
+    if later and int(later[1]) > int(version):
+        remedy = "a newer Steelyard wrote it: upgrade this one"
+    raise InputError(f"{where}: format is {shown(given)}, expected {expected!r}; {remedy}.")
 
 
 class _RefusedError(ValueError):

@@ -8,6 +8,7 @@ import logging
 import multiprocessing
 import os
 import signal
+import socket
 import threading
 import time
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
@@ -360,8 +361,11 @@ class Cluster:
             )
         try:
             # A client that was given an address of no scheduler would wait for it when it goes.
-            distributed.comm.registry.get_backend(distributed.comm.parse_address(self.address)[0])
-            distributed.comm.get_address_host_port(self.address, strict=True)
+            protocol = distributed.comm.parse_address(self.address)[0]
+            distributed.comm.registry.get_backend(protocol)
+            place = distributed.comm.get_address_host_port(self.address, strict=True)
+            if protocol in ("tcp", "tls"):  # Dask would try again until its time is over, also where it was refused
+                socket.create_connection(place, self.TIMEOUT).close()
             self._require_scheduler(distributed, options.get("security"))
             return distributed.Client(self.address, timeout=self.TIMEOUT, set_as_default=False, **options)
         except (OSError, ValueError, TypeError) as error:

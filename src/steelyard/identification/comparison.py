@@ -330,8 +330,8 @@ def compare_estimates(
         if one.estimate.unconstrained_base is None and one.estimate.consistency is not None
     ]
     remarks += [
-        f"{one.name} is a description: its inertials are taken as exact; friction and rotors, of which it says "
-        "nothing, are those of the estimate in what it predicts."
+        f"{one.name} is a description: its inertials are taken as exact, and are all that is compared; friction and "
+        "rotors are those of the estimate in what it predicts, whatever it states."
         for one in loaded
         if one.is_description
     ]

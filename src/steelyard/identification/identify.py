@@ -352,10 +352,13 @@ def identify(
     if not doubts.of_log and not reader.units_are_suspect and table is not None:
         remarks.update(dict.fromkeys(heavy_ends(model, table, doubts.prediction).values()))
     remarks.update(dict.fromkeys(model.robot.remarks))
+    missed = None
     if model.robot.source is not None:
         from .missed_terms import missed_terms  # there is no description otherwise
 
-        remarks.update(dict.fromkeys(missed_terms(model, estimate, [log.samples for log in read.logs])))
+        missed = missed_terms(model, estimate, [log.samples for log in read.logs])
+        if missed is not None:
+            remarks[missed.sentence] = None
     require_unwritten(written)
     return Identification(
         model=model,
@@ -375,6 +378,7 @@ def identify(
         scale=doubts.scale,
         drifts=() if doubts.of_log else read.drift_sentences,
         why_no_rotors=why_no_rotors,
+        missed_by_description=missed.sentence if missed is not None and missed.matters else "",
         robot_file=file.path if file.path.is_file() else None,
         logs=tuple(map(str, logs)),
         validation_logs=tuple(map(str, validation)),
@@ -495,7 +499,7 @@ def _predict(model: Model, unconstrained: Estimate, estimate: Estimate, log: Red
 
 
 def _description(read: Mapping[str, Any], model: Model, estimate: Estimate) -> dict[str, Any]:
-    """Return what of the description was read, with springs and powers of friction that few formats hold."""
+    """Return what of the description was read, with what few formats hold, as springs, and where its joints are."""
     drives = {} if estimate.parameters is None else model.drives(estimate.parameters).told_where_present()
     told = {"drives": {name: values.tolist() for name, values in drives.items()}} if drives else {}
-    return {**read, **told}
+    return {**estimate.description, **read, **told}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,9 @@ from steelyard.robot import Drives, Robot
 from steelyard.robot.description import URDF, description_format
 from steelyard.robot.robot import PRESLIDING
 
-__all__ = ["missed_terms", "undescribed_kinds"]
+from .mistakes import POOR, POOR_JOINT
+
+__all__ = ["MissedTerms", "missed_terms", "undescribed_kinds"]
 
 NAMES = {
     "damping": "damping",
@@ -28,7 +31,23 @@ NAMES = {
 NEGLIGIBLE = 5e-4  # of the torques; less is printed as 0.0 %
 
 
-def missed_terms(model: Model, estimate: Estimate, samples: Iterable[Samples]) -> tuple[str, ...]:
+class MissedTerms(NamedTuple):
+    """What the description cannot hold in its own elements.
+
+    Attributes
+    ----------
+    sentence : str
+        With the root mean square of the torques of the terms that are missed, relative to that of the measured ones,
+        over all joints and of the joint where it is largest.
+    matters : bool
+        Whether a simulation of the description would predict so much worse than the answer that it must be told first.
+    """
+
+    sentence: str
+    matters: bool
+
+
+def missed_terms(model: Model, estimate: Estimate, samples: Iterable[Samples]) -> MissedTerms | None:
     """Say what the description cannot hold in its own elements.
 
     Parameters
@@ -40,19 +59,18 @@ def missed_terms(model: Model, estimate: Estimate, samples: Iterable[Samples]) -
 
     Returns
     -------
-    tuple of str
-        A sentence, with the root mean square of the torques of the terms that are missed, relative to that of the
-        measured ones, over all joints and of the joint where it is largest; none where nothing is missed.
+    MissedTerms or None
+        None where nothing is missed.
     """
     source = model.robot.source
     if source is None or estimate.parameters is None:
-        return ()
+        return None
     kind = description_format(source) or URDF
     refused = kind.refusal(model.robot)
     if refused:
-        return (refused,)
+        return MissedTerms(refused, matters=False)
     if not kind.is_written:
-        return ()
+        return None
     parts, whole = np.zeros(model.robot.dof), np.zeros(model.robot.dof)
     of_terms = np.array(estimate.parameters)
     of_terms[np.ravel(model.link_columns)] = 0.0
@@ -64,11 +82,11 @@ def missed_terms(model: Model, estimate: Estimate, samples: Iterable[Samples]) -
         parts += np.sum(np.where(rows, torque, 0.0) ** 2, axis=0)
         whole += np.sum(np.where(rows, one.torque, 0.0) ** 2, axis=0)
     if not whole.sum() > 0.0:
-        return ()
+        return None
     share = float(np.sqrt(parts.sum() / whole.sum()))
     each = np.sqrt(np.divide(parts, whole, out=np.zeros_like(parts), where=whole > 0.0))
     if max(share, float(each.max())) < NEGLIGIBLE:
-        return ()
+        return None
     worst = int(np.argmax(each))
     known = [NAMES[name] for name in NAMES if name not in kind.holds and name in model.described_as]
     what = [*known, *undescribed_kinds(model.robot)]
@@ -76,10 +94,11 @@ def missed_terms(model: Model, estimate: Estimate, samples: Iterable[Samples]) -
     if partly:
         what.append(f"all that {' and '.join(partly)} can say")
     beside = f", and {' and '.join(known)} in an extension of ours, which simulators pass over" if known else ""
-    return (
+    return MissedTerms(
         f"The format of {source.name} has no place for {' and '.join(what)}: their values stand in "
         f"estimate.json{beside}. A simulation without it misses {share:.1%} of the torques of these logs, and "
         f"{each[worst]:.1%} at joint {model.robot.joint_names[worst]}.",
+        matters=share > POOR or float(each.max()) > POOR_JOINT,
     )
 
 

@@ -126,6 +126,8 @@ def found(identification: Identification) -> tuple[str, ...]:
         sentences.append(
             f"Plain least squares found a robot that cannot exist{which}. One that can exist leaves {left}{compared}."
         )
+    if identification.missed_by_description:
+        sentences.append(identification.missed_by_description)
     return tuple(sentences)
 
 

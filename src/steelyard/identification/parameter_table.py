@@ -454,8 +454,13 @@ def parameter_table(
             )
         )
     heaviest = next((row.upper for row in rows if row.name == "total mass"), np.inf)
-    rows = [  # no link is heavier than all of them, which rotors that nobody knows make none
-        replace(row, upper=heaviest) if of.kind == "mass" and row.upper > heaviest else row
+    lightest = sum(row.lower for row, of in zip(rows, about, strict=True) if of.kind == "mass")
+    rows = [  # no link is heavier than all of them, and together they weigh what each does, whatever rotors there are
+        replace(row, upper=heaviest)
+        if of.kind == "mass" and row.upper > heaviest
+        else replace(row, lower=lightest)
+        if row.name == "total mass" and row.lower < lightest
+        else row
         for row, of in zip(rows, about, strict=True)
     ]
     assumed = {row.name for row in rows if row.basis == "assumed"}

@@ -668,6 +668,7 @@ def _known(model: Model, loaded: Estimate) -> KnownRobot:
             f"The estimate has the parameters of another robot or of other terms than {model.robot.name} has; give the "
             "robot file that it was identified with."
         )
+    loaded.require_geometry(model.robot, model.robot.name)
     known = np.isfinite(loaded.standard_error)
     # Standard errors are those of least squares, from which an answer with a prior is further away on purpose. What the
     # data does not tell belongs to the answer, and cannot be taken from both.

@@ -163,6 +163,9 @@ class Identification:
         Which laws of friction were chosen, and how; None where that was not asked for.
     why_no_rotors : str
         Why the model has no inertia of rotors, as a clause, where nobody states the terms and it was tried; else empty.
+    missed_by_description : str
+        What the written description cannot hold, where it predicts much worse without that; else empty. It stands among
+        the remarks as well.
     """
 
     model: Model
@@ -192,6 +195,7 @@ class Identification:
     elastic_model: ElasticModel | None = None
     friction: FrictionChoice | None = None
     why_no_rotors: str = ""
+    missed_by_description: str = ""
 
     def save(self, folder: str | Path, *, force: bool = False, stale: Collection[str] = ()) -> tuple[Path, ...]:
         """Write what ``steelyard identify --output folder`` writes; see :func:`steelyard.report.save_results`.
@@ -301,6 +305,11 @@ class Identification:
     def mistake_sentences(self) -> tuple[str, ...]:
         """What is probably wrong, a sentence for each log; they stand among the remarks as well."""
         return tuple(f"{log}: {sentence(found)}" for log, found in self.mistakes.items())
+
+    @property
+    def told_first(self) -> tuple[str, ...]:
+        """Remarks that are told beside the verdicts and the steps, and need not be repeated."""
+        return (*self.mistake_sentences, self.missed_by_description)
 
     @property
     def caveat(self) -> str:

@@ -13,7 +13,7 @@ from steelyard.dynamics import Model
 from steelyard.errors import InputError
 from steelyard.feasibility import FeasibleSet
 from steelyard.feasibility.bounds.quantities import quantities
-from steelyard.files import file_hash, read_json, shown
+from steelyard.files import file_hash, read_json, require_format
 from steelyard.recording import Processing
 from steelyard.recording.formats import content_hash, content_hashes
 from steelyard.regression import Estimate
@@ -104,6 +104,7 @@ class SavedResult:
                 f"{given}: is of another robot than {beside.name}, since its base parameters are others; give the "
                 "description with which that was identified, with other inertials at most."
             )
+        estimate.require_geometry(described.robot, str(given))
         of_links = np.zeros(described.parameter_count, dtype=np.bool_)
         of_links[np.concatenate(described.link_columns)] = True
         values = np.where(of_links, described.robot.parameters, np.nan)
@@ -194,9 +195,9 @@ def _record(path: Path) -> Mapping[str, Any]:
     """Read a record, and make sure that what is used of it is there."""
     remedy = "remove it, or give the folder that steelyard identify wrote"
     record = read_json(path, remedy=remedy)
-    if not isinstance(record, dict) or record.get("format") != RECORD_FORMAT:
-        found = shown(record.get("format")) if isinstance(record, dict) else f"a {type(record).__name__}"
-        raise InputError(f"{path}: its format is {found}, expected {RECORD_FORMAT!r}; {remedy}.")
+    if not isinstance(record, dict):
+        raise InputError(f"{path}: is a {type(record).__name__}, expected the format {RECORD_FORMAT!r}; {remedy}.")
+    require_format(record.get("format"), RECORD_FORMAT, path, remedy)
     options = record.get("options")
     told = isinstance(options, dict) and all(isinstance(options.get(key), dict) for key in ("processing", "decided"))
     logs = record.get("logs")

@@ -29,7 +29,7 @@ from steelyard.simulation import (
 )
 
 from .default_terms import model_of_estimate
-from .saved import matching_estimate, parameters_of_description
+from .saved import matching_estimate, parameters_of_description, terms_left_open
 
 if TYPE_CHECKING:
     from .elastic.elastic_model import ElasticModel
@@ -244,7 +244,9 @@ def _notes_on_drives(torque: Array, drives: MotionLimits) -> tuple[str, ...]:
 def _parameters(model: Model, estimate: str | Path | None) -> tuple[Array, bool, str]:
     """Return parameters, whether they are base parameters, and whose they are."""
     if estimate is None:
-        return parameters_of_description(model), False, "the description (CAD); what it leaves open is zero"
+        open_terms = terms_left_open(model)
+        zeros = f", with 0 for the terms that it does not state: {open_terms}" if open_terms else ""
+        return parameters_of_description(model), False, f"the description (CAD){zeros}"
     loaded: Estimate = matching_estimate(model, estimate)
     if loaded.parameters is not None:
         return loaded.parameters, False, f"{estimate} ({loaded.method})"

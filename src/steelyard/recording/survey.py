@@ -72,6 +72,12 @@ LEAST_JUMP = 0.05
 """rad or m; a smaller jump may be one count of a coarse encoder. Five of twice the size in 20 s of an arm that moves at
 1 rad/s move estimates by as much as noise does."""
 
+SLIPPED, PUSHED, UNUSUAL = 0.03, 1000.0, 20.0
+"""The least jump (rad or m) that is told of a joint whose position jumps and stays, the acceleration (rad/s² or m/s²)
+that no joint has from one row to the next, and how many times further than in 99 of 100 rows it is then from where its
+motion leads. At 200 Hz an encoder that slips by 0.05 rad is told so, not only one that slips by 0.1. In 20 real logs no
+joint was 14 times further."""
+
 FEW = 0.01
 """Part of the rows of a joint up to which single positions count as wild: more are no readings that went wrong."""
 JUMPED = "further than a joint moves from one row to the next"
@@ -673,11 +679,15 @@ def position_jumps(t: NDArray[np.float64], q: NDArray[np.float64]) -> tuple[NDAr
     [[70]]
     """
     found = [np.empty(0, np.intp) for _ in range(q.shape[1])]
-    for j in _joints_that_step(q, 0.5 * LEAST_JUMP):  # two steps differ by no more than twice the longest
-        steps = np.diff(q[:, j])
+    for j in _joints_that_step(q, 0.5 * SLIPPED):  # two steps differ by no more than twice the longest
+        steps, times = np.diff(q[:, j]), np.diff(t)[1:-1]
         here = steps[1:-1]
         off = np.minimum(np.abs(here - steps[:-2]), np.abs(here - steps[2:]))
-        rows = np.flatnonzero(off > farthest(np.diff(t)[1:-1])) + 2
+        if not np.any(off > SLIPPED):
+            continue
+        usual = np.nanquantile(off, 1.0 - FEW) if len(off) > 1.0 / FEW else np.inf
+        pushed = np.maximum(PUSHED * times**2, max(UNUSUAL * usual, SLIPPED))
+        rows = np.flatnonzero(off > np.minimum(farthest(times), pushed)) + 2
         found[j] = rows if rows.size <= FEW * len(q) else rows[:0]
     return tuple(found)
 

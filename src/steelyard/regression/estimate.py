@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from steelyard.display import html_table
 from steelyard.errors import InputError, faults_told
-from steelyard.files import listed, plain, read_json, shown, write_json
+from steelyard.files import listed, plain, read_json, require_format, shown, write_json
 from steelyard.robot.description import URDF, DescriptionFormat, UrdfFormat, description_format
-from steelyard.robot.joint import Drives
+from steelyard.robot.joint import Drives, differing_joint
+from steelyard.robot.robot import Robot
 
 from .factor import LARGEST
 
@@ -99,7 +100,7 @@ class Estimate:
     remarks : tuple of str
         What the user should know, a sentence each.
     description : mapping
-        How the robot was read (``tip``, ``locked``), for writing a URDF.
+        How the robot was read (``tip``, ``locked``), and the geometry of its ``joints``, for writing a URDF.
     filtered_torque : bool
         Whether torques were filtered and the dynamics were not, see `Samples`; the errors of the estimate then exceed
         its standard errors, and no interval of a base parameter holds.
@@ -273,10 +274,7 @@ class Estimate:
             If something is missing or of a wrong size, a parameter is not a finite number, or the numbers are not those
             that the certificate speaks of; `where` is named in the message.
         """
-        if document.get("format") != FORMAT:
-            raise InputError(
-                f"{where}: format is {shown(document.get('format'))}, expected {FORMAT!r}; identify the robot anew."
-            )
+        require_format(document.get("format"), FORMAT, where, "identify the robot anew")
         values: dict[str, Any] = {}
         for item in fields(cls):
             if item.name not in document:
@@ -383,6 +381,37 @@ class Estimate:
         chosen = description_format(source, self.description.get("xacro_arguments"))
         self._write(chosen or URDF, source, Path(target))
 
+    def require_geometry(self, robot: Robot, where: str) -> None:
+        """Make sure that the joints of a robot with the same names are where those of the identified robot were.
+
+        Otherwise the inertias would stand in other frames. The place of the base counts for nothing, and estimates that
+        do not tell the geometry of their robot fit any.
+
+        Parameters
+        ----------
+        robot : Robot
+        where : str
+            Whose description it is, for the message.
+
+        Raises
+        ------
+        InputError
+            If a joint is elsewhere, or turns about another axis.
+        """
+        recorded = self.description.get("joints")
+        try:
+            joint = "" if recorded is None else differing_joint(recorded, robot.joints)
+        except (TypeError, ValueError, KeyError):
+            raise InputError(
+                f"The 'joints' in 'description' of the estimate are damaged; save it anew ({where})."
+            ) from None
+        if joint:
+            raise InputError(
+                f"{where}: the origin, axis or motion of the joint {shown(joint)} is another than that of the robot "
+                "of this estimate, so that inertias would stand in wrong frames; give the description with which it "
+                "was identified."
+            )
+
     def _of_transmissions(self, name: str) -> Array | None:
         """A number of the elastic joints whose stiffness was measured, (N,); NaN at others."""
         measured = {str(one["joint"]): one for one in self.elastic_joints if one.get("verdict") == "measured"}
@@ -407,6 +436,7 @@ class Estimate:
                     f"{source}: does not describe the robot of this estimate, whose joints are "
                     f"{listed(self.joint_names)}; it has {listed(robot.joint_names)}."
                 )
+            self.require_geometry(robot, str(source))
             index = {name: k for k, name in enumerate(self.parameter_names)}
             links = self.parameters[[index[name] for name in names]]
             drives = Drives.unknown(robot.dof).with_known(

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.display import html_table
 from steelyard.errors import InputError
-from steelyard.files import plain, read_json, shown, write_json
+from steelyard.files import plain, read_json, require_format, shown, write_json
 from steelyard.once import cached_property
 from steelyard.recording import Samples
 from steelyard.recording.samples import regrouped
@@ -572,10 +572,7 @@ class Information:
         """
         document = read_json(path, remedy="give an Information that steelyard saved")
         try:
-            if document["format"] != FORMAT:
-                raise InputError(
-                    f"{path}: format is {shown(document['format'])}, expected {FORMAT!r}; reduce the samples anew."
-                )
+            require_format(document["format"], FORMAT, path, "reduce the samples anew")
             values: dict[str, Any] = {
                 name: tuple(document[name]) for name in ("base_names", "base_expressions", "joint_names")
             }

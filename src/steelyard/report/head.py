@@ -44,7 +44,7 @@ def _step(step: NextStep) -> str:
 
 def remarks(identification: Identification) -> Markup:
     """Return what is to be known about data and fit, without repetition; nothing where there is nothing."""
-    told = set(identification.mistake_sentences)  # which stand among what to do next
+    told = set(identification.told_first)
     said = [*identification.estimate.remarks, *identification.unconstrained.remarks, *identification.remarks]
     logs = (*identification.logs, *identification.validation_logs)
     return bullets(gathered([one for one in said if one not in told], logs))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Literal
 
@@ -14,10 +14,14 @@ from steelyard.errors import InputError
 from .inertia import Inertia
 from .placement import frozen, motion_z
 
-__all__ = ["Attachment", "Drives", "Joint", "JointKind", "Link"]
+__all__ = ["Attachment", "Drives", "Joint", "JointKind", "Link", "differing_joint", "joint_geometry"]
 
 Matrix = NDArray[np.float64]
 JointKind = Literal["revolute", "continuous", "prismatic"]
+
+# Angles and lengths (rad, m) by which placements may differ: more than the rounding of "1.5708" in a description, and
+# much less than an identified inertia can tell.
+SAME_PLACEMENT = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,3 +277,50 @@ class Joint:
     def __repr__(self) -> str:
         mimic = f", mimics {self.mimics!r}: {self.multiplier:g} q + {self.offset:g}" if self.mimics else ""
         return f"Joint({self.name!r}, {self.kind}, parent={self.parent}, coordinate={self.coordinate}{mimic})"
+
+
+def joint_geometry(joints: Sequence[Joint]) -> list[dict[str, Any]]:
+    """Return of every joint, mimic joints among them, what the frame of its link rests on, as plain data.
+
+    Where the base stands is left out: nothing of an inertia in the frame of a moving link depends on it.
+
+    Parameters
+    ----------
+    joints : sequence of Joint
+        Of a robot, in its order.
+    """
+    return [
+        {
+            "name": joint.name,
+            "turns": joint.rotates,
+            "parent": joint.parent,
+            "before": joint.before[:3].ravel().tolist() if joint.parent >= 0 else [],
+            "after": joint.after[:3].ravel().tolist(),
+            "motion": [float(joint.coordinate), joint.multiplier, joint.offset],
+        }
+        for joint in joints
+    ]
+
+
+def differing_joint(recorded: Sequence[Any], joints: Sequence[Joint]) -> str:
+    """Return the name of the first joint that is placed or moves otherwise than was recorded; empty where none does.
+
+    Parameters
+    ----------
+    recorded : sequence of mapping
+        What `joint_geometry` returned for joints of the same names.
+    joints : sequence of Joint
+
+    Raises
+    ------
+    TypeError, ValueError, KeyError
+        If it is something else.
+    """
+    for one, own in zip(recorded, joint_geometry(joints), strict=True):
+        same = all(one[key] == own[key] for key in ("name", "turns", "parent"))
+        if not same or not all(
+            len(one[key]) == len(own[key]) and np.allclose(one[key], own[key], rtol=0.0, atol=SAME_PLACEMENT)
+            for key in ("before", "after", "motion")
+        ):
+            return str(own["name"])
+    return ""

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from steelyard.errors import InputError
-from steelyard.files import read_json, shown
+from steelyard.files import read_json, require_format, shown
 from steelyard.once import cached_property
 
 from .rational import parse_number
@@ -59,13 +59,14 @@ def _read(path: str | Path) -> Any:
 def _certificate_of(document: Any, source: str | Path) -> dict[str, Any]:
     if _is_estimate(document):
         document = document["certificate"]
-    if not isinstance(document, dict) or document.get("format") != FORMAT:
-        if isinstance(document, dict) and "certificate" in document and document["certificate"] is None:
+    if not isinstance(document, dict):
+        raise InputError(f"{source}: is not a certificate but a {type(document).__name__}; expected {FORMAT!r}.")
+    if document.get("format") != FORMAT:
+        if "certificate" in document and document["certificate"] is None:
             raise InputError(
                 f"{source}: is an estimate without a proof; make one with: steelyard check ROBOT {source} --output FILE"
             )
-        found = document.get("format") if isinstance(document, dict) else type(document).__name__
-        raise InputError(f"{source}: is not a certificate (format {shown(found)}); expected {FORMAT!r}.")
+        require_format(document.get("format"), FORMAT, source, "give a certificate that steelyard saved")
     return document
 
 
