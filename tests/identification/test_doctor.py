@@ -72,6 +72,13 @@ def clipped(log):
     return {**log, "tau": torque}
 
 
+def standing(log):
+    """Return the log of a torque sensor that was not read for a second."""
+    torque = log["tau"].copy()
+    torque[1000:1250, 1] = torque[1000, 1]
+    return {**log, "tau": torque}
+
+
 def frozen(log):
     """Return the log of a logger that writes every tenth row twice."""
     found = {name: values.copy() for name, values in log.items()}
@@ -118,6 +125,7 @@ PLANTED = {
         {"processing": {"exclude_joints": [3]}},
     ),
     "clipped torques": (clipped, "saturation", {"processing": {"saturation": True}}),
+    "a torque that stands still": (standing, "stuck_torque", {"processing": {"stuck_torque": True}}),
     "rows written twice": (frozen, "repeated", {"processing": {"repeated": True}}),
     "velocities in degrees": (
         lambda log: with_velocities(log, np.degrees(1.0)),

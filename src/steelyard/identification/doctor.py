@@ -95,7 +95,7 @@ simulated arms have 0.3 to 0.5, a UR10 0.55 and a TX40 0.58; short runs of a Gen
 0.69 to 0.74."""
 STRETCHES = 5
 CLIPPED = 0.01
-"""Share of a joint's rows at a level of saturation from which the answer is wrong, and not only worse."""
+"""Share of a joint's rows whose torque is clipped, or stands still, from which the answer is wrong, not only worse."""
 MOST_NAMED = 6
 WARM_UP = (
     "Warm the robot up before the log begins, or log a temperature and take the term friction_by_channel in the place "
@@ -486,7 +486,7 @@ class _Patient:
         handled = [option for option in DETECTORS if getattr(self.processing, option) is not False]
         for option, sentences in diagnosis.faults(handled).items():
             share = float(getattr(diagnosis, option).flags.mean(axis=0).max())
-            harm: Harm = "wrong" if option == "saturation" and share > CLIPPED else "worse"
+            harm: Harm = "wrong" if option in ("saturation", "stuck_torque") and share > CLIPPED else "worse"
             remedy: Settings = {"processing": {option: True}}
             self.add(Finding(option, " ".join(sentences) + where, harm, share, remedy))
 
