@@ -344,7 +344,9 @@ class LogSurvey:
         why = "faster than any motor"
         if ranges is not None and far[j]:
             why = f"where its limits leave it {ranges[j]:.4g} {unit}"
-        own = '"pi/180000" for millidegrees, "2*pi/1000000" for micro-revolutions' if unit == "rad" else "1e-6 for µm"
+        own = "1e-6 for µm"
+        if unit == "rad":
+            own = '"pi/180000" for millidegrees, "1/1000" for milliradians, "2*pi/1000000" for micro-revolutions'
         return (
             f"the positions of {names}, taken in {unit}, are those of no robot: {self.label(j)} goes through {turns} "
             f"(from {self.q[0, j]:.6g} to {self.q[1, j]:.6g}) at up to {self.speed[j]:.4g} {unit}/s, {why}. Where they "
