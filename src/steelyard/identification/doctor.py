@@ -860,6 +860,7 @@ class _Patient:
             duration = (count - 1) / recording.rate if t is None or self.columns.rate is not None else float(t[-1])
         facts = {"rows": f"{count}, {duration:.6g} s at {rate}"}
         if clock is not None:
+            facts["rows"] = f"{count}, {duration - clock.paused:.6g} s at {rate}"
             facts["clock"] = repr(clock).removeprefix("ClockStatistics(").removesuffix(")")
         if "cutoff" not in self.facts:
             try:

@@ -143,7 +143,12 @@ STYLES: tuple[ColumnStyle, ...] = (
     ColumnStyle(
         "LeRobot",
         "position",
-        ("observation.state[{name}]", "observation.state_{number}", "observation.state[{number}]"),
+        (
+            "observation.state[{name}]",
+            "observation.state_{number}",
+            "observation.state[{number}]",
+            "observation.state{number}",
+        ),
     ),
     *(
         ColumnStyle("MuJoCo", quantity, ("{word}{number}", "{word}_{number}", "{word}[{number}]", *NAMED), (word,))

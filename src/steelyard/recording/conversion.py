@@ -249,7 +249,7 @@ def clock_at(rate: float, stamps: Iterable[NDArray[np.float64]]) -> ClockStatist
         clock = clock_of(increasing())
     except _CoarseStampsError:
         return None
-    return clock if clock.missing and abs(clock.period * rate - 1.0) < 0.01 else None
+    return clock if len(clock.gaps) and abs(clock.period * rate - 1.0) < 0.01 else None
 
 
 class _CoarseStampsError(ValueError):
