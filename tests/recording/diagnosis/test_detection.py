@@ -333,7 +333,7 @@ def test_missing_values_are_filled_and_masked(tmp_path):
     log = Recording.read(path, {"missing": "fill"})
     assert log.remarks == (
         "5 positions and 2 torques are missing, or too far from those before and after for a joint to move there and "
-        "back; they were filled in, and are not used.",
+        "back, or zero for a moment among torques that are not; they were filled in, and are not used.",
     )
     np.testing.assert_allclose(log.q[:, 0], np.sin(2 * T), atol=1e-5)
     samples = log.process(cutoff=10.0, trim=0.0, velocity_threshold=None)
