@@ -239,6 +239,16 @@ def test_a_unit_that_is_not_known_is_a_question() -> None:
     assert "no columns that look like positions" in question(["t", "q1 [gon]", "tau1"], 1)
 
 
+def test_minutes_are_minutes_and_a_time_in_days_is_asked_for() -> None:
+    t = np.arange(100) / 100.0
+    log = {"q1": np.sin(t), "tau1": np.cos(t)}
+    read = Recording.read({"time [min]": t / 60.0, **log}, joints=1)
+    np.testing.assert_allclose(read.t - read.t[0], t, atol=1e-12)
+    names = ["time_days", "q1", "tau1"]
+    assert "state `time_unit` in [log]" in question(names, 1, {"time": "time_days"})
+    assert find(names, 1, {"time": "time_days", "time_unit": "h"}).time_unit == "h"
+
+
 def test_what_is_stated_comes_before_what_columns_say() -> None:
     layout = find(["t", "q1 [deg]", "tau1 [mNm]"], 1, {"position_unit": "rad", "torque_unit": "N·m"})
     assert (layout.units["position"], layout.units["torque"]) == (("rad",), ("N·m",))
@@ -250,7 +260,7 @@ def test_what_is_stated_comes_before_what_columns_say() -> None:
     [
         *(("t", 0.0, "s"), ("__time", 1.7e9, "s"), ("stamp", 1.7e12, "ms"), ("Timestamp", 1.7e15, "us")),
         *(("time", 1.7e18, "ns"), ("%time", 1.7e18, "ns"), ("time_ns", 5.0, "ns"), ("Time [ms]", 0.0, "ms")),
-        *(("Zeit in ms", 0.0, "ms"), ("time / s", 0.0, "s")),
+        *(("Zeit in ms", 0.0, "ms"), ("time / s", 0.0, "s"), ("time [min]", 0.0, "min"), ("Time (h)", 0.0, "h")),
         *(("elapsed_us", 1.0, "us"), ("timestamp", 12345.0, "s"), ("header.stamp", 1.7e18, "ns"), ("t (s)", 3.0, "s")),
     ],
 )

@@ -264,6 +264,8 @@ _UNIT_SPELLINGS: Mapping[str, str] = {
     **dict.fromkeys(("msec", "milliseconds"), "ms"),
     **dict.fromkeys(("µs", "μs", "usec", "microseconds"), "us"),
     **dict.fromkeys(("nsec", "nanosec", "nanoseconds"), "ns"),
+    **dict.fromkeys(("minute", "minutes"), "min"),
+    **dict.fromkeys(("hour", "hours"), "h"),
 }
 
 _OWN_WORDS = (
@@ -276,6 +278,7 @@ _UNIT_SUFFIXES = (*_OWN_WORDS, "rev", "turns", "mm", "ncm", "nmm", "ma", "amp", 
 _INSIDE = re.compile(f"_({'|'.join(_OWN_WORDS)})(?=[_./[(][^_./[(]|[0-9]+$)")
 _SEPARATORS = re.compile(r"\s+in\s+|\s*/\s*|,\s*")
 _LEFT_OPEN: Mapping[str, Collection[str]] = {
+    "time": ("min", "hours", "day", "days", "ticks", "cycles"),
     "position": ("deg", "degs", "degree", "degrees", "grad", "gon", "mrad", "urad", "μrad", "mdeg", "°", "cm"),
     "velocity": ("deg", "degrees", "grad", "mrad", "mdeg", "dps", "rpm", "rps", "°", "cm"),
     "torque": ("knm", "mnm", "ncm", "nmm", "kgcm", "kgfcm", "kgf", "ozin", "lbf", "lbft", "lbin", "percent", "%", "‰"),
@@ -364,7 +367,7 @@ def unit_left_open(column: str, quantity: str) -> str | None:
     ('gon', 'Deg', None)
     """
     words = _LEFT_OPEN.get("velocity" if quantity == "acceleration" else quantity, ())
-    counts = () if quantity == "torque" else _COUNTS
+    counts = _COUNTS if quantity in ("position", "velocity", "acceleration") else ()
     parts = re.findall(r"[A-ZÄÖÜ]*[a-zäöüµμ]+|[A-Z]+|[°%‰]", unicodedata.normalize("NFC", column))
     return next((part for part in parts if part.casefold() in (*words, *counts)), None)
 

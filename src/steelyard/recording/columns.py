@@ -13,7 +13,7 @@ from steelyard.files import TomlSection
 
 __all__ = ["LogColumns"]
 
-TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
 MILLIDEGREE = pi / 180e3
 POSITION_UNITS = {
     "rad": 1.0,
@@ -106,7 +106,7 @@ class LogColumns(TomlSection):
     rate
         Sample rate in Hz, for a log without time column (or whose stamps are too coarse to be used).
     time_unit
-        "s", "ms", "us" or "ns".
+        "s", "ms", "us", "ns", "min" or "h".
     position, velocity, acceleration, torque
         List of column names, or a pattern: `{}` stands for 1, 2, … (or 0, 1, …) and `{name}` for the joint's name. The
         word "none" for velocity or acceleration leaves columns that are in the log unread.

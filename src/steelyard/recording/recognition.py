@@ -856,6 +856,12 @@ class _Search:
                 whole, rest = (re.split(r"[/._]", normalised(name))[-1] for name in names)
                 return names[0], "s", (names[1], SECONDS_AND_REST.get((whole, rest), "ns")), _STATED
             said = next((unit for _, unit in _times_said(names[0]) if unit is not None), None)
+            word = unit_left_open(names[0], "time")
+            if said is None and columns.time_unit is None and word is not None:
+                raise InputError(
+                    f"{self.source}: the name of the column {names[0]!r} says {word!r}, a unit that is not understood "
+                    "there; state `time_unit` in [log], or the sample rate in Hz with `rate` in the place of `time`."
+                )
             unit, _ = self._time_unit(_Clock(names[0], columns.time_unit or said))
             return names[0], unit, None, _STATED
         found = _clocks(self.names) or _clocks(self.names, FURTHER_TIME_WORDS)
