@@ -248,7 +248,7 @@ def test_torques_that_stand_still_are_to_be_left_out_and_then_the_answer_is_righ
     found = sy.identify(path, [stuck])
     first = next_steps(found)[0]
     assert first.code == "[processing]\nstuck_torque = true"
-    assert f"{round(log.rate)} rows in 1 intervals are in motion while the torque stands still" in first.reason
+    assert f"{round(log.rate)} rows in 1 intervals are of a torque that stands still" in first.reason
     _, *motion = simulation.trajectory(12).sample(RATE, 1.0)
     true = model.inverse_dynamics(*motion, simulation.true_parameters(model))
     mended = sy.identify(path, [stuck], processing={"stuck_torque": True, "cutoff": 10.0, "trim": 0.5})

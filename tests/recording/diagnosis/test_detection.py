@@ -166,10 +166,24 @@ def test_a_torque_that_stands_still_is_found_where_it_is(noise, hold, seconds):
     expected[rows, 1] = True
     np.testing.assert_array_equal(found.flags, expected)
     (sentence,) = broken.diagnose().sentences()
-    assert sentence.startswith(f"Joint 2: {1000 * seconds:.0f} rows in 1 intervals are in motion while the torque")
+    assert sentence.startswith(f"Joint 2: {1000 * seconds:.0f} rows in 1 intervals are of a torque that stands still")
     assert "`stuck_torque = true`" in sentence
     samples = broken.process(cutoff=None, stuck_torque=True, trim=0.0, velocity_threshold=None)
     np.testing.assert_array_equal(samples.mask, ~expected)
+
+
+def test_a_torque_of_a_joint_that_is_held_stands_still_while_others_move() -> None:
+    """There no rest leaves out its rows; where the whole robot rests, they are as good as any."""
+    log = smooth_log(2, 1e-5, 0.05)
+    q, torque = log.q.copy(), log.torque.copy()
+    q[:, 1] = 0.3
+    q[:2000, 0] = q[2000, 0]
+    torque[5000:5600, 1], torque[500:1500, 1] = torque[5000, 1], torque[500, 1]
+    found = find_stuck_torque(replace(log, q=q, torque=torque))
+    assert [(one.joint, one.start, one.stop) for one in found] == [(1, 5000, 5600)]
+    # What a controller asks for that sees no error is steady, and nothing tells it from a sensor that is not read.
+    asked = np.column_stack([torque[:, 0], np.repeat([1.0, 1.2, 1.1, 1.0], 3000)])
+    assert not find_stuck_torque(replace(log, q=q, torque=asked))
 
 
 def legitimate_torques() -> dict[str, tuple[np.ndarray, np.ndarray]]:

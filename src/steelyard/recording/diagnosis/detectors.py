@@ -49,7 +49,7 @@ CROWDED = 4.0
 """Rows at the level over rows just below it, in a band as wide: a smooth maximum has fewer than two and a half."""
 SMALL = 0.1  # of the largest torque: what a drive cannot exceed is more
 AT_REST = "at rest while the torque changes"
-STUCK = "in motion while the torque stands still"
+STUCK = "of a torque that stands still while the robot moves"
 LEAST_TIME = 0.02
 """s, the shortest rest."""
 TURN = 3.0
@@ -438,7 +438,8 @@ def stuck_torque_duration(recording: Measurements) -> tuple[Array, Array]:
     """Return for each joint (N,) the travel with which it moves, and how long its torque does not stand still then, s.
 
     A torque stands still by nature where it comes less often than the positions, in coarse steps, or clipped; how long
-    it does so is seen in the recording. Infinite where it stands still often, or the joint hardly moves.
+    it does so is seen in the recording. Infinite where it stands still often. The travel is negative of a joint that
+    is held, and whose torque flickers: it counts as moving where another one does.
     """
     tolerance, _ = stiction_duration(recording)
     least = max(STUCK_TIME * recording.rate, STUCK_ROWS)
@@ -446,6 +447,8 @@ def stuck_torque_duration(recording: Measurements) -> tuple[Array, Array]:
     steps, spread = resolution(recording.torque), recording.torque.std(axis=0)
     flickers = noise_deviation(recording.torque) > np.maximum(steps, NOISE_SEEN * spread)
     fine = steps <= FINE * spread
+    held = ~_moving(recording, tolerance).any(axis=0) & flickers
+    tolerance = np.where(held, -1.0, tolerance)
     longest = np.full(recording.joint_count, np.inf)
     for j, moving in enumerate(_moving(recording, tolerance).T):
         pieces = runs(_unchanged(recording, j) & moving)
@@ -492,17 +495,24 @@ def _unchanged(recording: Measurements, joint: int) -> NDArray[np.bool_]:
 
 
 def _moving(recording: Measurements, tolerance: Array) -> NDArray[np.bool_]:
-    """Say in which rows (S, N) a joint moves by more than its tolerance within the shortest time of a stuck torque."""
+    """Say in which rows (S, N) a joint moves by more than its tolerance within the shortest time of a stuck torque.
+
+    One with a negative tolerance moves where any of the others does.
+    """
     reach = max(1, round(0.5 * STUCK_TIME * recording.rate))
     rows = np.arange(recording.count)
     ahead, behind = np.minimum(rows + reach, recording.count - 1), np.maximum(rows - reach, 0)
-    return np.asarray(np.abs(recording.q[ahead] - recording.q[behind]) > tolerance)
+    moving = np.abs(recording.q[ahead] - recording.q[behind]) > tolerance
+    moving[:, tolerance < 0.0] = moving[:, tolerance >= 0.0].any(axis=1, keepdims=True)
+    return np.asarray(moving)
 
 
 def find_stuck_torque(
     recording: Measurements, duration: ArrayLike | None = None, tolerance: Array | None = None
 ) -> Intervals:
-    """Find where a joint moves while its torque stands still, as that of a sensor does that is not read for a while.
+    """Find where the robot moves while a torque stands still, as that of a sensor does that is not read for a while.
+
+    A joint that rests for a while is not looked at then: its rows are left out in any case.
 
     Parameters
     ----------
@@ -511,7 +521,8 @@ def find_stuck_torque(
         (N,) s, over which a torque that stands still is a fault; by default what is longer than it does so otherwise:
         torques may come less often than the positions, in coarse steps, or clipped.
     tolerance : ndarray, optional
-        (N,) rad or m, within which a joint counts as at rest; by default what `stiction_duration` says.
+        (N,) rad or m, within which a joint counts as at rest; by default what `stiction_duration` says. One that is
+        negative stands for a joint that is held, and is looked at where others move.
 
     Returns
     -------
