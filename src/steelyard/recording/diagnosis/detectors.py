@@ -69,6 +69,8 @@ FINE = 0.05
 """Step of a torque over its standard deviation, up to which it is not expected to stand still."""
 SWERVE = 0.02
 """Change of the velocity over such a stretch, over the largest: at a steady velocity a torque may be steady."""
+SELDOM = 0.1
+"""Share of the rows in which a joint moves, below which it counts as held."""
 NOISE_SEEN = 1e-4
 """Noise of a torque over its standard deviation, from which it is not steady at a steady velocity either."""
 
@@ -447,7 +449,7 @@ def stuck_torque_duration(recording: Measurements) -> tuple[Array, Array]:
     steps, spread = resolution(recording.torque), recording.torque.std(axis=0)
     flickers = noise_deviation(recording.torque) > np.maximum(steps, NOISE_SEEN * spread)
     fine = steps <= FINE * spread
-    held = ~_moving(recording, tolerance).any(axis=0) & flickers
+    held = (_moving(recording, tolerance).mean(axis=0) < SELDOM) & flickers
     tolerance = np.where(held, -1.0, tolerance)
     longest = np.full(recording.joint_count, np.inf)
     for j, moving in enumerate(_moving(recording, tolerance).T):
