@@ -172,6 +172,16 @@ def test_a_torque_that_stands_still_is_found_where_it_is(noise, hold, seconds):
     np.testing.assert_array_equal(samples.mask, ~expected)
 
 
+@pytest.mark.parametrize("rate", [20.0, 50.0])
+def test_a_torque_that_stands_still_in_a_slow_log(rate):
+    """Over five rows, fewer than the parts whose velocities are compared."""
+    t = np.arange(400) / rate
+    torque = 6.0 * np.cos(2.6 * t)
+    torque[200:205] = torque[200]
+    found = find_stuck_torque(Recording(t=t, q=np.sin(2.0 * t)[:, None], torque=torque[:, None]))
+    assert [(one.start, one.stop) for one in found] == [(200, 205)]
+
+
 def test_a_torque_of_a_joint_that_is_held_stands_still_while_others_move() -> None:
     """There no rest leaves out its rows; where the whole robot rests, they are as good as any."""
     log = smooth_log(2, 1e-5, 0.05)

@@ -150,8 +150,13 @@ class Intervals:
 
 def runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """Return the begin and the end (excluded) of each run of true values in (S,)."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
-    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    starts, stops = _ends_of_runs(flags)
+    return list(zip(starts.tolist(), stops.tolist(), strict=True))
+
+
+def _ends_of_runs(flags: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    edges = np.flatnonzero(np.diff(flags, prepend=False, append=False))
+    return edges[::2], edges[1::2]
 
 
 def resolution(values: ArrayLike) -> Array:
@@ -453,11 +458,12 @@ def stuck_torque_duration(recording: Measurements) -> tuple[Array, Array]:
     tolerance = np.where(held, -1.0, tolerance)
     longest = np.full(recording.joint_count, np.inf)
     for j, moving in enumerate(_moving(recording, tolerance).T):
-        pieces = runs(_unchanged(recording, j) & moving)
-        usual, natural, stuck = 1, 0, 0
-        for start, stop in sorted(pieces, key=lambda piece: piece[1] - piece[0]):
-            rows = stop - start + 1  # with the row that the others are equal to
-            if rows < max(least, LONGER * usual):
+        starts, stops = _ends_of_runs(_unchanged(recording, j) & moving)
+        lengths = stops - starts + 1  # with the row that the others are equal to
+        usual, natural, stuck = lengths[lengths < least].max(initial=1), 0, 0
+        long = np.flatnonzero(lengths >= least)
+        for start, stop, rows in np.column_stack([starts, stops, lengths])[long[np.argsort(lengths[long])]].tolist():
+            if rows < LONGER * usual:
                 usual = rows
             elif (
                 not clipped[start:stop, j].any()
@@ -480,7 +486,7 @@ def _jumps(torque: Array, start: int, stop: int, step: float) -> bool:
 
 def _swerves(q: Array, start: int, stop: int) -> bool:
     """Say whether the velocity of a joint at q (S,) changes within rows start:stop."""
-    ends = np.linspace(start, stop - 1, PARTS + 1).astype(int)
+    ends = np.unique(np.linspace(start, stop - 1, PARTS + 1).astype(int))
     size = max(1, (stop - start) // PARTS)
     fastest = np.abs(q[size:] - q[:-size]).max() / size
     return bool(np.ptp(np.diff(q[ends]) / np.diff(ends)) > SWERVE * fastest)
@@ -548,9 +554,10 @@ def find_stuck_torque(
     flags = np.zeros(recording.q.shape, dtype=bool)
     moving = _moving(recording, tolerance)
     for j in np.flatnonzero(lengths < recording.count):
-        for start, stop in runs(_unchanged(recording, int(j)) & moving[:, j]):
-            if stop - start + 1 >= lengths[j]:
-                flags[start - 1 : stop, j] = True
+        starts, stops = _ends_of_runs(_unchanged(recording, int(j)) & moving[:, j])
+        long = stops - starts + 1 >= lengths[j]
+        for start, stop in zip(starts[long], stops[long], strict=True):
+            flags[start - 1 : stop, j] = True
     return Intervals(STUCK, flags, recording.t, joint_names=recording.joint_names)
 
 
