@@ -13,7 +13,9 @@ import scipy.io.matlab
 from scipy.io import savemat
 
 from steelyard.errors import InputError, MissingExtraError
-from steelyard.recording import Processing, Recording, Samples, clock_statistics, process_chunks
+from steelyard.files import check_parquet
+from steelyard.recording import LogColumns, Processing, Recording, Samples, clock_statistics, process_chunks
+from steelyard.recording.formats import parquet_file, table_file
 from steelyard.recording.formats.log_sets import logs_in
 from steelyard.recording.formats.registry import open_log
 
@@ -351,6 +353,113 @@ def test_tables_of_arrow(suffix: str, kind: str, tmp_path: Path) -> None:
         with pa.OSFile(str(path), "wb") as sink, pa.ipc.new_stream(sink, table.schema) as writer:
             writer.write_table(table, 130)
     expect(path)
+
+
+def table_in_pages(path: Path, writer: str, group: int, rows: int) -> None:
+    """Write a log with times for an index, numbers of several widths and lists, in pages of 800 bytes."""
+    index = pl.Series("__index_level_0__", 10 * np.arange(rows)).cast(pl.Datetime("ms"))
+    random = np.random.default_rng(4)
+    columns = {
+        "q": random.normal(size=rows),
+        "tau": random.normal(size=rows).astype(np.float32),
+        "mode": np.arange(rows),
+    }
+    frame = pl.DataFrame([index]).with_columns(
+        *(pl.Series(name, values) for name, values in columns.items()),
+        pl.Series("force.left", random.normal(size=(rows, 2)).tolist()),
+    )
+    if writer == "polars":
+        frame.write_parquet(path, row_group_size=group, data_page_size=800)
+    else:
+        import pyarrow.parquet
+
+        pyarrow.parquet.write_table(
+            frame.to_arrow(), path, row_group_size=group, data_page_size=800, write_batch_size=50
+        )
+
+
+@needs_pyarrow
+@pytest.mark.parametrize("group", [130, 700, 5000])
+@pytest.mark.parametrize("writer", ["polars", "pyarrow"])
+def test_what_parts_a_table_is_read_in_changes_no_number(
+    writer: str, group: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By groups, by pages, and page by page with pyarrow, from anywhere; beside what Polars reads whole."""
+    import pyarrow.parquet
+
+    path = tmp_path / "log.parquet"
+    table_in_pages(path, writer, group, 3000)
+    own = pyarrow.parquet.ParquetFile(path).metadata
+    ends = np.cumsum([0, *(own.row_group(k).num_rows for k in range(own.num_row_groups))])
+    groups, pages = check_parquet(path)
+    np.testing.assert_array_equal(groups, ends)
+    assert np.isin(groups, pages).all()
+    assert len(pages) > 15
+    np.testing.assert_array_less(0, np.diff(pages))
+    frame = pl.read_parquet(path)
+    names = ["time", "q", "tau", "mode", "force.left_1"]
+    truth = np.column_stack(
+        [np.arange(3000) / 100, *(frame[name] for name in names[1:-1]), frame["force.left"].list[1]]
+    )
+    with monkeypatch.context() as patch:
+        patch.setattr(table_file, "READ_NUMBERS", 100)
+        for large, installed in ((10**6, True), (600, True), (600, False)):
+            patch.setattr(parquet_file, "LARGE_GROUP", large)
+            patch.setattr(parquet_file, "is_installed", lambda _, installed=installed: installed)
+            file = open_log(path, LogColumns())
+            assert isinstance(file, parquet_file.ParquetFile)
+            is_large = group > large
+            assert (file.places() is None) is is_large
+            assert bool(file.notes()) is (is_large and not installed)
+            for start in (0, 1, 129, 130, 1999, 2999):
+                blocks = list(file.blocks_from(start, names, 100))
+                assert {len(block["q"]) for block in blocks[:-1]} <= {100}
+                read = np.column_stack([np.concatenate([block[name] for block in blocks]) for name in names])
+                np.testing.assert_array_equal(read, truth[start:])
+
+
+@needs_pyarrow
+@pytest.mark.skipif(not Path("/proc/self/io").exists(), reason="the bytes that are read are counted by the system")
+def test_a_large_group_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Page by page, as far as pyarrow can: Polars reads all of it for each part."""
+
+    def bytes_read() -> int:
+        return int(Path("/proc/self/io").read_text().split()[1])
+
+    path = tmp_path / "log.parquet"
+    random = np.random.default_rng(5)
+    frame = pl.DataFrame({name: random.normal(size=200_000) for name in ("q", "tau")})
+    frame.write_parquet(path, row_group_size=200_000, data_page_size=8 * 5000)
+    monkeypatch.setattr(parquet_file, "LARGE_GROUP", 100_000)
+    monkeypatch.setattr(table_file, "READ_NUMBERS", 20_000)
+    file = parquet_file.ParquetFile(path)
+    next(iter(file.blocks_from(0, ["q"], 1000)))  # pyarrow is loaded
+    times = {}
+    for installed in (True, False):
+        monkeypatch.setattr(parquet_file, "is_installed", lambda _, installed=installed: installed)
+        before = bytes_read()
+        assert sum(len(block["q"]) for block in file.blocks_from(0, ["q", "tau"], 1000)) == 200_000
+        times[installed] = (bytes_read() - before) / path.stat().st_size
+    assert times[True] < 1.5
+    assert times[False] > 3.0
+
+
+def test_parts_are_of_whole_pages(tmp_path: Path) -> None:
+    """So that none is decoded twice; of a short group all of it, and of one page that is far too long a piece."""
+    path = tmp_path / "log.parquet"
+    frame = pl.DataFrame({"q": np.arange(10_000.0)})
+    frame.write_parquet(path, row_group_size=4000, data_page_size=8 * 1000)
+    _, pages = check_parquet(path)
+    file = parquet_file.ParquetFile(path)
+    for rows, most in ((4000, 4000), (1500, 1500), (600, 1000)):
+        found = []
+        for scan in file._scans(0, ["q"], rows):
+            found.append(scan.collect().height)
+        assert sum(found) == 10_000
+        assert max(found) <= most
+        assert set(np.cumsum(found).tolist()) <= set(pages.tolist())
+    frame.write_parquet(path, row_group_size=10_000, data_page_size=10 * 10_000)
+    assert {scan.collect().height for scan in parquet_file.ParquetFile(path)._scans(0, ["q"], 1000)} == {4000, 2000}
 
 
 def test_lists_of_several_lengths_are_refused(tmp_path: Path) -> None:

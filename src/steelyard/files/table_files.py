@@ -10,6 +10,9 @@ from functools import lru_cache
 from pathlib import Path
 from typing import IO, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from steelyard.errors import InputError
 
 from .reading import reading_table, require_file
@@ -91,11 +94,17 @@ def write_table(frame: Any, file: IO[bytes], suffix: str) -> None:
         raise OSError(int(code[1]), os.strerror(int(code[1]))) from None
 
 
-def check_parquet(path: str | Path) -> None:
+def check_parquet(path: str | Path) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Make sure that the pages of a Parquet file hold no more values than its columns, and none of less than none.
 
     Polars makes room for as many values as the header of a page says. Where one damaged byte makes them negative, or
     many more than memory holds, it does not raise an error but ends the process.
+
+    Returns
+    -------
+    groups, pages : ndarray of int
+        The rows at which groups of rows and, within them, pages begin, with the number of all rows at their ends.
+        Where columns have pages of different lengths, the pages of the one that has most.
 
     Raises
     ------
@@ -103,57 +112,69 @@ def check_parquet(path: str | Path) -> None:
         If the file or one of its pages is damaged.
     """
     state = Path(path).stat()
-    if state.st_size:  # an empty file cannot be mapped; Polars says what it is
-        _check_parquet(str(path), (state.st_dev, state.st_ino, state.st_size, state.st_mtime_ns))
+    if not state.st_size:  # an empty file cannot be mapped; Polars says what it is
+        return (np.zeros(1, dtype=np.int64),) * 2
+    return _check_parquet(str(path), (state.st_dev, state.st_ino, state.st_size, state.st_mtime_ns))
 
 
 @lru_cache(maxsize=256)  # of 3000 columns it takes 0.3 s, and an identification opens a log several times
-def _check_parquet(path: str, state: tuple[int, ...]) -> None:
+def _check_parquet(path: str, state: tuple[int, ...]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    groups, pages = [0], [0]
     try:
         with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
-            for rows, column in _columns(content):
-                if not _is_sound(content, rows, column):
-                    raise ValueError("the header of a page is damaged")
+            for rows, columns in _groups(content):
+                counts = [_values_of_pages(content, rows, column) for column in columns]
+                groups.append(rows)
+                # Of a column of lists it is not told how many rows a page has.
+                longest: list[int] = max((one for one in counts if sum(one) == rows), key=len, default=[rows])
+                pages += longest
     except (ValueError, IndexError, KeyError, TypeError, OverflowError, RecursionError, struct.error) as error:
         reason = str(error) if type(error) is ValueError else "its metadata is damaged"
         raise InputError(f"{path} cannot be read as Parquet: {reason}; save it again.") from None
+    return np.cumsum(groups), np.cumsum(pages)
 
 
-def _columns(content: mmap.mmap) -> list[tuple[int, dict[int, Any]]]:
-    """The rows and the metadata of all columns of all row groups of which the pages are in this file, to be read."""
+def _groups(content: mmap.mmap) -> list[tuple[int, list[dict[int, Any]]]]:
+    """The rows of each row group, and the metadata of its columns whose pages are in this file, to be read."""
     if len(content) < 12 or content[-4:] != MARK:
         return []  # what is no Parquet, or encrypted, Polars refuses by itself
     (length,) = struct.unpack("<I", content[-8:-4])
     if length > min(LARGEST_FOOTER, len(content) - 12):
         raise ValueError(f"its metadata would take {length} bytes")
     footer, _ = _read_struct(content[-8 - length : -8], 0)
-    chunks = [(group[ROWS], chunk) for group in footer[ROW_GROUPS] for chunk in group[COLUMNS]]
-    return [(rows, chunk[META_DATA]) for rows, chunk in chunks if FILE not in chunk and ENCRYPTED not in chunk]
+    return [
+        (group[ROWS], [one[META_DATA] for one in group[COLUMNS] if FILE not in one and ENCRYPTED not in one])
+        for group in footer[ROW_GROUPS]
+    ]
 
 
-def _is_sound(content: mmap.mmap, rows: int, column: dict[int, Any]) -> bool:
-    """Return whether the pages of a column follow one another, with sizes and counts that can be.
+def _values_of_pages(content: mmap.mmap, rows: int, column: dict[int, Any]) -> list[int]:
+    """Return how many values each page of a column has, whose pages follow one another, with sizes that can be.
 
     A row has one value at least, also where that is null or an empty list. Some writers tell fewer bytes of a column
     than its pages take, so that these are followed until all values are there.
     """
     left: int = column[VALUES]
+    found: list[int] = []
     begins = [place for place in (column[DATA_PAGE], column.get(DICTIONARY, 0)) if place > 0]
-    if not begins:
-        return not rows and not left
-    place = min(begins)
-    end = place + column[COMPRESSED]
-    if not (place <= end <= len(content) and 0 <= rows <= left):
-        return False
-    while left > 0 or place < end:
-        page, place = _read_struct(content, place)
-        counts = [page[kind][field] for kind, fields in COUNTS.items() if kind in page for field in fields]
-        values = sum(page[kind][1] for kind in (5, 8) if kind in page)
-        if min(*counts, *(page[field] for field in SIZES)) < 0 or values > left:
-            return False
-        left -= values
-        place += page[SIZES[1]]
-    return not left and place <= len(content)
+    if begins:
+        place = min(begins)
+        end = place + column[COMPRESSED]
+        sound = place <= end <= len(content) and 0 <= rows <= left
+        while sound and (left > 0 or place < end):
+            page, place = _read_struct(content, place)
+            counts = [page[kind][field] for kind, fields in COUNTS.items() if kind in page for field in fields]
+            values = sum(page[kind][1] for kind in (5, 8) if kind in page)
+            sound = min(*counts, *(page[field] for field in SIZES)) >= 0 and values <= left
+            found += [values] * (values > 0)  # a dictionary has none
+            left -= values
+            place += page[SIZES[1]]
+        sound = sound and not left and place <= len(content)
+    else:
+        sound = not rows and not left
+    if not sound:
+        raise ValueError("the header of a page is damaged")
+    return found
 
 
 def _read_struct(content: bytes | mmap.mmap, place: int) -> tuple[dict[int, Any], int]:

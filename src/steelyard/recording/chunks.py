@@ -224,7 +224,7 @@ def read_chunks(
     """Read a log chunk by chunk, as `Recording.read` would read it whole.
 
     The file is passed over once to count its rows and find its rate, then once to read it. CSV is read by blocks of
-    lines, Parquet by slices (a row group is decoded whole), NPZ by blocks of rows (arrays in Fortran order are read
+    lines, Parquet by groups of rows and their pages, NPZ by blocks of rows (arrays in Fortran order are read
     whole).
 
     Parameters

@@ -88,28 +88,33 @@ class TableFile(LogFile):
         return self._numbers(self._scan, names)
 
     def blocks_from(self, start: int, names: Sequence[str], rows: int) -> Iterator[Columns]:
-        """Read columns in blocks of rows, from row `start` on; a group of rows is decoded whole: keep them small."""
-        # Each read decodes the groups of rows that it touches; a single column is read over many of them.
+        """Read columns in blocks of rows, from row `start` on."""
         together = rows * max(1, READ_NUMBERS // (rows * max(1, len(names))))
         return regrouped_columns(self._parts(start, names, together), rows)
 
     def _parts(self, first: int, names: Sequence[str], rows: int) -> Iterator[Columns]:
-        """Read columns from a row on, so that all parts but the first begin at a multiple of so many rows.
+        """Read columns from a row on, about so many rows at a time."""
+        for scan in self._scans(first, names, rows):
+            yield self._numbers(scan, names)
 
-        Groups of 50 000 or 100 000 rows, as most are, are then decoded once wherever the first part begins.
-        """
+    def _scans(self, first: int, names: Sequence[str], rows: int) -> Iterator[Any]:
+        """Yield lazy frames of about so many rows, which follow one another from a row on."""
         count = self.count()
         while first < count:
-            stop = min(count, (first // rows + 1) * rows)
-            yield self._numbers(self._scan.slice(first, stop - first), names)
+            stop = self._part_end(first, count, rows)
+            yield self._scan.slice(first, stop - first)
             first = stop
+
+    def _part_end(self, first: int, count: int, rows: int) -> int:
+        """Return where a part of about so many rows from `first` on is best to end; there are `count` rows."""
+        return min(count, (first // rows + 1) * rows)
 
     @classmethod
     def may_have_places(cls, path: Path) -> bool:
         """See `LogFile.may_have_places`."""
         return True
 
-    def places(self) -> tuple[tuple[int, int], ...]:
+    def places(self) -> tuple[tuple[int, int], ...] | None:
         """See `LogFile.places`; rows are found by their numbers."""
         return ()
 
