@@ -424,6 +424,8 @@ class _Patient:
             self.add(Finding("jitter", statement, "worse", clock.largest, remedy))
         elif jitter:
             self.facts["jitter"] = jitter
+        if clock.pauses.any():
+            self.facts["pauses"] = clock.irregularities["pauses"]
         if clock.missing and "longest_gap" not in self.settings.get("processing", {}):
             self._gaps(recording, clock)
         return clock
