@@ -77,6 +77,15 @@ def test_rest_at_the_ends_and_of_all_joints_is_no_stiction():
     assert replace(resting, q=q).diagnose().stiction.count.tolist() == [0, pytest.approx(1000, abs=5)]
 
 
+def test_what_rounding_leaves_of_a_log_without_noise_is_no_body(elbow, simulation):
+    """Torques in mN·m: the squares that a body might explain are rounding, and less than zero."""
+    path, model, folder = elbow
+    exact = Recording.read(simulation.record(model, folder / "exact.npz", 1, noise=0.0))
+    found = sy.identify(path, [replace(exact, torque=1e3 * exact.torque).save(folder / "log.npz")])
+    assert found.prediction.word == "wrong"
+    assert not any("the robot changes" in remark for remark in found.remarks)
+
+
 def test_no_usable_row_is_refused():
     with pytest.raises(InputError, match=r"8000 rows in 7.999 s, of which \[processing\] leaves none"):
         log().process(cutoff=5.0, delay=100.0)

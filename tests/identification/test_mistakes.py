@@ -121,6 +121,7 @@ MISTAKES = [
     "payload",
     "tilted base",
     "coupled motors",
+    "milliradians",
 ]
 
 
@@ -139,7 +140,7 @@ def case(planted, arms, mistake, seed=3):
 
 QUICK = ("payload",)
 # The search of `identify` finds the others below; for these it does not begin.
-NOT_BY_IDENTIFY = ("missing rotors", "degrees", "degrees at a joint", "ms")
+NOT_BY_IDENTIFY = ("missing rotors", "degrees", "degrees at a joint", "milliradians", "ms")
 
 
 @pytest.mark.parametrize("mistake", [*QUICK, *(pytest.param(one, marks=pytest.mark.slow) for one in NOT_BY_IDENTIFY)])
@@ -322,6 +323,7 @@ def merged(robot, settings):
 REFUSED = {
     "degrees": 'state `position_unit = "deg"`',
     "degrees at a joint": "or a list with a unit for each joint, for the others fit as radians",
+    "milliradians": '"1/1000" for milliradians',
     "mm": r'state `position_unit = \["mm", "rad", "rad", "rad", "rad"\]`',
 }
 """What is so wrong that the log is not read."""

@@ -240,6 +240,25 @@ def test_clipped_torques_are_to_be_left_out_before_anything_else(arm, simulation
 
 
 @pytest.mark.slow
+def test_torques_that_stand_still_are_to_be_left_out_and_then_the_answer_is_right(arm, simulation, tmp_path):
+    path, model, log = arm
+    torque, second = log.torque.copy(), slice(int(4 * log.rate), int(5 * log.rate))
+    torque[second, 1] = torque[second.start, 1]
+    stuck = replace(log, torque=torque).save(tmp_path / "log.npz")
+    found = sy.identify(path, [stuck])
+    first = next_steps(found)[0]
+    assert first.code == "[processing]\nstuck_torque = true"
+    assert f"{round(log.rate)} rows in 1 intervals are of a torque that stands still" in first.reason
+    _, *motion = simulation.trajectory(12).sample(RATE, 1.0)
+    true = model.inverse_dynamics(*motion, simulation.true_parameters(model))
+    mended = sy.identify(path, [stuck], processing={"stuck_torque": True, "cutoff": 10.0, "trim": 0.5})
+    errors = [model.inverse_dynamics(*motion, one.estimate.parameters) - true for one in (found, mended)]
+    before, after = (np.linalg.norm(error) / np.linalg.norm(true) for error in errors)
+    assert after < 0.01 < 0.05 < before
+    assert not any("stuck_torque" in step.code for step in next_steps(mended))
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("chunk_rows", CHUNKS)
 def test_stamps_in_ms_at_5_khz_are_said(arm, tmp_path, chunk_rows):
     """The motion is ten times as fast here as at 500 Hz."""

@@ -296,6 +296,8 @@ def plant(arm, mistake, seed, kind):
             t = np.diag(np.exp(-random.uniform(np.log(2.0), np.log(20.0), n)))
         case "degrees":
             q = _factors(n, turning, 1.0 / DEGREE)
+        case "milliradians":
+            q = _factors(n, turning, 1e3)
         case "degrees at a joint":
             q = _factors(n, [random.choice(turning)], 1.0 / DEGREE)
         case "mm":
@@ -361,6 +363,7 @@ MISTAKES = {
     "payload": "payload",
     "tilted base": "gravity",
     "coupled motors": "coupled motors",
+    "milliradians": "position unit",
 }
 """Names of mistakes, and the kind of hypothesis that finds each."""
 

@@ -14,8 +14,9 @@ from scipy.io import savemat
 
 from steelyard.errors import InputError, MissingExtraError
 from steelyard.files import check_parquet
-from steelyard.recording import LogColumns, Processing, Recording, Samples, process_chunks
+from steelyard.recording import LogColumns, Processing, Recording, Samples, clock_statistics, process_chunks
 from steelyard.recording.formats import parquet_file, table_file
+from steelyard.recording.formats.log_sets import logs_in
 from steelyard.recording.formats.registry import open_log
 
 S = 500
@@ -523,6 +524,38 @@ def test_episodes_of_lerobot_follow_each_other(tmp_path: Path) -> None:
     processing = Processing(cutoff=None, trim=0.1, velocity_threshold=None)
     assert found.process(processing).count == 3 * (S - 20)
     assert sum(piece.count for piece in process_chunks(path, None, processing, 110, JOINTS)) == 3 * (S - 20)
+
+
+@pytest.mark.parametrize("form", ["parquet", "csv", "frame", "mapping"])
+def test_episodes_are_told_as_such_in_whatever_form_they_come(form: str, tmp_path: Path) -> None:
+    """What stands between them is a pause, and no row is missing in it; tables about the data set are no logs."""
+    path = lerobot(tmp_path, 3)
+    pl.DataFrame({"episode_index": [0, 1, 2], "length": [S] * 3}).write_parquet(tmp_path / "meta" / "episodes.parquet")
+    frame = pl.read_parquet(path)
+    flat = frame.select(
+        *("timestamp", "frame_index", "episode_index"),
+        *(pl.col("observation.state").arr.get(j).alias(f"q{j}") for j in range(3)),
+        *(pl.col("observation.effort").arr.get(j).alias(f"tau{j}") for j in range(3)),
+    )
+    assert logs_in(str(tmp_path)) == [str(path)]
+    flat.write_csv(tmp_path / "flat.csv")
+    arrays = {name: frame[name].to_numpy() for name in frame.columns if name != "action"}
+    forms = {"csv": tmp_path / "flat.csv", "frame": frame.drop("action"), "mapping": arrays, "parquet": path}
+    recording = Recording.read(forms[form], joints=JOINTS if form == "parquet" else 3)
+    for episode in range(3):
+        rows = slice(episode * S, (episode + 1) * S)
+        np.testing.assert_allclose(recording.t[rows] - recording.t[rows.start], T, atol=1e-9)
+        np.testing.assert_allclose(recording.torque[rows], TORQUE)
+    assert recording.remarks[0].startswith("It holds 3 episodes by its column 'episode_index'")
+    clock = clock_statistics(recording)
+    assert clock.missing == 0
+    assert clock.paused == pytest.approx(2000.0)
+    assert clock.sentences() == (
+        f"Nothing was recorded for up to 1000 s in 2 pauses, the first {T[-1]:.6g} s after the first row.",
+    )
+    samples = recording.process(cutoff=None, trim=0.1, velocity_threshold=None)
+    assert samples.count == 3 * (S - 20)
+    assert not any("missing" in remark for remark in samples.remarks)
 
 
 @pytest.mark.parametrize("suffix", [".parquet", ".arrow"])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from steelyard.errors import InputError
-from steelyard.recording import ColumnMeaning, Layout, LogColumns, find_columns
+from steelyard.recording import ColumnMeaning, Layout, LogColumns, Recording, find_columns
 from steelyard.recording.column_styles import FURTHER_TIME_WORDS, STYLES, TIME_WORDS
 
 ARM = ("shoulder", "elbow", "wrist")
@@ -152,6 +152,9 @@ def test_size_tells_degrees_where_nothing_else_does(largest: float, unit: str) -
         *(("q1 [rad]", "rad"), ("q1 [deg]", "deg"), ("q1 (°)", "deg"), ("q1_deg", "deg"), ("q1 [mm]", "mm")),
         *(("position [Degrees] 1", "deg"), ("Joint 1 [deg]", "deg"), ("Joint_1_position_(rad)", "rad")),
         *(("q1 [rev]", "rev"), ("pos1 [turns]", "rev"), ("q1_turns", "rev")),  # as ODrive and moteus count
+        *(("q1 [mrad]", "mrad"), ("q1_mrad", "mrad"), ("pos_1 (millidegrees)", "mdeg"), ("q1 {deg}", "deg")),
+        *(("q_deg_1", "deg"), ("pos_deg[1]", "deg"), ("angle_degrees1", "deg"), ("q1 in deg", "deg"), ("q1, °", "deg")),
+        *(("q1 / rad", "rad"), ("q1/deg", "deg"), ("Winkel 1 [Grad]", "deg"), ("winkel1_Grad", "deg")),
     ],
 )
 def test_units_of_positions(column: str, unit: str) -> None:
@@ -164,6 +167,8 @@ def test_units_of_positions(column: str, unit: str) -> None:
         *(("dq1 [rad/s]", "rad/s"), ("dq1 [°/s]", "deg/s"), ("Joint 1 velocity [rpm]", "rpm"), ("qd1 [1/min]", "rpm")),
         *(("speed 1 [mm/s]", "mm/s"), ("vel1_rad_s", "rad/s"), ("dq1", "deg/s")),  # that of the positions, per s
         *(("vel1 [turns/s]", "rev/s"), ("dq1 [rev/s]", "rev/s")),
+        *(("dq1 [mrad/s]", "mrad/s"), ("dq1 in Grad/s", "deg/s"), ("dq1 [U/min]", "rpm"), ("speed_rpm_1", "rpm")),
+        *(("dq1 / (rad/s)", "rad/s"), ("dq1 / rad/s", "rad/s"), ("vel_deg_s_1", "deg/s"), ("dq1 [rad s⁻¹]", "rad/s")),
     ],
 )
 def test_units_of_velocities(column: str, unit: str) -> None:
@@ -175,14 +180,73 @@ def test_units_of_velocities(column: str, unit: str) -> None:
     [
         *(("tau1 [Nm]", "N·m"), ("tau1 [N·m]", "N·m"), ("torque 1 [N m]", "N·m"), ("tau1 (mNm)", "mN·m")),
         *(("effort[1] [N]", "N"), ("tau_1_nm", "N·m"), ("Axis 1 torque [N*m]", "N·m"), ("tau1", "N·m")),
+        *(
+            ("tau1 [kNm]", "kN·m"),
+            ("tau1_kNm", "kN·m"),
+            ("tau_Nm_1", "N·m"),
+            ("tau1 [Ncm]", "N·cm"),
+            ("tau1 in A", "A"),
+        ),
     ],
 )
 def test_units_of_torques(column: str, unit: str) -> None:
-    assert find(["t", "q1", column], 1).units["torque"] == (unit,)
+    assert find(["t", "q1", column], 1, {"gain": [1.0]}).units["torque"] == (unit,)
+
+
+@pytest.mark.parametrize(
+    ("unit", "kind", "size"),
+    [
+        *(("mrad", "position", 1e-3), ("mdeg", "position", np.pi / 180e3), ("kN·m", "torque", 1e3)),
+        *(("N·cm", "torque", 1e-2), ("N·mm", "torque", 1e-3), ("kN", "torque", 1e3)),
+        *(("mrad/s", "velocity", 1e-3), ("mdeg/s", "velocity", np.pi / 180e3)),
+    ],
+)
+def test_sizes_of_units(unit: str, kind: str, size: float) -> None:
+    t = np.arange(100) / 100.0
+    log = {"t": t, "q1": np.sin(t), "dq1": np.cos(t), "tau1": np.cos(2.0 * t)}
+    column = {"position": "q1", "velocity": "dq1", "torque": "tau1"}[kind]
+    said = {f"{name} [{unit}]" if name == column else name: values for name, values in log.items()}
+    said[f"{column} [{unit}]"] = log[column] / size
+    units = {"velocity_unit": "rad/s"} if kind == "position" else {}
+    read = Recording.read(said, units, 1)
+    for values, name in ((read.q, "q1"), (read.velocity, "dq1"), (read.torque, "tau1")):
+        np.testing.assert_allclose(values[:, 0], log[name], rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("column", "kind"),
+    [
+        *(("q1 [gon]", "position"), ("q1 [grad]", "position"), ("posDeg1", "position"), ("q1 [µrad]", "position")),
+        *(
+            ("enc1_counts", "position"),
+            ("tau1 [%]", "torque"),
+            ("tau1 [kgf·cm]", "torque"),
+            ("v1 [ticks/s]", "velocity"),
+        ),
+    ],
+)
+def test_a_unit_that_is_not_understood_in_a_stated_column_is_asked_for(column: str, kind: str) -> None:
+    """It would be taken for rad or N·m otherwise."""
+    names = ["t", *({"position": "q1", "torque": "tau1"} | {kind: column}).values()]
+    assert f"state `{kind}_unit` in [log]" in question(names, 1, {kind: [column]})
+    matrix = {"torque_matrix" if kind == "torque" else "position_matrix": [["1/4096"]]}
+    assert find(names, 1, {kind: [column], **matrix}).settings()[kind] == [column]
+    unit = {"position": "deg", "torque": "mN·m", "velocity": "deg/s"}[kind]
+    assert find(names, 1, {kind: [column], f"{kind}_unit": unit}).units[kind] == (unit,)
 
 
 def test_a_unit_that_is_not_known_is_a_question() -> None:
     assert "no columns that look like positions" in question(["t", "q1 [gon]", "tau1"], 1)
+
+
+def test_minutes_are_minutes_and_a_time_in_days_is_asked_for() -> None:
+    t = np.arange(100) / 100.0
+    log = {"q1": np.sin(t), "tau1": np.cos(t)}
+    read = Recording.read({"time [min]": t / 60.0, **log}, joints=1)
+    np.testing.assert_allclose(read.t - read.t[0], t, atol=1e-12)
+    names = ["time_days", "q1", "tau1"]
+    assert "state `time_unit` in [log]" in question(names, 1, {"time": "time_days"})
+    assert find(names, 1, {"time": "time_days", "time_unit": "h"}).time_unit == "h"
 
 
 def test_what_is_stated_comes_before_what_columns_say() -> None:
@@ -196,6 +260,7 @@ def test_what_is_stated_comes_before_what_columns_say() -> None:
     [
         *(("t", 0.0, "s"), ("__time", 1.7e9, "s"), ("stamp", 1.7e12, "ms"), ("Timestamp", 1.7e15, "us")),
         *(("time", 1.7e18, "ns"), ("%time", 1.7e18, "ns"), ("time_ns", 5.0, "ns"), ("Time [ms]", 0.0, "ms")),
+        *(("Zeit in ms", 0.0, "ms"), ("time / s", 0.0, "s"), ("time [min]", 0.0, "min"), ("Time (h)", 0.0, "h")),
         *(("elapsed_us", 1.0, "us"), ("timestamp", 12345.0, "s"), ("header.stamp", 1.7e18, "ns"), ("t (s)", 3.0, "s")),
     ],
 )

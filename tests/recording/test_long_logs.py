@@ -31,7 +31,7 @@ FILTERS: dict[str, dict[str, Any]] = {
     "measured": {"cutoff": 30.0, "velocity": "measured"},
     "decimated": {"cutoff": 30.0, "decimate": [3, 2], "trim": (0.05, 0.0)},
     "delayed": {"cutoff": 30.0, "delay": 0.0131},
-    "saturated": {"cutoff": 30.0, "saturation": 1.2, "stiction": True, "repeated": True},
+    "saturated": {"cutoff": 30.0, "saturation": 1.2, "stiction": True, "repeated": True, "stuck_torque": True},
     "resampled": {"cutoff": 30.0, "resample": 620.0},
 }
 

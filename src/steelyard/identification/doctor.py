@@ -95,7 +95,7 @@ simulated arms have 0.3 to 0.5, a UR10 0.55 and a TX40 0.58; short runs of a Gen
 0.69 to 0.74."""
 STRETCHES = 5
 CLIPPED = 0.01
-"""Share of a joint's rows at a level of saturation from which the answer is wrong, and not only worse."""
+"""Share of a joint's rows whose torque is clipped, or stands still, from which the answer is wrong, not only worse."""
 MOST_NAMED = 6
 WARM_UP = (
     "Warm the robot up before the log begins, or log a temperature and take the term friction_by_channel in the place "
@@ -424,6 +424,8 @@ class _Patient:
             self.add(Finding("jitter", statement, "worse", clock.largest, remedy))
         elif jitter:
             self.facts["jitter"] = jitter
+        if clock.pauses.any():
+            self.facts["pauses"] = clock.irregularities["pauses"]
         if clock.missing and "longest_gap" not in self.settings.get("processing", {}):
             self._gaps(recording, clock)
         return clock
@@ -486,7 +488,7 @@ class _Patient:
         handled = [option for option in DETECTORS if getattr(self.processing, option) is not False]
         for option, sentences in diagnosis.faults(handled).items():
             share = float(getattr(diagnosis, option).flags.mean(axis=0).max())
-            harm: Harm = "wrong" if option == "saturation" and share > CLIPPED else "worse"
+            harm: Harm = "wrong" if option in ("saturation", "stuck_torque") and share > CLIPPED else "worse"
             remedy: Settings = {"processing": {option: True}}
             self.add(Finding(option, " ".join(sentences) + where, harm, share, remedy))
 
@@ -860,6 +862,7 @@ class _Patient:
             duration = (count - 1) / recording.rate if t is None or self.columns.rate is not None else float(t[-1])
         facts = {"rows": f"{count}, {duration:.6g} s at {rate}"}
         if clock is not None:
+            facts["rows"] = f"{count}, {duration - clock.paused:.6g} s at {rate}"
             facts["clock"] = repr(clock).removeprefix("ClockStatistics(").removesuffix(")")
         if "cutoff" not in self.facts:
             try:

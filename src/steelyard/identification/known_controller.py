@@ -15,7 +15,7 @@ from steelyard.errors import InputError
 from steelyard.files import TomlSection, shown
 from steelyard.files.arguments import per_joint, positive
 from steelyard.recording import Processing, Recording, Samples
-from steelyard.recording.diagnosis.detectors import noise_deviation
+from steelyard.recording.diagnosis.detectors import DETECTORS, noise_deviation
 from steelyard.recording.even import evened
 from steelyard.robot import RobotFile
 
@@ -205,7 +205,7 @@ def _motion_of_log(
     )
     threshold = 0.0 if threshold is None or isinstance(threshold, str) else threshold
     # Nothing in a simulation is late, clipped or stuck.
-    sound: dict[str, Any] = {"delay": 0.0, "saturation": False, "stiction": False, "repeated": False}
+    sound: dict[str, Any] = {"delay": 0.0, **dict.fromkeys(DETECTORS, False)}
     alike = replace(processing, **sound, velocity="derive", velocity_threshold=None)
 
     def process(recording: Recording) -> Samples:

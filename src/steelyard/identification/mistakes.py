@@ -767,6 +767,7 @@ class _Search:
             changes.append(("The positions", said, turning, factor))
         # Drives that count revolutions do so at all joints.
         changes.append(("The positions", "in revolutions", turning, TURN))
+        changes.append(("The positions", "in milliradians", turning, 1.0 / THOUSAND))
         for factor, said in ((1.0 / THOUSAND, "in mm"), (THOUSAND, "a thousand times too small, m taken for mm")):
             changes.append(("The positions of the sliding joints", said, ~turning, factor))
         if turning.any() and not turning.all():  # a controller that shows degrees shows mm, too
@@ -778,7 +779,7 @@ class _Search:
                 continue
             matrix = np.diag(np.where(which, factor, 1.0))
             self._try("position unit", f"{what} look to be {said}", Correction(positions=matrix), 2.0, anywhere=True)
-            if which.sum() == 1 or factor == TURN:
+            if which.sum() == 1 or said in ("in revolutions", "in milliradians"):
                 continue
             for k in np.flatnonzero(which):
                 matrix = np.diag(np.where(np.arange(n) == k, factor, 1.0))

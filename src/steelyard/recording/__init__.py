@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from .diagnosis import find_repeated as find_repeated
     from .diagnosis import find_saturation as find_saturation
     from .diagnosis import find_stiction as find_stiction
+    from .diagnosis import find_stuck_torque as find_stuck_torque
     from .filters import Butterworth as Butterworth
     from .filters import FourierFit as FourierFit
     from .filters import KalmanSmoother as KalmanSmoother

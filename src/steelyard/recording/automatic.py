@@ -11,7 +11,7 @@ import numpy as np
 from . import cutoff as cutoffs
 from . import diagnosis  # as those of `cutoff`, its names are imported when they are used
 from .cutoff import CutoffChoice
-from .diagnosis.detectors import saturation_levels, stiction_duration
+from .diagnosis.detectors import saturation_levels, stiction_duration, stuck_torque_duration
 from .diagnosis.rest import HeldJoints, VelocityThresholds, velocity_noise, velocity_thresholds
 from .filters import Butterworth
 from .measurements import Measurements
@@ -161,9 +161,10 @@ def settle(decision: Decision, recording: Measurements, model: Model | None = No
     elif processing.saturation is not False:
         given = processing.for_joints("saturation", recording, "levels")
         levels = np.column_stack([-given, given])
+    stuck = stuck_torque_duration(recording) if processing.stuck_torque else None
     held = HeldJoints.of(recording)
     choice, remarks = decision.cutoff_choice, decision.remarks
-    plan = Plan(processing, chosen, np.zeros(joints), stiction, levels, choice, remarks, held)
+    plan = Plan(processing, chosen, np.zeros(joints), stiction, levels, stuck, choice, remarks, held)
     plain = None if model is None else model.without_logged_channels
     return replace(_with_delay(plan, recording, plain), model=model)
 

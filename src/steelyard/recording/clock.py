@@ -72,6 +72,8 @@ ENOUGH = 10
 """Rows on the shorter side without which a single missing row cannot be distinguished from jitter."""
 MISSING = 0.6
 """Periods by which stamps must stay behind after a long interval for a row to count as missing there."""
+LONGEST_STALL = 5.0
+"""s: nothing keeps a logger for longer, so that another run or episode begins behind a longer gap."""
 MOST_PASSES = 100
 """Passes over a log; each finds those gaps that are the clearest within a window."""
 
@@ -117,9 +119,19 @@ class ClockStatistics:
     share_deviation: float = float("nan")
 
     @property
+    def pauses(self) -> NDArray[np.bool_]:
+        """(G,) which of the gaps are so long that nothing was recorded, rather than that rows are missing."""
+        return np.asarray(np.ptp(self.gaps, axis=1) > LONGEST_STALL)
+
+    @property
+    def paused(self) -> float:
+        """s in which nothing was recorded."""
+        return float(np.ptp(self.gaps, axis=1)[self.pauses].sum())
+
+    @property
     def missing(self) -> int:
-        """Number of rows that are missing in gaps."""
-        return int(self.skipped.sum())
+        """Number of rows that are missing in gaps other than pauses."""
+        return int(self.skipped[~self.pauses].sum())
 
     @property
     def verdict(self) -> str:
@@ -142,13 +154,19 @@ class ClockStatistics:
 
     @property
     def irregularities(self) -> dict[str, str]:
-        """A sentence on "gaps" and one on "jitter", where there are such."""
+        """Sentences on "gaps", "pauses" and "jitter", where there are such."""
         found = {}
         if self.missing:
-            longest = np.ptp(self.gaps, axis=1).max()
+            gaps = self.gaps[~self.pauses]
             found["gaps"] = (
-                f"{self.missing} rows are missing in {len(self.gaps)} gaps of up to {longest:.4g} s, the first "
-                f"{self.gaps[0, 0] - self.ticks[0]:.6g} s after the first row."
+                f"{self.missing} rows are missing in {len(gaps)} gaps of up to {np.ptp(gaps, axis=1).max():.4g} s, "
+                f"the first {gaps[0, 0] - self.ticks[0]:.6g} s after the first row."
+            )
+        if self.pauses.any():
+            gaps = self.gaps[self.pauses]
+            found["pauses"] = (
+                f"Nothing was recorded for up to {np.ptp(gaps, axis=1).max():.4g} s in {len(gaps)} pauses, the first "
+                f"{gaps[0, 0] - self.ticks[0]:.6g} s after the first row."
             )
         if self.verdict != "even":
             share = f"{100 * self.share:.0f} ± {100 * self.share_deviation:.0f} %"

@@ -3,7 +3,8 @@
 In a pattern, ``{word}`` stands for one of the words of the entry, ``{name}`` for the name of a joint and ``{number}``
 for its number, which counts from 0 where the log has a 0, and from 1 otherwise. Capitals do not matter, nor whether
 words are separated by blanks, by ``_`` or by ``-``. A topic may stand in front, up to a ``/`` or a ``.``, and a unit
-behind, in brackets (``[deg]``) or after ``_`` (``_deg``).
+behind, in brackets (``[deg]``), after ``_`` (``_deg``), ``/`` or ``in`` (``in deg``), or before the joint
+(``q_deg_1``).
 """
 
 from __future__ import annotations
@@ -35,6 +36,7 @@ __all__ = [
     "normalised",
     "styles_of",
     "time_unit_behind",
+    "unit_left_open",
     "units_said",
 ]
 
@@ -141,7 +143,12 @@ STYLES: tuple[ColumnStyle, ...] = (
     ColumnStyle(
         "LeRobot",
         "position",
-        ("observation.state[{name}]", "observation.state_{number}", "observation.state[{number}]"),
+        (
+            "observation.state[{name}]",
+            "observation.state_{number}",
+            "observation.state[{number}]",
+            "observation.state{number}",
+        ),
     ),
     *(
         ColumnStyle("MuJoCo", quantity, ("{word}{number}", "{word}_{number}", "{word}[{number}]", *NAMED), (word,))
@@ -227,33 +234,57 @@ SECONDS_AND_REST: Mapping[tuple[str, str], str] = {
 _UNIT_SPELLINGS: Mapping[str, str] = {
     **{unit.casefold(): unit for units in (POSITION_UNITS, VELOCITY_UNITS, TIME_UNITS) for unit in units},
     **dict.fromkeys(("n·m", "nm", "n m", "n*m", "n.m", "n-m", "newton meter", "newton metre"), "N·m"),
-    **dict.fromkeys(("mn·m", "mnm", "mn m", "mn*m", "mn.m"), "mN·m"),
+    **dict.fromkeys(("mn·m", "mnm", "mn m", "mn*m", "mn.m", "mn-m"), "mN·m"),
+    **dict.fromkeys(("kn·m", "knm", "kn m", "kn*m", "kn.m", "kn-m"), "kN·m"),
+    **dict.fromkeys(("n·cm", "ncm", "n cm", "n*cm", "n.cm"), "N·cm"),
+    **dict.fromkeys(("n·mm", "nmm", "n mm", "n*mm", "n.mm"), "N·mm"),
+    "kn": "kN",
     **dict.fromkeys(("n", "newton"), "N"),
     **dict.fromkeys(("a", "amp", "amps", "ampere", "amperes"), "A"),
     "ma": "mA",
-    **dict.fromkeys(("radian", "radians"), "rad"),
-    **dict.fromkeys(("°", "deg.", "degree", "degrees"), "deg"),
+    **dict.fromkeys(("radian", "radians", "rads"), "rad"),
+    **dict.fromkeys(("°", "deg.", "degs", "degree", "degrees"), "deg"),
+    **dict.fromkeys(("millirad", "milliradian", "milliradians"), "mrad"),
+    **dict.fromkeys(("m°", "millideg", "millidegree", "millidegrees"), "mdeg"),
     **dict.fromkeys(("turn", "turns", "revs", "revolution", "revolutions"), "rev"),
-    **dict.fromkeys(("rev/sec", "revs/s", "turn/s", "turns/s", "rev_s", "turns_s"), "rev/s"),
+    **dict.fromkeys(("rev/sec", "revs/s", "turn/s", "turns/s", "rev_s", "turns_s", "u/s", "rps"), "rev/s"),
     **dict.fromkeys(("rev/s^2", "rev/s2", "turn/s²", "turn/s^2", "turns/s^2"), "rev/s²"),
-    **dict.fromkeys(("rad/sec", "rad s^-1", "rad*s^-1", "rad·s^-1", "rad_s", "radians/s"), "rad/s"),
-    **dict.fromkeys(("°/s", "deg/sec", "deg*s^-1", "deg_s", "degrees/s"), "deg/s"),
-    **dict.fromkeys(("1/min", "min^-1", "rev/min", "u/min", "r/min"), "rpm"),
+    **dict.fromkeys(("rad/sec", "rad s^-1", "rad*s^-1", "rad·s^-1", "rad_s", "radians/s", "rad s-1"), "rad/s"),
+    **dict.fromkeys(("°/s", "deg/sec", "deg*s^-1", "deg_s", "degrees/s", "deg s-1", "dps"), "deg/s"),
+    **dict.fromkeys(("mrad/sec", "mrad_s", "milliradians/s"), "mrad/s"),
+    **dict.fromkeys(("mdeg/sec", "mdeg_s", "m°/s", "millidegrees/s"), "mdeg/s"),
+    **dict.fromkeys(("1/min", "min^-1", "min-1", "rev/min", "u/min", "r/min"), "rpm"),
     **dict.fromkeys(("rad/s^2", "rad/s²", "rad/s2", "rad/s/s"), "rad/s²"),
     **dict.fromkeys(("deg/s^2", "deg/s²", "deg/s2", "°/s²", "°/s^2"), "deg/s²"),
+    **dict.fromkeys(("mrad/s^2", "mrad/s²", "mrad/s2"), "mrad/s²"),
+    **dict.fromkeys(("mdeg/s^2", "mdeg/s²", "mdeg/s2"), "mdeg/s²"),
     **dict.fromkeys(("m/s^2", "m/s²", "m/s2"), "m/s²"),
     **dict.fromkeys(("mm/s^2", "mm/s²", "mm/s2"), "mm/s²"),
     **dict.fromkeys(("sec", "second", "seconds"), "s"),
     **dict.fromkeys(("msec", "milliseconds"), "ms"),
     **dict.fromkeys(("µs", "μs", "usec", "microseconds"), "us"),
     **dict.fromkeys(("nsec", "nanosec", "nanoseconds"), "ns"),
+    **dict.fromkeys(("minute", "minutes"), "min"),
+    **dict.fromkeys(("hour", "hours"), "h"),
 }
 
-_UNIT_SUFFIXES = (
-    *("rad", "deg", "degree", "degrees", "rev", "turns", "mm", "rad_s", "deg_s", "rev_s", "turns_s", "rpm"),
-    *("nm", "mnm", "ma", "amp", "amps"),
+_OWN_WORDS = (
+    *("rad_s", "deg_s", "mrad_s", "mdeg_s", "rev_s", "turns_s", "rpm", "dps", "rad", "deg", "degree", "degrees"),
+    *("mrad", "millirad", "mdeg", "°", "nm", "mnm", "knm"),
 )
+"""Units that are no part of a name, wherever they stand in it between ``_``."""
+_UNIT_SUFFIXES = (*_OWN_WORDS, "rev", "turns", "mm", "ncm", "nmm", "ma", "amp", "amps")
 """Units that are understood behind ``_``; shorter ones may be part of a name, such as ``arm_a``."""
+_INSIDE = re.compile(f"_({'|'.join(_OWN_WORDS)})(?=[_./[(][^_./[(]|[0-9]+$)")
+_SEPARATORS = re.compile(r"\s+in\s+|\s*/\s*|,\s*")
+_LEFT_OPEN: Mapping[str, Collection[str]] = {
+    "time": ("min", "hours", "day", "days", "ticks", "cycles"),
+    "position": ("deg", "degs", "degree", "degrees", "grad", "gon", "mrad", "urad", "μrad", "mdeg", "°", "cm"),
+    "velocity": ("deg", "degrees", "grad", "mrad", "mdeg", "dps", "rpm", "rps", "°", "cm"),
+    "torque": ("knm", "mnm", "ncm", "nmm", "kgcm", "kgfcm", "kgf", "ozin", "lbf", "lbft", "lbin", "percent", "%", "‰"),
+}
+_COUNTS = ("counts", "ticks", "pulses", "lsb")
+"""What is counted in, and is a unit of position or velocity for who knows how many make a turn."""
 _TIME_SUFFIXES = frozenset(
     [
         "s",
@@ -303,18 +334,51 @@ def units_said(column: str) -> tuple[tuple[str, str], ...]:
     --------
     >>> units_said("Joint 1 position [deg]"), units_said("tau_1_nm"), units_said("position[elbow]")
     ((('joint_1_position', 'deg'),), (('tau_1', 'N·m'),), ())
+    >>> units_said("q_mrad_1"), units_said("Winkel 1 in Grad")
+    ((('q_1', 'mrad'),), (('winkel_1', 'deg'),))
     """
+    column = _GRAD.sub("deg", column)
     found = []
-    for match in re.finditer(r"[\[(]([^\[\]()]*)[\])]", column):
-        unit = _UNIT_SPELLINGS.get(unicodedata.normalize("NFC", match[1]).casefold().strip())
+    for match in re.finditer(r"[\[({<]([^\[\](){}<>]*)[\])}>]", column):
+        unit = _spelled(match[1])
         if unit is not None:
-            found.append((normalised(f"{column[: match.start()]} {column[match.end() :]}"), unit))
+            rest = f"{column[: match.start()].rstrip('/ ')} {column[match.end() :]}"
+            found.append((normalised(rest), unit))
     if not found:
         text = normalised(column)
         for suffix in _UNIT_SUFFIXES:
             if text.endswith(f"_{suffix}"):
-                found.append((text.removesuffix(f"_{suffix}"), _UNIT_SPELLINGS[suffix]))
-    return tuple(found)
+                found.append((text.removesuffix(f"_{suffix}").removesuffix("_in"), _UNIT_SPELLINGS[suffix]))
+        for match in _INSIDE.finditer(text):
+            found.append((text[: match.start()] + text[match.end() :], _UNIT_SPELLINGS[match[1]]))
+        for match in _SEPARATORS.finditer(column):
+            unit, said = _spelled(column[match.end() :]), column[match.end() :].strip()
+            if unit is not None and (len(said) > 1 or said == "°" or match[0] != "/"):  # `arm/a` may be a joint
+                found.append((normalised(column[: match.start()]), unit))
+    return tuple(dict.fromkeys(found))
+
+
+def unit_left_open(column: str, quantity: str) -> str | None:
+    """Return the word in a column's name, if there is one, that may be a unit of a quantity and is not understood so.
+
+    Examples
+    --------
+    >>> unit_left_open("q1 [gon]", "position"), unit_left_open("posDeg1", "position"), unit_left_open("q1", "position")
+    ('gon', 'Deg', None)
+    """
+    words = _LEFT_OPEN.get("velocity" if quantity == "acceleration" else quantity, ())
+    counts = _COUNTS if quantity in ("position", "velocity", "acceleration") else ()
+    parts = re.findall(r"[A-ZÄÖÜ]*[a-zäöüµμ]+|[A-Z]+|[°%‰]", unicodedata.normalize("NFC", column))
+    return next((part for part in parts if part.casefold() in (*words, *counts)), None)
+
+
+def _spelled(text: str) -> str | None:
+    """Return the unit that a text is."""
+    return _UNIT_SPELLINGS.get(unicodedata.normalize("NFC", text).replace("⁻¹", "^-1").casefold().strip())
+
+
+_GRAD = re.compile(r"(?<![^\W\d_])Grad(?![^\W\d_])")
+"""German for degrees; without the capital it may be gons."""
 
 
 def time_unit_behind(text: str) -> tuple[str, str | None]:

@@ -13,14 +13,34 @@ from steelyard.files import TomlSection
 
 __all__ = ["LogColumns"]
 
-TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
-POSITION_UNITS = {"rad": 1.0, "deg": pi / 180.0, "rev": 2.0 * pi, "m": 1.0, "mm": 1e-3}
-VELOCITY_UNITS = {"rad/s": 1.0, "deg/s": pi / 180.0, "rev/s": 2.0 * pi, "rpm": pi / 30.0, "m/s": 1.0, "mm/s": 1e-3}
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
+MILLIDEGREE = pi / 180e3
+POSITION_UNITS = {
+    "rad": 1.0,
+    "deg": pi / 180.0,
+    "rev": 2.0 * pi,
+    "mrad": 1e-3,
+    "mdeg": MILLIDEGREE,
+    "m": 1.0,
+    "mm": 1e-3,
+}
+VELOCITY_UNITS = {
+    "rad/s": 1.0,
+    "deg/s": pi / 180.0,
+    "rev/s": 2.0 * pi,
+    "rpm": pi / 30.0,
+    "mrad/s": 1e-3,
+    "mdeg/s": MILLIDEGREE,
+    "m/s": 1.0,
+    "mm/s": 1e-3,
+}
 ACCELERATION_UNITS = {
     "rad/s²": 1.0,
     "deg/s²": pi / 180.0,
     "rev/s²": 2.0 * pi,
     "rpm/s": pi / 30.0,
+    "mrad/s²": 1e-3,
+    "mdeg/s²": MILLIDEGREE,
     "m/s²": 1.0,
     "mm/s²": 1e-3,
 }
@@ -28,12 +48,16 @@ PER_SECOND = {
     "rad": "rad/s",
     "deg": "deg/s",
     "rev": "rev/s",
+    "mrad": "mrad/s",
+    "mdeg": "mdeg/s",
     "m": "m/s",
     "mm": "mm/s",
     "rad/s": "rad/s²",
     "deg/s": "deg/s²",
     "rev/s": "rev/s²",
     "rpm": "rpm/s",
+    "mrad/s": "mrad/s²",
+    "mdeg/s": "mdeg/s²",
     "m/s": "m/s²",
     "mm/s": "mm/s²",
 }
@@ -48,6 +72,14 @@ TORQUE_UNITS = {
     "mN·m": 1e-3,
     "mN m": 1e-3,
     "mNm": 1e-3,
+    "kN·m": 1e3,
+    "kN m": 1e3,
+    "kNm": 1e3,
+    "N·cm": 1e-2,
+    "Ncm": 1e-2,
+    "N·mm": 1e-3,
+    "Nmm": 1e-3,
+    "kN": 1e3,
     "A": 1.0,
     "mA": 1e-3,
 }
@@ -74,15 +106,16 @@ class LogColumns(TomlSection):
     rate
         Sample rate in Hz, for a log without time column (or whose stamps are too coarse to be used).
     time_unit
-        "s", "ms", "us" or "ns".
+        "s", "ms", "us", "ns", "min" or "h".
     position, velocity, acceleration, torque
         List of column names, or a pattern: `{}` stands for 1, 2, … (or 0, 1, …) and `{name}` for the joint's name. The
         word "none" for velocity or acceleration leaves columns that are in the log unread.
     position_unit, velocity_unit, torque_unit
         One unit, or a list with one per column; where some joints turn and others slide, one unit is that of its kind,
-        and the other kind has rad or m. Positions: rad, deg, rev, m, mm. Velocities (and accelerations, per s more):
-        rad/s, deg/s, rev/s, rpm, m/s, mm/s; by default that of the positions per s. Torques: N·m, mN·m, N; A, mA with
-        `gain`. By default what the names of the columns say, otherwise rad and N·m.
+        and the other kind has rad or m. Positions: rad, deg, rev, mrad, mdeg, m, mm. Velocities (and accelerations,
+        per s more): rad/s, deg/s, rev/s, rpm, mrad/s, mdeg/s, m/s, mm/s; by default that of the positions per s.
+        Torques: N·m, mN·m, kN·m, N·cm, N·mm, N, kN; A, mA with `gain`. By default what the names of the columns say,
+        otherwise rad and N·m.
     position_matrix, position_offset
         (N, M) and (N,): q = position_matrix @ columns + position_offset, both after the units; the matrix also
         turns velocities and accelerations. Numbers, or strings such as "1/45" and "-pi/2".

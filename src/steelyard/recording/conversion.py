@@ -18,7 +18,7 @@ from .formats import Columns, LogFiles
 from .measurements import check_order
 from .recognition import Layout
 from .samples import cut_channels, joined_channels
-from .survey import turned_on, without_wild
+from .survey import turned_on, without_dropouts, without_wild
 
 __all__ = [
     "Signals",
@@ -184,7 +184,8 @@ def log_columns(columns: LogColumns | dict[str, Any] | None) -> LogColumns:
 def signals_fields(signals: Signals, t: NDArray[np.float64], source: str) -> dict[str, Any]:
     """Return the arrays of a Recording by the names of its fields, with values filled and turns put together."""
     fields: dict[str, Any] = {"t": t, "position_missing": None, "torque_missing": None}
-    signals = replace(signals, q=without_wild(t, turned_on(signals.q)[0]))
+    q, torque = without_wild(t, turned_on(signals.q)[0]), without_dropouts(signals.torque)
+    signals = replace(signals, q=q, torque=torque)
     for name in ("q", "torque", "velocity", "acceleration"):
         values, missing = filled(t, getattr(signals, name), "position" if name == "q" else name, source)
         fields[name] = values
@@ -249,7 +250,7 @@ def clock_at(rate: float, stamps: Iterable[NDArray[np.float64]]) -> ClockStatist
         clock = clock_of(increasing())
     except _CoarseStampsError:
         return None
-    return clock if clock.missing and abs(clock.period * rate - 1.0) < 0.01 else None
+    return clock if len(clock.gaps) and abs(clock.period * rate - 1.0) < 0.01 else None
 
 
 class _CoarseStampsError(ValueError):

@@ -22,7 +22,7 @@ __all__ = ["Correction", "Settings", "correction_settings", "toml_inline", "toml
 
 Array = NDArray[np.float64]
 BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")  # of TOML, that needs no quotes
-ALIKE, OF_TORQUES = (("rad", "deg", "rev"), ("m", "mm"), ("A", "mA")), ("N·m", "mN·m")
+ALIKE, OF_TORQUES = (("rad", "deg", "rev", "mrad", "mdeg"), ("m", "mm"), ("A", "mA")), ("N·m", "mN·m")
 """Units of one kind; torques have further spellings, for which these stand."""
 Settings = dict[str, Any]
 """Sections of a robot file by name, each a table; `terms` is a list of tables."""

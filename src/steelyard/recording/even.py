@@ -90,7 +90,7 @@ class EvenClock:
                 "resample to at least the rate of the log and lower it with `decimate`."
             )
         self.by_stamps = clock.verdict == "stamps"
-        uneven = bool(clock.missing) or self.by_stamps or clock.largest > JITTER_ACCEPTED
+        uneven = bool(len(clock.gaps)) or self.by_stamps or clock.largest > JITTER_ACCEPTED
         if uneven and resample is False and needs_even_rows:
             self._refuse()
         self._stamps_count = resample is False or clock.verdict in ("even", "stamps")
@@ -107,7 +107,7 @@ class EvenClock:
     def _refuse(self) -> None:
         clock = self.clock
         remedy = "let `resample` in [processing] have its default, true, or split the log"
-        if clock.missing:
+        if len(clock.gaps):
             longest = int(np.argmax(clock.skipped))
             raise InputError(
                 f"{self.source} has {len(clock.gaps)} gaps where rows are missing, the longest of "

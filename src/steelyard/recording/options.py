@@ -96,6 +96,8 @@ class Processing(TomlSection):
     saturation
         True masks rows of a joint at a level where its torque is clipped (see `find_saturation`); numbers are the
         levels.
+    stuck_torque
+        True masks rows of a joint whose torque stands still while the robot moves (see `find_stuck_torque`).
     repeated
         True masks rows that are copies of the row before (see `find_repeated`).
     resample
@@ -132,6 +134,7 @@ class Processing(TomlSection):
     delay: float | tuple[float, ...] | str = 0.0
     stiction: bool | float = False
     saturation: bool | float | tuple[float, ...] = False
+    stuck_torque: bool = False
     repeated: bool = False
 
     def _clean(self, where: str) -> None:
@@ -169,7 +172,7 @@ class Processing(TomlSection):
                 raise InputError(
                     f"{key(name)} is {getattr(self, name)!r}; it must be {' or '.join(map(repr, options))}."
                 )
-        for name in ("average", "repeated"):
+        for name in ("average", "stuck_torque", "repeated"):
             if not isinstance(getattr(self, name), bool):
                 raise InputError(f"{key(name)} is {getattr(self, name)!r}; it must be true or false.")
         excluded: Any = self.exclude_joints

@@ -15,7 +15,7 @@ from steelyard.errors import InputError
 
 from . import diagnosis, filters  # their names are imported when they are used
 from .cutoff import CutoffChoice
-from .diagnosis.detectors import AT_REST, find_repeated, find_saturation, find_stiction
+from .diagnosis.detectors import AT_REST, find_repeated, find_saturation, find_stiction, find_stuck_torque
 from .diagnosis.rest import HeldJoints
 from .filters import Butterworth, MotionFilter
 from .filters.zero_phase import (
@@ -74,6 +74,8 @@ class Plan:
         Tolerance (N,) in rad or m and duration (N,) in s of a rest.
     levels : ndarray or None
         (N, 2) lowest and highest torque.
+    stuck : tuple of ndarray or None
+        Travel (N,) in rad or m and duration (N,) in s of a motion in which no torque stands still.
     choice : CutoffChoice or None
     remarks : tuple of str
         What was chosen.
@@ -88,6 +90,7 @@ class Plan:
     delay: Array
     stiction: tuple[Array, Array] | None
     levels: Array | None
+    stuck: tuple[Array, Array] | None
     choice: CutoffChoice | None
     remarks: tuple[str, ...]
     held: HeldJoints
@@ -102,9 +105,10 @@ class Plan:
             of_torque = filter_padding(rate, cutoff, self.processing.order) + 4
             # The regressor follows from the filtered motion, and goes through the filter of the torques then.
             rows.append(of_torque if self.model is None else of_motion + of_torque)
-        if self.stiction is not None:
-            finite = self.stiction[1][np.isfinite(self.stiction[1])]
-            rows.append(2 * int(np.ceil(finite.max(initial=0.0) * rate)) + 4)
+        for detector in (self.stiction, self.stuck):
+            if detector is not None:
+                finite = detector[1][np.isfinite(detector[1])]
+                rows.append(2 * int(np.ceil(finite.max(initial=0.0) * rate)) + 4)
         return max(rows) + int(np.ceil(np.abs(self.delay).max() * rate)) + 2
 
     def settling(self, rate: float) -> float:
@@ -414,6 +418,9 @@ class Plan:
             moved["without a torque"] = recording.torque_missing
         if self.levels is not None:
             one = find_saturation(recording, self.levels)
+            moved[one.kind] = one.flags
+        if self.stuck is not None:
+            one = find_stuck_torque(recording, self.stuck[1], self.stuck[0])
             moved[one.kind] = one.flags
         if self.processing.repeated:
             one = find_repeated(recording)

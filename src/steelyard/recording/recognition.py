@@ -32,6 +32,7 @@ from .column_styles import (
     normalised,
     styles_of,
     time_unit_behind,
+    unit_left_open,
     units_said,
 )
 from .columns import CURRENT_UNITS, PER_SECOND, TIME_UNITS, LogColumns
@@ -754,6 +755,7 @@ class _Search:
                     )
                 units[kind] = (said,) * count if isinstance(said, str) else said
                 continue
+            self._ask_unit(kind, group)
             usual: tuple[str, ...] = ("N·m",) * count
             if kind == "position":
                 usual = (self._convention(group),) * count
@@ -770,6 +772,21 @@ class _Search:
                     "each joint, with `gain = [...]` in [log]."
                 )
         return units
+
+    def _ask_unit(self, kind: str, group: _Group) -> None:
+        """Refuse columns whose names have words for a unit that is not understood; none has one where a matrix has."""
+        if self._matrix(kind) is not None or (kind == "torque" and self.columns.gain is not None):
+            return
+        named = "".join(self.joint_names).casefold()
+        for column, unit in zip(group.columns, group.units, strict=True):
+            word = unit_left_open(column, kind)
+            if unit is None and word is not None and word.casefold() not in named:
+                key = "velocity" if kind == "acceleration" else kind
+                own = f"{'torque' if kind == 'torque' else 'position'}_matrix"
+                raise InputError(
+                    f"{self.source}: the name of the column {column!r} says {word!r}, a unit that is not understood "
+                    f"there; state `{key}_unit` in [log], or what one of it is on the diagonal of `{own}`."
+                )
 
     def _convention(self, group: _Group) -> str:
         """Return the unit of positions that do not say theirs, by who writes such names."""
@@ -839,6 +856,12 @@ class _Search:
                 whole, rest = (re.split(r"[/._]", normalised(name))[-1] for name in names)
                 return names[0], "s", (names[1], SECONDS_AND_REST.get((whole, rest), "ns")), _STATED
             said = next((unit for _, unit in _times_said(names[0]) if unit is not None), None)
+            word = unit_left_open(names[0], "time")
+            if said is None and columns.time_unit is None and word is not None:
+                raise InputError(
+                    f"{self.source}: the name of the column {names[0]!r} says {word!r}, a unit that is not understood "
+                    "there; state `time_unit` in [log], or the sample rate in Hz with `rate` in the place of `time`."
+                )
             unit, _ = self._time_unit(_Clock(names[0], columns.time_unit or said))
             return names[0], unit, None, _STATED
         found = _clocks(self.names) or _clocks(self.names, FURTHER_TIME_WORDS)

@@ -22,7 +22,15 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 
-__all__ = ["LogSurvey", "position_jumps", "stuck_torques", "turn_remarks", "turned_on", "without_wild"]
+__all__ = [
+    "LogSurvey",
+    "position_jumps",
+    "stuck_torques",
+    "turn_remarks",
+    "turned_on",
+    "without_dropouts",
+    "without_wild",
+]
 
 Array = NDArray[np.float64]
 DEGREE = pi / 180.0
@@ -80,6 +88,11 @@ joint was 14 times further."""
 
 FEW = 0.01
 """Part of the rows of a joint up to which single positions count as wild: more are no readings that went wrong."""
+DROPOUT = 5
+"""Rows for which a torque is zero at most, where messages of a drive are lost; 5 steps of it and 4 times what those
+around differ by is what it falls by at least."""
+MOST_DROPOUTS = 0.1
+"""Part of the rows of a joint up to which zeros are lost messages, and not how it is driven."""
 JUMPED = "further than a joint moves from one row to the next"
 """What a remark on positions that jump says, and no other."""
 STILL = 0.05
@@ -350,7 +363,9 @@ class LogSurvey:
         why = "faster than any motor"
         if ranges is not None and far[j]:
             why = f"where its limits leave it {ranges[j]:.4g} {unit}"
-        own = '"pi/180000" for millidegrees, "2*pi/1000000" for micro-revolutions' if unit == "rad" else "1e-6 for µm"
+        own = "1e-6 for µm"
+        if unit == "rad":
+            own = '"pi/180000" for millidegrees, "1/1000" for milliradians, "2*pi/1000000" for micro-revolutions'
         return (
             f"the positions of {names}, taken in {unit}, are those of no robot: {self.label(j)} goes through {turns} "
             f"(from {self.q[0, j]:.6g} to {self.q[1, j]:.6g}) at up to {self.speed[j]:.4g} {unit}/s, {why}. Where they "
@@ -440,8 +455,9 @@ class LogSurvey:
     def _filled_remarks(self) -> tuple[str, ...]:
         counts = zip(self._filled, ("positions", "torques"), strict=True)
         words = " and ".join(f"{count} {name}" for count, name in counts if count)
-        # Reading makes wild positions missing, and does not tell them from those that the log lacks.
+        # Reading makes wild positions missing, and does not tell them from those that the log lacks; nor zeros.
         wild = ", or too far from those before and after for a joint to move there and back" if self._filled[0] else ""
+        wild += ", or zero for a moment among torques that are not" if self._filled[1] else ""
         if not words:
             return ()
         return (f"{words[0].upper()}{words[1:]} are missing{wild}; they were filled in, and are not used.",)
@@ -647,6 +663,51 @@ def without_wild(t: NDArray[np.float64], q: NDArray[np.float64]) -> NDArray[np.f
         if off.any():
             result = result.copy() if result is q else result
             result[rows[off], j] = np.nan
+    return result
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def without_dropouts(torque: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Make torques missing that are exactly zero for a moment, among torques that are alike and are not.
+
+    Loggers write a zero where the message of a drive was lost. *Measured* on an arm of six joints, 5 % of such rows
+    make torques 5 % smaller, and the prediction of a log with as many was good.
+
+    Parameters
+    ----------
+    torque : ndarray
+        (S, N), N·m or N; NaN where values are missing.
+
+    Returns
+    -------
+    ndarray
+        (S, N), `torque` itself where there is none.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> torque = 5.0 + np.sin(np.arange(200) / 30.0)[:, None]
+    >>> torque[[70, 120, 121]] = 0.0
+    >>> np.flatnonzero(np.isnan(without_dropouts(torque))).tolist()
+    [70, 120, 121]
+    """
+    result = torque
+    zeros = np.count_nonzero(torque == 0.0, axis=0)
+    for j in map(int, np.flatnonzero((zeros > 0) & (zeros <= MOST_DROPOUTS * len(torque)))):
+        values = torque[:, j]
+        edges = np.flatnonzero(np.diff(values == 0.0, prepend=False, append=False))
+        starts, stops = edges[::2], edges[1::2]
+        short = (stops - starts <= DROPOUT) & (starts >= 2) & (stops <= len(values) - 2)
+        starts, stops = starts[short], stops[short]
+        around = values[np.stack([starts - 2, starts - 1, stops, stops + 1])]
+        low, high = around.min(axis=0), around.max(axis=0)
+        least = np.minimum(np.abs(low), np.abs(high))
+        step = np.diff(np.unique(values[np.isfinite(values)])).min(initial=np.inf)
+        lost = (low * high > 0.0) & (least > 5.0 * step) & (least > 4.0 * (high - low))
+        rows = [np.arange(a, b) for a, b in zip(starts[lost], stops[lost], strict=True)]
+        if rows:
+            result = result.copy() if result is torque else result
+            result[np.concatenate(rows), j] = np.nan
     return result
 
 

@@ -191,6 +191,8 @@ class _Log:
     def step(self, body: Array) -> tuple[int, float, float] | None:
         """Return the block in which a body comes or goes, its mass, and the standard error of that."""
         differ, freedom = self.differ(body)
+        if differ <= 0.0:  # rounding, of a log without noise
+            return None
         count = len(self.ends) - 2
         tried = [self.since(place, body) for place in range(1, count + 1)]
         place = 1 + int(np.argmax([one[0] + one[3] @ one[4] for one in tried]))

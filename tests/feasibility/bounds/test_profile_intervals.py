@@ -149,6 +149,31 @@ def test_intervals_hold_the_truth() -> None:
     assert np.mean(inside, axis=0).min() > 0.8
 
 
+def test_torques_of_another_sign_and_hardly_any_noise_have_intervals() -> None:
+    """No feasible parameters are near: χ² is 1e18, of which a double does not resolve the quantile.
+
+    The feasible parameters that CVXPY finds nearest lie within them.
+    """
+    cp = pytest.importorskip("cvxpy")
+    arm = simulated_arm(6)
+    feasible_set = FeasibleSet(arm.model, constraints=BOUNDED)
+    base = sy.least_squares(arm.information).base
+    covariance = ParameterCovariance.of(arm.information, base)
+    small = replace(covariance, root=1e-7 * covariance.root)
+    asked = quantities(feasible_set, ["m2", "Lzz2", "Fvj1", "total mass"])
+    found = profile_intervals(feasible_set, -base, small, asked, arm.truth)
+    delta = cp.Variable(feasible_set.parameter_count)
+    conditions = []
+    for block in feasible_set.blocks:
+        matrix = block.constant + sum(delta[int(i)] * c for i, c in zip(block.indices, block.coefficients, strict=True))
+        conditions.append(matrix >> 0 if block.size > 1 else matrix >= 0)
+    distance = cp.norm(np.linalg.pinv(covariance.root, rcond=1e-12) @ (feasible_set.K @ delta + base))
+    cp.Problem(cp.Minimize(distance), conditions).solve(solver="CLARABEL")
+    assert found.chi_squared > (1e7 * distance.value) ** 2 > 1e17
+    nearest = np.array([quantity.row @ delta.value for quantity in asked])
+    assert np.all((found.lower <= nearest) & (nearest <= found.upper))
+
+
 def test_filtered_torques_have_no_interval() -> None:
     arm = simulated_arm(10)
     base = sy.least_squares(arm.information).base

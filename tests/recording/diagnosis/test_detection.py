@@ -17,6 +17,7 @@ from steelyard.recording import (
     find_repeated,
     find_saturation,
     find_stiction,
+    find_stuck_torque,
     process_chunks,
 )
 from steelyard.recording.diagnosis import advanced, noise_deviation, resolution, saturation_levels
@@ -150,6 +151,90 @@ def test_saturation_of_quantised_and_noisy_torques(quantum, random):
     np.testing.assert_allclose(saturation_levels(clipped[:, None]), [[-5.0, 5.0]])
 
 
+@pytest.mark.parametrize("seconds", [0.5, 1.0])
+@pytest.mark.parametrize("hold", [1, 10])
+@pytest.mark.parametrize("noise", [0.0, 0.05])
+def test_a_torque_that_stands_still_is_found_where_it_is(noise, hold, seconds):
+    """Also where torques come less often than the positions; what the joint beside it does is no fault."""
+    log = smooth_log(2, 1e-5, noise)
+    torque = log.torque[np.arange(T.size) // hold * hold]
+    rows = slice(4000, 4000 + int(seconds * RATE))
+    torque[rows, 1] = torque[4000, 1]
+    broken = replace(log, torque=torque)
+    found = find_stuck_torque(broken)
+    expected = np.zeros(torque.shape, dtype=bool)
+    expected[rows, 1] = True
+    np.testing.assert_array_equal(found.flags, expected)
+    (sentence,) = broken.diagnose().sentences()
+    assert sentence.startswith(f"Joint 2: {1000 * seconds:.0f} rows in 1 intervals are of a torque that stands still")
+    assert "`stuck_torque = true`" in sentence
+    samples = broken.process(cutoff=None, stuck_torque=True, trim=0.0, velocity_threshold=None)
+    np.testing.assert_array_equal(samples.mask, ~expected)
+
+
+@pytest.mark.parametrize("rate", [20.0, 50.0])
+def test_a_torque_that_stands_still_in_a_slow_log(rate):
+    """Over five rows, fewer than the parts whose velocities are compared."""
+    t = np.arange(400) / rate
+    torque = 6.0 * np.cos(2.6 * t)
+    torque[200:205] = torque[200]
+    found = find_stuck_torque(Recording(t=t, q=np.sin(2.0 * t)[:, None], torque=torque[:, None]))
+    assert [(one.start, one.stop) for one in found] == [(200, 205)]
+
+
+def test_a_torque_of_a_joint_that_is_held_stands_still_while_others_move() -> None:
+    """There no rest leaves out its rows; where the whole robot rests, they are as good as any."""
+    log = smooth_log(2, 1e-5, 0.05)
+    q, torque = log.q.copy(), log.torque.copy()
+    q[:, 1] = 0.3 + 2e-5 * np.random.default_rng(2).normal(size=T.size)
+    q[:2000, 0] = q[2000, 0]
+    torque[5000:5600, 1], torque[500:1500, 1] = torque[5000, 1], torque[500, 1]
+    found = find_stuck_torque(replace(log, q=q, torque=torque))
+    assert [(one.joint, one.start, one.stop) for one in found] == [(1, 5000, 5600)]
+    # What a controller asks for that sees no error is steady, and nothing tells it from a sensor that is not read.
+    asked = np.column_stack([torque[:, 0], np.repeat([1.0, 1.2, 1.1, 1.0], 3000)])
+    assert not find_stuck_torque(replace(log, q=q, torque=asked))
+
+
+def legitimate_torques() -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Positions and torques of sound joints, which stand still for a second or for long."""
+    random = np.random.default_rng(3)
+    smooth, motion = 6.0 * np.cos(0.7 * T), np.sin(1.1 * T + 0.3)
+    noisy = smooth + 0.05 * random.normal(size=T.size)
+    updates = np.flatnonzero(np.append(True, random.random(T.size - 1) < 0.05))
+    speed = np.interp(T, [0, 0.4, 0.5, 1, 2, 2.1, 6, 6.1, 11, 12], [0, 1, 1, -1, -1, 0.3, 0.3, -0.5, -0.5, 0])
+    rest = np.interp(T, [0, 4, 6, 12], [0, 4, 4, 10])
+    return {
+        "coarse": (motion, np.round(smooth / 0.5) * 0.5),
+        "turns around in steps": (motion, np.round(smooth, 2)),
+        "comes seldom": (motion, noisy[np.arange(T.size) // 200 * 200]),
+        "comes now and then": (motion, noisy[updates[np.searchsorted(updates, np.arange(T.size), side="right") - 1]]),
+        "at rest": (np.sin(rest), np.where((T >= 4) & (T < 6), 1.0, noisy)),
+        "clipped": (motion, np.clip(noisy, -4.0, 4.0)),
+        "steady motion": (np.cumsum(speed) / RATE, np.round(2.0 * np.sign(speed) + speed + np.gradient(speed, T), 3)),
+        "drive off": (motion, np.where(T < 7.0, 0.0, noisy)),
+        "throughout": (motion, np.full(T.size, 1.5)),
+    }
+
+
+@pytest.mark.parametrize("kind", legitimate_torques())
+def test_a_torque_that_stands_still_by_nature_is_no_fault(kind):
+    q, torque = legitimate_torques()[kind]
+    q = np.round(q / 1e-5) * 1e-5
+    runs = np.diff(np.flatnonzero(np.diff(torque, prepend=np.nan, append=np.nan) != 0.0))
+    assert runs.max() >= 100  # long enough to be told where nothing speaks for it
+    assert not find_stuck_torque(Recording(t=T, q=q[:, None], torque=torque[:, None]))
+
+
+@pytest.mark.parametrize("hold", [1, 10, 50])
+def test_clipping_is_told_from_torques_that_come_less_often(hold, random):
+    """The largest of them stands for many rows, too, but for no more than any other."""
+    torque = 6.0 * np.cos(2.6 * T) + 0.05 * random.normal(size=T.size)
+    seldom = torque[np.arange(T.size) // hold * hold, None]
+    assert not np.isfinite(saturation_levels(seldom)).any()
+    np.testing.assert_array_equal(saturation_levels(np.clip(seldom, -5.0, np.inf)), [[-5.0, np.inf]])
+
+
 def test_repeated_rows_are_found_where_they_are():
     log = smooth_log(2, 1e-5)
     q, torque = log.q.copy(), log.torque.copy()
@@ -272,7 +357,7 @@ def test_missing_values_are_filled_and_masked(tmp_path):
     log = Recording.read(path, {"missing": "fill"})
     assert log.remarks == (
         "5 positions and 2 torques are missing, or too far from those before and after for a joint to move there and "
-        "back; they were filled in, and are not used.",
+        "back, or zero for a moment among torques that are not; they were filled in, and are not used.",
     )
     np.testing.assert_allclose(log.q[:, 0], np.sin(2 * T), atol=1e-5)
     samples = log.process(cutoff=10.0, trim=0.0, velocity_threshold=None)

@@ -48,6 +48,10 @@ BESIDE_OPEN = 1e-5
 a bound of `FAR`, and the way from there hundreds of times the quantity. With 1 % of it a total mass of at least 8.7 kg
 is told to be at least zero."""
 
+ROUNDED = 1e-12
+"""Part of χ² that rounding resolves, and that a limit is above it at least. Logs without noise, in a wrong unit, have a
+χ² of 1e17, of which the quantile of 3.84 is nothing."""
+
 CENTERED = 1e-2
 """How near the search for ends begins to the analytic center: the decrease that a Newton step promises."""
 
@@ -138,7 +142,7 @@ def profile_intervals(
     likely = minimise(_MostLikely(distance, barrier, FIRST_DISTANCE), start[None], basis, FIRST_ACCURACY)
     likely = minimise(_MostLikely(distance, barrier, MOST_DISTANCE), likely, basis, 1e-4)[0]
     chi_squared = float(distance.squares(likely[None])[0])
-    limit = chi_squared + 2.0 * float(gammaincinv(0.5, confidence))
+    limit = chi_squared + max(2.0 * float(gammaincinv(0.5, confidence)), ROUNDED * chi_squared)
     center = minimise(_Inside(distance, barrier, limit), likely[None], basis, CENTERED)[0]
     # What has no condition beside these is left to the data alone.
     conditioned = np.zeros(len(start), dtype=bool)

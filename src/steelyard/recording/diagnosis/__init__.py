@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from .detectors import find_repeated as find_repeated
     from .detectors import find_saturation as find_saturation
     from .detectors import find_stiction as find_stiction
+    from .detectors import find_stuck_torque as find_stuck_torque
     from .detectors import noise_deviation as noise_deviation
     from .detectors import remedy_of as remedy_of
     from .detectors import resolution as resolution

@@ -1,4 +1,4 @@
-"""Detectors of faulty rows: torques that are clipped, rows that are copies, joints that stick."""
+"""Detectors of faulty rows: torques that are clipped or stand still, rows that are copies, joints that stick."""
 
 from __future__ import annotations
 
@@ -26,12 +26,14 @@ __all__ = [
     "find_repeated",
     "find_saturation",
     "find_stiction",
+    "find_stuck_torque",
     "noise_deviation",
     "remedy_of",
     "resolution",
     "runs",
     "saturation_levels",
     "stiction_duration",
+    "stuck_torque_duration",
     "stuck_while_others_move",
     "with_remedy",
 ]
@@ -47,6 +49,7 @@ CROWDED = 4.0
 """Rows at the level over rows just below it, in a band as wide: a smooth maximum has fewer than two and a half."""
 SMALL = 0.1  # of the largest torque: what a drive cannot exceed is more
 AT_REST = "at rest while the torque changes"
+STUCK = "of a torque that stands still while the robot moves"
 LEAST_TIME = 0.02
 """s, the shortest rest."""
 TURN = 3.0
@@ -55,6 +58,21 @@ PARTS = 6
 """Parts of a rest, whose mean torques are compared with the scatter about them."""
 TOGETHER = 0.7
 """Share of a joint's rest in which all joints are at rest, from which it is a rest of the robot."""
+STUCK_TIME, STUCK_ROWS = 0.1, 5
+"""s and rows, the shortest stretch over which a torque counts as stuck."""
+LONGER = 5.0
+"""Times by which it lasts longer than every usual stretch of one torque. Where a smooth torque in steps turns around,
+it stands up to 4.8 times as long as on the next step; torques of real arms stand for 3 rows, single ones for 6."""
+MOSTLY_STUCK = 0.3
+"""Share of a joint's rows above which stretches of one torque are how it is logged, or how the robot was driven."""
+FINE = 0.05
+"""Step of a torque over its standard deviation, up to which it is not expected to stand still."""
+SWERVE = 0.02
+"""Change of the velocity over such a stretch, over the largest: at a steady velocity a torque may be steady."""
+SELDOM = 0.1
+"""Share of the rows in which a joint moves, below which it counts as held."""
+NOISE_SEEN = 1e-4
+"""Noise of a torque over its standard deviation, from which it is not steady at a steady velocity either."""
 
 
 class Interval(NamedTuple):
@@ -132,8 +150,13 @@ class Intervals:
 
 def runs(flags: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """Return the begin and the end (excluded) of each run of true values in (S,)."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], flags, [False]]).astype(np.int8)))
-    return [(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    starts, stops = _ends_of_runs(flags)
+    return list(zip(starts.tolist(), stops.tolist(), strict=True))
+
+
+def _ends_of_runs(flags: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    edges = np.flatnonzero(np.diff(flags, prepend=False, append=False))
+    return edges[::2], edges[1::2]
 
 
 def resolution(values: ArrayLike) -> Array:
@@ -229,9 +252,16 @@ def _clipped_at(values: Array) -> float | None:
     step = max(2.0 * width, 1e-3 * spread)
     below = np.count_nonzero((values < top - width) & (values >= top - width - step))
     count = np.count_nonzero(at)
-    if count >= FEWEST and longest >= LONGEST_LEAST and count > CROWDED * below:
-        return top
-    return None
+    if count < FEWEST or longest < LONGEST_LEAST or count <= CROWDED * below:
+        return None
+    each = _usual_stay(values[(values < top - width) & (values > values.min() + width)])
+    return top if count >= FEWEST * each and longest >= LONGEST_LEAST * each else None
+
+
+def _usual_stay(values: Array) -> float:
+    """Return for how many rows a value (S,) usually stays; torques may come less often than positions."""
+    changes = np.flatnonzero(np.diff(values, prepend=np.nan, append=np.nan) != 0.0)
+    return float(np.median(np.diff(changes))) if len(changes) > 1 else 1.0
 
 
 def find_saturation(recording: Measurements, levels: ArrayLike | None = None) -> Intervals:
@@ -411,6 +441,126 @@ def _sticking(recording: Measurements, resting: NDArray[np.bool_], tolerance: Ar
     return Intervals(AT_REST, flags, recording.t, tolerance, recording.joint_names)
 
 
+def stuck_torque_duration(recording: Measurements) -> tuple[Array, Array]:
+    """Return for each joint (N,) the travel with which it moves, and how long its torque does not stand still then, s.
+
+    A torque stands still by nature where it comes less often than the positions, in coarse steps, or clipped; how long
+    it does so is seen in the recording. Infinite where it stands still often. The travel is negative of a joint that
+    is held, and whose torque flickers: it counts as moving where another one does.
+    """
+    tolerance, _ = stiction_duration(recording)
+    least = max(STUCK_TIME * recording.rate, STUCK_ROWS)
+    clipped, _ = clipped_rows(recording.torque, saturation_levels(recording.torque))
+    steps, spread = resolution(recording.torque), recording.torque.std(axis=0)
+    flickers = noise_deviation(recording.torque) > np.maximum(steps, NOISE_SEEN * spread)
+    fine = steps <= FINE * spread
+    held = (_moving(recording, tolerance).mean(axis=0) < SELDOM) & flickers
+    tolerance = np.where(held, -1.0, tolerance)
+    longest = np.full(recording.joint_count, np.inf)
+    for j, moving in enumerate(_moving(recording, tolerance).T):
+        starts, stops = _ends_of_runs(_unchanged(recording, j) & moving)
+        lengths = stops - starts + 1  # with the row that the others are equal to
+        usual, natural, stuck = lengths[lengths < least].max(initial=1), 0, 0
+        long = np.flatnonzero(lengths >= least)
+        for start, stop, rows in np.column_stack([starts, stops, lengths])[long[np.argsort(lengths[long])]].tolist():
+            if rows < LONGER * usual:
+                usual = rows
+            elif (
+                not clipped[start:stop, j].any()
+                and _jumps(recording.torque[:, j], start - 1, stop, steps[j])
+                and (flickers[j] or _swerves(recording.q[:, j], start - 1, stop))
+            ):
+                stuck += rows
+            else:
+                natural = rows
+        if fine[j] and stuck <= MOSTLY_STUCK * np.count_nonzero(moving):
+            longest[j] = max(least, LONGER * usual, 2.0 * natural) / recording.rate
+    return tolerance, longest
+
+
+def _jumps(torque: Array, start: int, stop: int, step: float) -> bool:
+    """Say whether a torque (S,) comes to rows start:stop, or goes on from them, by more than a step of it."""
+    edges = [row for row in (start, stop) if 0 < row < len(torque)]
+    return any(abs(torque[row] - torque[row - 1]) > 1.5 * step for row in edges)
+
+
+def _swerves(q: Array, start: int, stop: int) -> bool:
+    """Say whether the velocity of a joint at q (S,) changes within rows start:stop."""
+    ends = np.unique(np.linspace(start, stop - 1, PARTS + 1).astype(int))
+    size = max(1, (stop - start) // PARTS)
+    fastest = np.abs(q[size:] - q[:-size]).max() / size
+    return bool(np.ptp(np.diff(q[ends]) / np.diff(ends)) > SWERVE * fastest)
+
+
+def _unchanged(recording: Measurements, joint: int) -> NDArray[np.bool_]:
+    """Say which rows (S,) have the torque of the row before; interpolation to even rows changes its last digits."""
+    torque = recording.torque[:, joint]
+    same = np.zeros(len(torque), dtype=bool)
+    same[1:] = np.abs(torque[1:] - torque[:-1]) <= 1e-9 * np.abs(torque[:-1])
+    if recording.torque_missing is not None:
+        same &= ~recording.torque_missing[:, joint]
+    return same
+
+
+def _moving(recording: Measurements, tolerance: Array) -> NDArray[np.bool_]:
+    """Say in which rows (S, N) a joint moves by more than its tolerance within the shortest time of a stuck torque.
+
+    One with a negative tolerance moves where any of the others does.
+    """
+    reach = max(1, round(0.5 * STUCK_TIME * recording.rate))
+    rows = np.arange(recording.count)
+    ahead, behind = np.minimum(rows + reach, recording.count - 1), np.maximum(rows - reach, 0)
+    moving = np.abs(recording.q[ahead] - recording.q[behind]) > tolerance
+    moving[:, tolerance < 0.0] = moving[:, tolerance >= 0.0].any(axis=1, keepdims=True)
+    return np.asarray(moving)
+
+
+def find_stuck_torque(
+    recording: Measurements, duration: ArrayLike | None = None, tolerance: Array | None = None
+) -> Intervals:
+    """Find where the robot moves while a torque stands still, as that of a sensor does that is not read for a while.
+
+    A joint that rests for a while is not looked at then: its rows are left out in any case.
+
+    Parameters
+    ----------
+    recording : Recording
+    duration : array_like, optional
+        (N,) s, over which a torque that stands still is a fault; by default what is longer than it does so otherwise:
+        torques may come less often than the positions, in coarse steps, or clipped.
+    tolerance : ndarray, optional
+        (N,) rad or m, within which a joint counts as at rest; by default what `stiction_duration` says. One that is
+        negative stands for a joint that is held, and is looked at where others move.
+
+    Returns
+    -------
+    Intervals
+
+    Examples
+    --------
+    >>> from steelyard.recording import Recording
+    >>> t = np.arange(4000) / 1000
+    >>> torque = np.cos(5 * t)
+    >>> torque[1000:1500] = torque[1000]
+    >>> found = find_stuck_torque(Recording(t=t, q=np.sin(3 * t)[:, None], torque=torque[:, None]))
+    >>> [(one.start, one.stop) for one in found]
+    [(1000, 1500)]
+    """
+    if tolerance is None or duration is None:
+        own_tolerance, own_duration = stuck_torque_duration(recording)
+        tolerance = own_tolerance if tolerance is None else tolerance
+        duration = own_duration if duration is None else duration
+    lengths = np.broadcast_to(np.asarray(duration, dtype=np.float64), (recording.joint_count,)) * recording.rate
+    flags = np.zeros(recording.q.shape, dtype=bool)
+    moving = _moving(recording, tolerance)
+    for j in np.flatnonzero(lengths < recording.count):
+        starts, stops = _ends_of_runs(_unchanged(recording, int(j)) & moving[:, j])
+        long = stops - starts + 1 >= lengths[j]
+        for start, stop in zip(starts[long], stops[long], strict=True):
+            flags[start - 1 : stop, j] = True
+    return Intervals(STUCK, flags, recording.t, joint_names=recording.joint_names)
+
+
 def stuck_while_others_move(recording: Measurements) -> Intervals:
     """Return what `find_stiction` finds, without the rests that every sound log has.
 
@@ -482,9 +632,14 @@ def _changes(torque: Array) -> bool:
     return float(np.ptp(means)) > max(scatter, 1e-9 * float(np.abs(torque).max()))
 
 
-DETECTORS = {"stiction": stuck_while_others_move, "saturation": find_saturation, "repeated": find_repeated}
+DETECTORS = {
+    "stiction": stuck_while_others_move,
+    "saturation": find_saturation,
+    "stuck_torque": find_stuck_torque,
+    "repeated": find_repeated,
+}
 """By the option of [processing] that leaves out what they find."""
-FEW = {"stiction": 0.1, "saturation": 1e-3, "repeated": 1e-3}
+FEW = {"stiction": 0.1, "saturation": 1e-3, "stuck_torque": 0.0, "repeated": 1e-3}
 """Shares of a joint's rows below which they are not remarked on: every robot stands a while where it turns around."""
 
 

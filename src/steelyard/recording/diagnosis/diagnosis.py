@@ -19,6 +19,7 @@ from .detectors import (
     find_missing,
     find_repeated,
     find_saturation,
+    find_stuck_torque,
     noise_deviation,
     resolution,
     stuck_while_others_move,
@@ -42,7 +43,7 @@ class Diagnosis:
         (N,) step of the values, 0 where none is seen, and standard deviation of white noise on them.
     stiction : Intervals
         What `find_stiction` finds, without rests at the begin and the end of the log and those of all joints together.
-    saturation, repeated : Intervals
+    saturation, stuck_torque, repeated : Intervals
     missing : Intervals or None
         Values that the log did not hold and that were filled.
     """
@@ -55,6 +56,7 @@ class Diagnosis:
     torque_noise: Array
     stiction: Intervals
     saturation: Intervals
+    stuck_torque: Intervals
     repeated: Intervals
     missing: Intervals | None
 
@@ -100,6 +102,7 @@ def diagnose(recording: Measurements) -> Diagnosis:
         noise_deviation(recording.torque),
         stuck_while_others_move(recording),
         find_saturation(recording),
+        find_stuck_torque(recording),
         find_repeated(recording),
         find_missing(recording),
     )

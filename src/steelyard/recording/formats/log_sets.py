@@ -19,6 +19,8 @@ __all__ = ["is_log_set", "logs_in", "place_of"]
 _ADDRESS = re.compile(r"([a-z][a-z0-9+.-]*)://(.*)", re.DOTALL)
 _MAGIC = re.compile(r"[*?\[]")
 _DEEP = re.compile(rf"(?:^|(?<=[{re.escape('/' + os.sep)}]))\*\*(?:[{re.escape('/' + os.sep)}]+|$)")
+_ABOUT, _INFO = "meta", "info.json"
+"""Where LeRobot describes a data set, in tables that are no logs."""
 MOST = 1_000_000
 """Logs of a set; a pattern that finds more was not meant."""
 
@@ -45,7 +47,8 @@ def logs_in(text: str) -> list[str]:
 
     Numbers in names count as numbers, so that ``run2.csv`` stands before ``run10.csv``. Files whose names, or whose
     folders, begin with a dot or an underscore are no logs, as in partitioned data sets
-    (``robot=7/date=2026-11-22/part-0.parquet``), and neither are files whose suffix no format of logs has.
+    (``robot=7/date=2026-11-22/part-0.parquet``), and neither are files whose suffix no format of logs has, nor what
+    stands in the folder in which LeRobot describes a data set.
 
     Parameters
     ----------
@@ -146,7 +149,10 @@ def _folders(top: str) -> Iterator[tuple[str, list[str]]]:
             folders.clear()
             continue
         seen.add(real)
-        folders[:] = sorted(name for name in folders if not name.startswith((".", "_")))
+        of_lerobot = _ABOUT in folders and os.path.isfile(os.path.join(place, _ABOUT, _INFO))
+        folders[:] = sorted(
+            name for name in folders if not name.startswith((".", "_")) and not (of_lerobot and name == _ABOUT)
+        )
         if _is_bag(place):
             folders.clear()
         yield place, names
@@ -176,7 +182,9 @@ def _objects_in(text: str) -> list[str]:
     except Exception as error:
         reason = " ".join(str(error).split())[:200] or type(error).__name__
         raise InputError(f"{text} cannot be listed ({reason}); check the address and who may read it.") from None
-    return [object_address(system, name, text) for name in names if _is_log(str(name), below)]
+    about = tuple(f"{os.path.dirname(name)}/" for name in map(str, names) if name.endswith(f"/{_ABOUT}/{_INFO}"))
+    logs = (str(name) for name in names if _is_log(str(name), below) and not str(name).startswith(about))
+    return [object_address(system, name, text) for name in logs]
 
 
 def _fixed(pattern: str) -> str:

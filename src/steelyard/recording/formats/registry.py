@@ -118,7 +118,8 @@ class LogFiles:
 
     def __init__(self, source: Source, columns: LogColumns | None = None) -> None:
         given = split_source(source, self)
-        self.files = [one if isinstance(one, LogFile) else open_log(one, columns or LogColumns()) for one in given]
+        opened = [one if isinstance(one, LogFile) else open_log(one, columns or LogColumns()) for one in given]
+        self.files = [_in_one_time(file) for file in opened]
         self.stated = next((file.stated for file in self.files if file.stated is not None), None)
         self.columns = self.stated or columns or LogColumns()
         self._count: int | None = None
@@ -266,6 +267,16 @@ def _checked(file: LogFile, columns: Columns, names: Sequence[str]) -> Columns:
             f"{', '.join(map(str, sorted(shapes)))}; expected one value for each row in each of them."
         )
     return checked
+
+
+def _in_one_time(file: LogFile) -> LogFile:
+    """Return a log with its episodes, if it has some, one after the other in time."""
+    if "episode_index" not in file.names:
+        return file
+    from .episodes import with_episodes_apart  # what is not asked for is not loaded
+
+    with _reading(file.path):
+        return with_episodes_apart(file)
 
 
 def _checked_blocks(file: LogFile, names: Sequence[str], rows: int, start: int) -> Iterator[Columns]:

@@ -8,14 +8,13 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
-import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
 from steelyard.files import reading_table, shown
 
 from .data_frames import INDEX
-from .log_file import Columns, LogFile, column_length, regrouped_columns
+from .log_file import Columns, LogFile, regrouped_columns
 
 __all__ = ["TableFile"]
 
@@ -23,17 +22,13 @@ MOST_ELEMENTS = 1000
 """Numbers in a list of one row; more are a picture."""
 READ_NUMBERS = 1_500_000
 """Numbers of all columns that are read together, if that is more than one block."""
-EPISODE, TIMESTAMP = "episode_index", "timestamp"
-BETWEEN_EPISODES = 1000.0
-"""s from the last row of an episode to the first one of the next, more than any gap that is filled."""
 
 
 class TableFile(LogFile):
     """A table of columns of numbers, of texts, of times, and of lists of as many numbers in each row.
 
     A column of times counts in s from the first row. A list `q` makes the columns ``q_0``, ``q_1`` and so on, or
-    ``q[elbow]`` where LeRobot's ``meta/info.json`` names the joints. The episodes of LeRobot, each of which begins at
-    the time 0, follow each other with long gaps, at which a log is split.
+    ``q[elbow]`` where LeRobot's ``meta/info.json`` names the joints.
     """
 
     kind: ClassVar[str]
@@ -60,7 +55,6 @@ class TableFile(LogFile):
             self._elements.update({element: (name, index) for index, element in enumerate(elements)})
             names += elements
         self.names = tuple(names)
-        self._times = self._times_of_episodes()
 
     @abstractmethod
     def _scanned(self) -> Any:
@@ -82,18 +76,6 @@ class TableFile(LogFile):
             first = self._scan.select(pl.col(name).drop_nulls().head(1).list.len()).collect()[name]
         return int(first[0]) if len(first) else 0
 
-    def _times_of_episodes(self) -> NDArray[np.float64] | None:
-        """Return the times of the rows where there are several episodes; None where there is one."""
-        if not all(self._schema.get(name) is not None for name in (EPISODE, TIMESTAMP)):
-            return None
-        read = self._numbers(self._scan, [EPISODE, TIMESTAMP])
-        t, begins = read[TIMESTAMP], np.flatnonzero(np.diff(read[EPISODE]) != 0) + 1
-        if not begins.size:
-            return None
-        offsets = np.zeros_like(t)
-        offsets[begins] = t[begins - 1] - t[begins] + BETWEEN_EPISODES
-        return np.asarray(t + np.cumsum(offsets))
-
     def count(self) -> int:
         """Count the rows."""
         import polars as pl
@@ -103,7 +85,7 @@ class TableFile(LogFile):
 
     def read(self, names: Sequence[str]) -> Columns:
         """Read whole columns."""
-        return self._with_times(self._numbers(self._scan, names), 0)
+        return self._numbers(self._scan, names)
 
     def blocks_from(self, start: int, names: Sequence[str], rows: int) -> Iterator[Columns]:
         """Read columns in blocks of rows, from row `start` on."""
@@ -113,9 +95,7 @@ class TableFile(LogFile):
     def _parts(self, first: int, names: Sequence[str], rows: int) -> Iterator[Columns]:
         """Read columns from a row on, about so many rows at a time."""
         for scan in self._scans(first, names, rows):
-            columns = self._with_times(self._numbers(scan, names), first)
-            yield columns
-            first += column_length(columns)
+            yield self._numbers(scan, names)
 
     def _scans(self, first: int, names: Sequence[str], rows: int) -> Iterator[Any]:
         """Yield lazy frames of about so many rows, which follow one another from a row on."""
@@ -137,11 +117,6 @@ class TableFile(LogFile):
     def places(self) -> tuple[tuple[int, int], ...] | None:
         """See `LogFile.places`; rows are found by their numbers."""
         return ()
-
-    def _with_times(self, columns: Columns, start: int) -> Columns:
-        if self._times is not None and TIMESTAMP in columns:
-            columns[TIMESTAMP] = self._times[start : start + len(columns[TIMESTAMP])]
-        return columns
 
     def texts(self, names: Sequence[str]) -> dict[str, set[str]]:
         """Texts that stand in columns, each once; none for columns of numbers."""
