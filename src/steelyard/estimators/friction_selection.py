@@ -140,8 +140,8 @@ class FrictionData:
             for stretch in stretches_of(part)
         ]
         motion = Samples.joined(parts)
-        used = _used(motion)
-        slow = used if near_rest is None else _used(Samples.joined(_logs(model, near_rest)))
+        used = motion.used_rows
+        slow = used if near_rest is None else Samples.joined(_logs(model, near_rest)).used_rows
         rows = tuple(np.vstack(own) for own in zip(*pieces, strict=True))
         return cls(model, rows, used, slow, motion, tuple(int(start) for start in starts), memory, tuple(breaks))
 
@@ -185,10 +185,6 @@ class FrictionData:
 def _logs(model: Model, samples: Samples | Sequence[Samples]) -> list[Samples]:
     parts = [samples] if isinstance(samples, Samples) else list(samples)
     return [part.with_presliding(model) for part in parts]
-
-
-def _used(samples: Samples) -> NDArray[np.bool_]:
-    return np.ones(samples.q.shape, dtype=bool) if samples.mask is None else samples.mask
 
 
 @dataclass(frozen=True)
