@@ -100,11 +100,6 @@ def parse_number(text: object) -> Fraction:
 def is_definite(matrix: Sequence[Sequence[Fraction]], strict: bool) -> bool:
     """Whether a symmetric matrix is positive definite (`strict`) or semidefinite, by integer elimination (Bareiss).
 
-    Parameters
-    ----------
-    matrix : sequence of rows
-    strict : bool
-
     Examples
     --------
     >>> ones = [[Fraction(1)] * 2] * 2

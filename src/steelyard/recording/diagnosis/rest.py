@@ -233,10 +233,6 @@ def velocity_thresholds(samples: Sequence[Samples], noise: Array, model: Model |
         (N,) standard deviation of the noise of the velocities.
     model : Model or None
         Without it, the noise alone decides.
-
-    Returns
-    -------
-    VelocityThresholds
     """
     count = sum(one.count for one in samples)
     usual = np.sqrt(sum((one.dq**2).sum(axis=0) for one in samples) / count)
