@@ -186,7 +186,6 @@ class Information:
         covariance: ArrayLike | None = None,
         *,
         batch_means: bool = True,
-        sums: BatchSums | None = None,
         blocks: TimeBlocks | None = None,
         exact: int | None = None,
     ) -> Information:
@@ -199,9 +198,6 @@ class Information:
         covariance : array_like, optional
         batch_means : bool
             Both as in `from_samples`.
-        sums : BatchSums, optional
-            Receives the rows for the batch means of this data and of other data together; this Information has none.
-            Not with a covariance.
         blocks : TimeBlocks, optional
             Keeps stretches of the data apart, for cross-validation; see `stretches`.
         exact : int, optional
@@ -215,8 +211,8 @@ class Information:
         """
         base, names = model.base_parameters(), tuple(model.robot.joint_names)
         matrix = None if covariance is None else as_covariance(covariance, model.dof)
-        own = BatchSums(empty_factors(model)) if batch_means and matrix is None and sums is None else None
-        by_joint = JointReduction(model, own if sums is None else sums, blocks, exact)
+        sums = BatchSums(empty_factors(model)) if batch_means and matrix is None else None
+        by_joint = JointReduction(model, sums, blocks, exact)
         whole = None if matrix is None else WhitenedReduction(model, matrix, batch_means)
         filtered, any_rows = False, False
         # Blocks of rows are the same, and are added in the same order, wherever the chunks end.
@@ -228,9 +224,7 @@ class Information:
                 whole.add(samples)
         if not any_rows:
             return cls.empty(model)
-        if sums is not None:
-            sums.end()
-        factors, held = by_joint.factors(), () if own is None else own.factors()
+        factors, held = by_joint.factors(), () if sums is None else sums.factors()
         return cls(
             base.names,
             base.expressions,
