@@ -22,13 +22,12 @@ from steelyard.regression.coloured_noise import correlation_sum, stretches_of
 from steelyard.regression.parameter_covariance import NORMAL
 from steelyard.regression.reduction import joint_rows, require_joints
 
-from .friction_candidates import CANDIDATES, FrictionCandidate, JointMotion, lugre_is_passive
+from .friction_candidates import CANDIDATES, FrictionCandidate, JointMotion, Shape, lugre_is_passive
 from .friction_numbers import MovableLaw, NumberedJoint, WhiteRows, numbers_together
 
 __all__ = ["ChosenFriction", "FrictionData", "FrictionSelection", "FrictionTrial", "select_friction"]
 
 Array = NDArray[np.float64]
-Shape = tuple[float, ...]
 
 SIGNIFICANCE = 0.002
 """Probability with which any law is added to a robot that has none of them, after Holm's correction. Laws that robots

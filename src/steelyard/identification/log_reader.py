@@ -233,7 +233,7 @@ def one_by_one(reader: LogReader, tasks: Sequence[LogTask], model: Model, say: P
 class LogReader:
     """Reads logs as the robot file says, and collects the remarks on them."""
 
-    def __init__(self, file: RobotFile, model: Model, chunk_rows: int) -> None:
+    def __init__(self, file: RobotFile, model: Model, chunk_rows: int = chunks.CHUNK_ROWS) -> None:
         self.file = file
         self.model = model
         self.chunk_rows = chunk_rows
