@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.display import html_table
 from steelyard.errors import InputError
-from steelyard.files import plain, read_json, require_format, shown, write_json
+from steelyard.files import listed, plain, read_json, require_format, shown, write_json
 from steelyard.once import cached_property
 from steelyard.recording import Samples
 from steelyard.recording.samples import regrouped
@@ -117,8 +117,7 @@ class Information:
             counts = [factor.count for factor in self.measured]
             rows = [(j, n, f"{size:.4g}") for j, n, size in zip(self.joint_names, counts, sizes, strict=True)]
         hidden = self.unidentifiable
-        more = f" and {len(hidden) - 3} more" if len(hidden) > 3 else ""
-        remarks = (f"The data does not show {', '.join(hidden[:3])}{more}.",) if hidden else ()
+        remarks = (f"The data does not show {listed(hidden, 3)}.",) if hidden else ()
         return html_table(repr(self), heads, rows, remarks)
 
     @property
