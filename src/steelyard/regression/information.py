@@ -519,14 +519,14 @@ class Information:
     def joint_relative_error(self, base: ArrayLike) -> Array:
         """Return the relative error of each joint, (N,)  (thesis table 4.7); NaN where a joint has no torque."""
         beta = self._base(base)
-        self._require_joints("Errors per joint", self.has_joint_errors)
+        self._require_joint_errors()
         pairs = [(f.residual2(beta), f.norm2) for f in self.measured]
         return np.array([np.sqrt(r / n) if n > 0.0 else np.nan for r, n in pairs])
 
     def joint_rms_error(self, base: ArrayLike) -> Array:
         """Return the root mean square residual of each joint, (N,), N·m or N; NaN where a joint has no rows."""
         beta = self._base(base)
-        self._require_joints("Errors per joint", self.has_joint_errors)
+        self._require_joint_errors()
         return np.array([np.sqrt(f.residual2(beta) / f.count) if f.count else np.nan for f in self.measured])
 
     def _base(self, base: ArrayLike) -> Array:
@@ -537,10 +537,10 @@ class Information:
             )
         return beta
 
-    def _require_joints(self, what: str, known: bool) -> None:
-        if not known:
+    def _require_joint_errors(self) -> None:
+        if not self.has_joint_errors:
             why = "reduced over all joints" if self.covariance is None else "whitened across the joints"
-            raise InputError(f"{what} need the rows of each joint apart, but this Information was {why}.")
+            raise InputError(f"Errors per joint need the rows of each joint apart, but this Information was {why}.")
 
     def save(self, path: str | Path) -> None:
         """Write the Information as JSON; the file appears whole or not at all."""
