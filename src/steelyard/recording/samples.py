@@ -222,9 +222,7 @@ class Samples:
     @property
     def used(self) -> NDArray[np.int64]:
         """(N,) how many rows of each joint are used."""
-        if self.mask is None:
-            return np.full(self.joint_count, self.count, dtype=np.int64)
-        used: NDArray[np.int64] = np.sum(self.mask, axis=0, dtype=np.int64)
+        used: NDArray[np.int64] = np.sum(self.used_rows, axis=0, dtype=np.int64)
         return used
 
     @classmethod
