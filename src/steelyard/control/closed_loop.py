@@ -220,5 +220,4 @@ def without_standstill(samples: Samples, threshold: ArrayLike) -> Samples:
     least = np.asarray(threshold, dtype=np.float64)
     if not least.any():
         return samples
-    moving = np.abs(samples.dq) >= least
-    return replace(samples, mask=moving if samples.mask is None else moving & samples.mask)
+    return replace(samples, mask=samples.used_rows & (np.abs(samples.dq) >= least))

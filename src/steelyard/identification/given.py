@@ -150,8 +150,7 @@ def _listed(data: object, name: str) -> list[tuple[str, Any]]:
     if isinstance(data, Samples) or is_table(data):
         return [(_own_name(data), data)]
     if not isinstance(data, Iterable) or isinstance(data, (bytes, np.ndarray)):
-        what = f"an array of shape {data.shape}" if isinstance(data, np.ndarray) else _named(data)
-        raise InputError(f"{name} is {what}, which does not say what its columns are; {REMEDY}.")
+        raise InputError(f"{name} is {_named(data)}, which does not say what its columns are; {REMEDY}.")
     found = list(data)
     for one in found:
         if not isinstance(one, (str, os.PathLike, Samples)) and not is_table(one):

@@ -233,7 +233,7 @@ def one_by_one(reader: LogReader, tasks: Sequence[LogTask], model: Model, say: P
 class LogReader:
     """Reads logs as the robot file says, and collects the remarks on them."""
 
-    def __init__(self, file: RobotFile, model: Model, chunk_rows: int) -> None:
+    def __init__(self, file: RobotFile, model: Model, chunk_rows: int = chunks.CHUNK_ROWS) -> None:
         self.file = file
         self.model = model
         self.chunk_rows = chunk_rows
@@ -950,7 +950,7 @@ def _table_of(samples: Samples, first: int, rows: slice | NDArray[np.intp] = sli
     numbers = np.arange(first, first + samples.count, dtype=float)[rows]
     t = numbers if samples.t is None else samples.t[rows]
     motion = [one[rows] for one in (samples.q, samples.dq, samples.ddq, samples.torque)]
-    columns = [numbers, t, *motion, np.ones(motion[0].shape) if samples.mask is None else samples.mask[rows]]
+    columns = [numbers, t, *motion, samples.used_rows[rows]]
     if samples.regressor is not None:
         columns += [(samples.channels or {})[name][rows] for name in _channels(samples.regressor_model)]
         columns.append(samples.regressor[rows])
