@@ -8,7 +8,7 @@ import pytest
 
 import steelyard as sy
 from steelyard.control import ClosedLoop, JointFeedback
-from steelyard.errors import InputError
+from steelyard.errors import InputError, SolverError
 from steelyard.feasibility import verify_document
 from steelyard.identification.known_controller import ControllerSettings
 
@@ -186,3 +186,24 @@ def test_a_loop_that_cannot_be_simulated_is_refused_before_it_is(given, told):
     controller = JointFeedback(lambda t: ([0.0], [0.0], [0.0]), kp=400.0, kd=40.0, count=1)
     with pytest.raises(sy.InputError, match=told):
         ClosedLoop(**{"model": model, "controller": controller, "times": [0.0, 0.01], "start": [-0.1], **given})
+
+
+@pytest.mark.parametrize("many", [False, True])
+def test_a_simulated_robot_that_does_not_move_is_no_fault_of_the_log(many):
+    """What a held joint hides may be anything in the first estimate, such as a rotor of 1e15 kg m² that no drive moves.
+
+    Instrumental variables then keep the reference as instruments, which they do for a SolverError.
+    """
+    model = sy.Model(sy.Robot.from_dh([("pi/2", 0, 0, "q")], gravity=(0, 0, 0)))
+    controller = JointFeedback(wave, kp=400.0, kd=40.0, count=1, sample_time=0.002)
+    loop = ClosedLoop(
+        model,
+        controller,
+        np.arange(0.0, 3.0, 0.002),
+        [0.0],
+        process=lambda recording: recording.process(cutoff=40.0, velocity_threshold=None),
+        position_noise=1e-5 if many else 0.0,
+    )
+    assert np.ptp(loop.expected([0.5]).q) > 1.5
+    with pytest.raises(SolverError, match="no samples can be made of the simulated motion"):
+        loop.expected([1e15])
