@@ -11,6 +11,7 @@ from steelyard.control import ClosedLoop, JointFeedback
 from steelyard.errors import InputError, SolverError
 from steelyard.feasibility import verify_document
 from steelyard.identification.known_controller import ControllerSettings
+from steelyard.recording import LogColumns
 
 ROBOT = """
 [[terms]]
@@ -207,3 +208,23 @@ def test_a_simulated_robot_that_does_not_move_is_no_fault_of_the_log(many):
     assert np.ptp(loop.expected([0.5]).q) > 1.5
     with pytest.raises(SolverError, match="no samples can be made of the simulated motion"):
         loop.expected([1e15])
+
+
+@pytest.mark.parametrize("table", ['[controller]\nreference = "qd{}"\n', '[drive]\ncommand = ["qd1"]\n'])
+def test_columns_that_are_said_to_be_a_reference_are_no_velocities(tmp_path, table):
+    """`qd` is the velocity in many logs, and the desired position in others, beside `dq`."""
+    (tmp_path / "robot.toml").write_text(ROBOT + 'velocity = "measured"\n' + table)
+    t = np.arange(0.0, 6.0, 0.002)
+    q, dq, ddq = (np.array(one[0]) for one in wave(t))
+    log = {"t": t, "q1": q, "dq1": dq, "tau1": 0.5 * ddq + 0.8 * dq, "qd1": q}
+    found = sy.identify(tmp_path / "robot.toml", log)
+    assert found.estimate.base == pytest.approx([0.5, 0.8], rel=2e-3)
+    (layout,) = found.layouts.values()
+    assert layout.velocity == ("dq1",)
+    with pytest.raises(InputError, match="several groups of columns for velocity"):
+        sy.identify(tmp_path / "robot.toml", log, columns={"unread": []})
+
+
+def test_patterns_that_are_left_unread_are_checked():
+    with pytest.raises(InputError, match="key 'unread', is 3; it must be a list of column names"):
+        LogColumns.from_dict({"unread": 3})

@@ -358,6 +358,8 @@ class _Search:
         self.joint_count = joints if joints is None or isinstance(joints, int) else len(self.joint_names)
         self.labels = tuple(labels)
         self.called = self.joint_names or self.labels
+        unread = [re.escape(one).replace(r"\{\}", "[0-9]+").replace(r"\{name\}", ".+") for one in self.columns.unread]
+        names = [name for name in names if not any(re.fullmatch(one, name) for one in unread)]
         self.groups = _groups(names, self.called)
         if not self.called and not any(NUMBER in group.shape for group in self.groups.get("position", ())):
             self.called = _joints_named(names)
