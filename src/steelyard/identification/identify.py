@@ -318,14 +318,15 @@ def identify(
     table = None
     if estimate.parameters is not None:
         standstill = None
-        if information is measured:
+        if information is measured or getattr(found, "counts_slow_rows", False):
             left_of_fit = [
                 stretch
                 for one, log in zip(predictions, read.logs, strict=True)
                 if log.fitted
                 for stretch in zip(log.drawn.windows, one.trace.residuals, strict=True)
             ]
-            standstill = standstill_errors(model, information, unconstrained, left_of_fit, estimate.base)
+            plain = unconstrained if information is measured else least_squares(measured, weights)
+            standstill = standstill_errors(model, measured, plain, left_of_fit, estimate.base)
         table = parameter_table(
             information,
             feasible_set if plausible is None else plausible.plausible_set,
