@@ -228,3 +228,13 @@ def test_columns_that_are_said_to_be_a_reference_are_no_velocities(tmp_path, tab
 def test_patterns_that_are_left_unread_are_checked():
     with pytest.raises(InputError, match="key 'unread', is 3; it must be a list of column names"):
         LogColumns.from_dict({"unread": 3})
+
+
+@pytest.mark.parametrize(("factor", "told"), [(1.0, ""), (1.05, ""), (1.3, "30%"), (0.5, "50%")])
+def test_gains_that_are_not_those_of_the_robot_are_told(folder, factor, told):
+    """The law is linear in its gains, so that its commands for the motion of the log are off by the same factor."""
+    law = f'reference = "wanted{{}}"\nkp = {400.0 * factor}\nkd = {40.0 * factor}\n'
+    found = identified(folder, law, "instrumental_variables")
+    remarks = [remark for remark in found.remarks if "the law of [controller] commands torques that differ" in remark]
+    assert len(remarks) == (1 if told else 0)
+    assert all(f"by {told} at joint" in remark for remark in remarks)

@@ -150,7 +150,9 @@ class ClosedLoop:
         SolverError
             If one of the simulations diverges, or no samples can be made of its motion.
         """
-        return [self._simulated_samples(*run) for run in self._batch(np.asarray(bases, dtype=np.float64), self.controller)]
+        return [
+            self._simulated_samples(*run) for run in self._batch(np.asarray(bases, dtype=np.float64), self.controller)
+        ]
 
     def expected(self, base: ArrayLike) -> Samples:
         """Return what the sensors of a robot with base parameters (n_b,) read on average, with `position_noise`.
