@@ -183,6 +183,11 @@ def identify(
         raise InputError(f'friction must be "auto" or None, got {shown(friction)}.')
     if file.section("elastic"):
         model.refuse_presliding("identified together with the stiffness of [elastic]")
+        if motion_rows is not None:
+            raise InputError(
+                f"{file.path}: the estimator {estimator} needs the motion of a rigid robot under its controller, and "
+                "[elastic] says that joints give way; take another estimator, such as fit or momentum."
+            )
         # Loaded where a robot file names such joints.
         if friction == "auto":
             from .elastic.elastic_friction import with_chosen_friction as with_elastic_joints
