@@ -540,8 +540,8 @@ def test_a_pattern_stands_for_logs_as_it_does_with_torques(arm, tmp_path):
     """Told by a joint that stands still in all of them, before anything is fitted."""
     t = np.arange(40) * 0.005
     q = np.stack([np.sin(t), 0.0 * t], axis=1)
-    columns = log_of(t, q, q + 0.1)
-    for name in ("one", "two"):
+    for name, ahead in (("one", 0.1), ("two", 0.2)):
+        columns = log_of(t, q, q + ahead)
         np.savetxt(
             tmp_path / f"{name}.csv", np.stack(list(columns.values()), axis=1), "%.9g", ",",
             header=",".join(columns), comments="",
