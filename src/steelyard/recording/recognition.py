@@ -450,8 +450,8 @@ class _Search:
         if stated is not None:
             for name in stated:
                 self._require(name, kind)
-            if counts and self._matrix(kind) is None:  # a pattern does not say in which order, as a list does
-                self._require_order(kind, stated)
+            if counts and self._matrix(kind) is None and (doubt := self._doubt_of_order(kind, stated)):
+                self.guesses.append(f"The {kind} is read in the robot's order, as {_ends(stated)}: {doubt}.")
             if len(set(stated)) != len(stated):
                 raise InputError(f"{self.source}: `{kind}` in [log] names a column twice; each joint needs its own.")
             said = tuple(_unit_of(name, kind) for name in stated)
@@ -564,7 +564,9 @@ class _Search:
         if group.fault:
             raise InputError(group.fault)
         if group.by == _NUMBER and self._matrix(kind) is None and not group.chosen_by:
-            self._require_order(kind, group.columns)
+            doubt = self._doubt_of_order(kind, group.columns)
+            if doubt:
+                raise InputError(f"{self.source} numbers its columns, {_ends(group.columns)}: {doubt}.")
         others = [
             other
             for other, tier in zip(candidates, tiers, strict=True)
@@ -581,20 +583,20 @@ class _Search:
             self.guesses.append(f"The {kind} is read from {_ends(group.columns)}: {group.style.note}.")
         return group
 
-    def _require_order(self, kind: str, columns: Sequence[str]) -> None:
-        """Refuse columns that are numbered in one order where the joints of the robot are numbered in another."""
+    def _doubt_of_order(self, kind: str, columns: Sequence[str]) -> str:
+        """Ask whose columns are that are numbered in one order, where the joints of the robot are in another."""
         numbers = _last_numbers(self.joint_names)
         count = len(self.joint_names)
         first = min(numbers, default=0)
         if len(numbers) != count or sorted(numbers) != list(range(first, first + count)) or first not in (0, 1):
-            return
+            return ""
         if numbers == sorted(numbers) or len(columns) != count:
-            return
+            return ""
         other = [columns[number - first] for number in numbers]
-        raise InputError(
-            f"{self.source} numbers its columns, {_ends(columns)}, but the joints of the robot are, in order, "
-            f"{_listing(self.joint_names)}; say whose they are with `{kind} = {_toml(other)}` (by the numbers in the "
-            f"joints' names) or `{kind} = {_toml(columns)}` (in the robot's order) in [log]."
+        return (
+            f"the joints of the robot are, in order, {_listing(self.joint_names)}; say whose they are with "
+            f"`{kind} = {_toml(other)}` (by the numbers in the joints' names) or `{kind} = {_toml(columns)}` (in the "
+            "robot's order) in [log]"
         )
 
     def _line(self, kind: str, group: _Group) -> str:
