@@ -73,9 +73,10 @@ SELDOM = 0.1
 """Share of the rows in which a joint moves, below which it counts as held."""
 NOISE_SEEN = 1e-4
 """Noise of a torque over its standard deviation, from which it is not steady at a steady velocity either."""
-NOISY_STEPS = 10.0
-"""Noise of a torque over its step, from which rows along a straight line are those that a logger filled in: second
-differences within two steps are then one in ten, and five in a row one in 100 000."""
+STRAIGHT = 0.1
+"""Second differences of a torque over its noise, up to which rows are along a straight line that a logger filled in;
+those of a line whose torques were rounded are two steps. One in thirty of noise is within, and five in a row are one in
+ten million."""
 
 
 class Interval(NamedTuple):
@@ -505,8 +506,8 @@ def _unchanged(recording: Measurements, joint: int) -> NDArray[np.bool_]:
     same = np.zeros(len(torque), dtype=bool)
     same[1:] = np.abs(torque[1:] - torque[:-1]) <= 1e-9 * np.abs(torque[:-1])
     step, noise = float(resolution(torque[:, None])[0]), float(noise_deviation(torque[:, None])[0])
-    if noise > max(NOISY_STEPS * step, NOISE_SEEN * torque.std()):
-        same[2:] |= np.abs(np.diff(torque, n=2)) <= np.maximum(2.1 * step, 1e-9 * np.abs(torque[1:-1]))
+    if STRAIGHT * noise > max(2.0 * step, STRAIGHT * NOISE_SEEN * torque.std()):
+        same[2:] |= np.abs(np.diff(torque, n=2)) < STRAIGHT * noise
     if recording.torque_missing is not None:
         same &= ~recording.torque_missing[:, joint]
     return same
