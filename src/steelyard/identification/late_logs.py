@@ -282,7 +282,8 @@ def _statement(late: LateLog, joint_names: Sequence[str]) -> str:
 
 def _said(delay: float, deviation: float) -> str:
     when = "later" if delay > 0.0 else "earlier"
-    return f"{1e3 * abs(delay):.2g} ± {2e3 * deviation:.1g} ms {when} than the motion"
+    size, half = 1e3 * abs(delay), 2e3 * deviation
+    return f"{size:.{1 if size < 10.0 else 0}f} ± {half:.{1 if half < 1.0 else 0}f} ms {when} than the motion"
 
 
 def _settings(late: Sequence[LateLog], stated: Any) -> Settings:
