@@ -72,8 +72,8 @@ FEWEST = 50
 """Samples of each joint below which a log tells too little."""
 THOUSAND, DEGREE, TURN = 1e3, np.pi / 180.0, 2.0 * np.pi
 SIZES = (10.0, 100.0, THOUSAND, 1e4)
-"""How many times too large all torques may be for a robot whose masses nobody knows. Logarithms of the likelihood of one
-and of the next differ by 0.7 to 10 near the best of torques that are 100 times too large on simulated arms."""
+"""How many times too large all torques may be for a robot whose masses nobody knows. Logarithms of the likelihood of
+one and of the next differ by 0.7 to 10 near the best of torques that are 100 times too large on simulated arms."""
 MOTION_UNITS = ("position unit", "gear ratio", "time unit")
 TERMS = {
     "rotor_inertia": "The model lacks the inertia of the rotors",
@@ -656,8 +656,8 @@ class _Search:
             return ""
         units = " or ".join(unit for unit, size in (("N·cm", 100.0), ("mN·m", THOUSAND)) if size in sizes)
         return (
-            f"The torques look {sizes[0]:.0f} to {sizes[-1]:.0f} times too large, as if in {units} (the description has "
-            "no masses that tell by how much)"
+            f"The torques look {sizes[0]:.0f} to {sizes[-1]:.0f} times too large, as if in {units} (the description "
+            "has no masses that tell by how much)"
         )
 
     def _whole_factor(self) -> None:
