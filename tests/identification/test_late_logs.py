@@ -86,8 +86,29 @@ def test_rows_of_a_long_log_are_read_again(arm, tmp_path):
 def test_one_joint_that_is_late_is_named():
     from steelyard.identification.late_logs import LateLog, late_hypotheses
 
-    one = LateLog("a.csv", np.array([0.0, 0.012]), np.array([0.0, 0.001]), np.zeros(3), 1.7, (0.05, 0.04))
+    alone = np.zeros(2, dtype=bool)
+    one = LateLog("a.csv", np.array([0.0, 0.012]), np.array([0.0, 0.001]), np.zeros(3), 1.7, (0.05, 0.04), alone)
     ((found,),) = late_hypotheses([one], (0.001, 0.002), ["shoulder", "elbow"]).values()
     assert "elbow's 12 ± 2 ms later" in found.statement
     assert found.settings == {"processing": {"delay": [0.001, 0.014]}}
+    # By itself alone, late positions look like torques that are early.
+    early = replace(one, delays=-one.delays, explained=np.array([False, True]))
+    ((found,),) = late_hypotheses([early], 0.0, ["shoulder", "elbow"]).values()
+    assert "elbow's 12 ± 2 ms earlier than the motion (or its positions later)" in found.statement
+    assert found.evidence == "the error falls from 5 % to 4 %"
     assert late_hypotheses([], 0.0, ["shoulder", "elbow"]) == {}
+
+
+def test_one_joint_that_is_late_by_far_is_told(arm):
+    """Its error widens all intervals, and errors by themselves are still called good."""
+    path, log = arm
+    spoilt = late(log, 0.06, joints=1)
+    result = sy.identify(path, spoilt)
+    ((found,),) = result.mistakes.values()
+    stated = found.settings["processing"]["delay"]
+    assert stated[1] == pytest.approx(0.06, abs=0.003)
+    assert np.count_nonzero(stated) == 1
+    assert "the error falls from" in found.evidence
+    mended = sy.identify(path, spoilt, processing={"delay": stated})
+    assert mended.mistakes == {}
+    assert mended.prediction.relative_error < 0.9 * result.prediction.relative_error

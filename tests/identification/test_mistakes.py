@@ -1,5 +1,6 @@
 """Mistakes in logs of a small arm, whose torques Pinocchio computes: each is found, and a line mends it."""
 
+import re
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -488,6 +489,18 @@ def of_held(arm, held, samples):
     motion = list(zip(samples.q, samples.dq, samples.ddq, strict=True))
     each = [np.array([pinocchio.rnea(one, one.createData(), *row) for row in motion]) for one in (tree, loaded)]
     return each[1] - each[0]
+
+
+@pytest.mark.parametrize("factor", [100.0, 1000.0])
+def test_without_masses_a_factor_of_all_torques_is_told_as_far_as_it_is_known(planted, arms, factor):
+    """Torques in N·cm look like some in mN·m: what a robot weighs is not known to a factor of ten."""
+    log = planted.plant(arms[False], "none", 5, "rich")
+    model = sy.Model(planted.undescribed(arms[False].robot).with_terms(*log.terms))
+    found = find_mistakes(model, replace(log.samples, torque=factor * log.samples.torque))
+    assert found[0].kind == "torque unit"
+    low, high = re.search(r"look (\d+) to (\d+) times too large", found[0].statement).groups()
+    assert float(low) <= factor <= float(high)
+    assert ("N·cm" in found[0].statement) == (float(low) <= 100.0)
 
 
 def test_factors_of_all_torques_are_found(planted, arms):

@@ -408,6 +408,7 @@ def test_a_body_that_is_picked_up_within_a_log_is_told_before_all_else(arm, simu
     assert change.earliest - 0.2 < pick < change.latest + 0.2
     first = next_steps(result)[0]
     assert "looks to pick up a body of" in first.reason
+    assert change.sentence(str(recorded)) in result.remarks
     assert first.code == f"[processing]\ntrim = {change.trim}"
     assert not any("friction" in step.code for step in next_steps(result))
     (finding,) = [one for one in examine(recorded, path).findings if one.kind == "robot changes"]

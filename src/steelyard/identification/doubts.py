@@ -108,7 +108,8 @@ def doubts_of(
     told = mistakes
     if all(found[0].kind == "delay" for found in mistakes.values()):  # which it tells by few rows
         told = mistakes | dict(late)
-    remarks = [f"{log}: {sentence(found)}" for log, found in told.items()]
+    remarks = [change.sentence(log) for log, change in read.changes.items()]
+    remarks += [f"{log}: {sentence(found)}" for log, found in told.items()]
     if scale is not None:
         remarks.append(scale.sentence)
     return Doubts(told, bool(mistakes), scale, prediction.with_mistakes(mistakes.values()), tuple(remarks))

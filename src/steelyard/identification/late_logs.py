@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from steelyard.display import percent
 from steelyard.dynamics import Model
 from steelyard.errors import InputError
 from steelyard.recording import Samples
@@ -54,6 +55,8 @@ class LateLog:
         The largest of it, in half-widths of the interval of 95 % of the parameter.
     errors : (float, float)
         Relative error of the torques of the log, and what is left of it without the delay.
+    explained : ndarray of bool
+        (N,) which joints are late by themselves, so that most of their error is left without the delay.
     """
 
     name: str
@@ -62,6 +65,7 @@ class LateLog:
     change: Array
     largest: float
     errors: tuple[float, float]
+    explained: NDArray[np.bool_]
 
 
 def late_logs(
@@ -118,6 +122,9 @@ def late_log(
 ) -> LateLog | None:
     """Tell whether the torques of a log are late, so much that the numbers of the answer say something else.
 
+    One joint that is late by itself is told however wide the intervals are, for its delay makes most of its error and
+    so the intervals wide.
+
     Parameters
     ----------
     name : str
@@ -137,7 +144,7 @@ def late_log(
     if found is None or not found.told.any():
         return None
     change = _change(found, found.told, model, information, own, unconstrained)
-    if not _largest(change, unconstrained) >= MATTERS:
+    if not (_largest(change, unconstrained) >= MATTERS or found.explained.any()):
         return None
     delays, deviations = found.told, found.told_deviations
     if isinstance(cutoff, int | float):
@@ -151,14 +158,15 @@ def late_log(
         deviations = np.where(delays != 0.0, np.hypot(deviations, others - delays), 0.0)
         # Neither is certain where a joint does not tell.
         certain = is_certain(delays, deviations) & (np.abs(others) >= SURE * of_others)
+        deviations, certain = np.where(found.explained, found.told_deviations, deviations), certain | found.explained
         delays, deviations = np.where(certain, delays, 0.0), np.where(certain, deviations, 0.0)
         change = _change(found, np.hypot(delays, deviations) * np.sign(delays), model, information, own, unconstrained)
     largest = _largest(change, unconstrained)
-    if not largest >= MATTERS:
+    if not (largest >= MATTERS or found.explained.any()):
         return None
     before = own.relative_error(unconstrained.base)
     errors = before, before * _part_left(model, stretches, delays, unconstrained)
-    return LateLog(name, delays, deviations, change, largest, errors)
+    return LateLog(name, delays, deviations, change, largest, errors, found.explained)
 
 
 def _change(
@@ -240,6 +248,8 @@ def late_hypotheses(
             f"numbers of the answer move by up to {one.largest:.2g} times the half-width that noise alone gives their "
             "intervals of 95 %"
         )
+        if one.explained.any():
+            evidence = f"the error falls from {percent(one.errors[0], 2)} to {percent(one.errors[1], 2)}"
         gain = 0.5 * (delay / max(deviation, 1e-9)) ** 2
         told[one.name] = (
             Hypothesis(
@@ -261,9 +271,10 @@ def _statement(late: LateLog, joint_names: Sequence[str]) -> str:
     delays = late.delays
     if len(set(delays.tolist())) == 1:
         return f"The torques look to be logged {_said(delays[0], late.deviations[0])}"
+    told = zip(joint_names, delays, late.deviations, late.explained, strict=True)
     parts = [
-        f"{name}'s {_said(delay, deviation)}"
-        for name, delay, deviation in zip(joint_names, delays, late.deviations, strict=True)
+        f"{name}'s {_said(delay, deviation)}{' (or its positions later)' if alone and delay < 0.0 else ''}"
+        for name, delay, deviation, alone in told
         if delay
     ]
     return f"Torques look to be logged later or earlier than the motion: {', '.join(parts)}"
@@ -271,7 +282,8 @@ def _statement(late: LateLog, joint_names: Sequence[str]) -> str:
 
 def _said(delay: float, deviation: float) -> str:
     when = "later" if delay > 0.0 else "earlier"
-    return f"{1e3 * abs(delay):.2g} ± {2e3 * deviation:.1g} ms {when} than the motion"
+    size, half = 1e3 * abs(delay), 2e3 * deviation
+    return f"{size:.{1 if size < 10.0 else 0}f} ± {half:.{1 if half < 1.0 else 0}f} ms {when} than the motion"
 
 
 def _settings(late: Sequence[LateLog], stated: Any) -> Settings:

@@ -71,6 +71,9 @@ minute and a half for a humanoid of 32 joints."""
 FEWEST = 50
 """Samples of each joint below which a log tells too little."""
 THOUSAND, DEGREE, TURN = 1e3, np.pi / 180.0, 2.0 * np.pi
+SIZES = (10.0, 100.0, THOUSAND, 1e4)
+"""How many times too large all torques may be for a robot whose masses nobody knows. Logarithms of the likelihood of
+one and of the next differ by 0.7 to 10 near the best of torques that are 100 times too large on simulated arms."""
 MOTION_UNITS = ("position unit", "gear ratio", "time unit")
 TERMS = {
     "rotor_inertia": "The model lacks the inertia of the rotors",
@@ -639,7 +642,23 @@ class _Search:
         for factor, how in ((1.0 / THOUSAND, "large, as if in mN·m"), (THOUSAND, "small")):
             correction = Correction(torques=factor * np.eye(self.count))
             statement = f"The torques look a thousand times too {how}"
+            if factor < 1.0:
+                statement = self._of_unknown_size() or statement
             self._try("torque unit", statement, correction, 2.0, self.given, anywhere=True)
+
+    def _of_unknown_size(self) -> str:
+        """Say between which factors torques look too large where no described mass tells which; else return nothing."""
+        if len(self.priors) == 1:
+            return ""
+        costs = np.array([self._fit(self.given, np.eye(self.count) / size).cost for size in SIZES])
+        sizes = [size for size, cost in zip(SIZES, costs, strict=True) if cost < costs.min() + GAIN]
+        if len(sizes) < 2 or THOUSAND not in sizes:
+            return ""
+        units = " or ".join(unit for unit, size in (("N·cm", 100.0), ("mN·m", THOUSAND)) if size in sizes)
+        return (
+            f"The torques look {sizes[0]:.0f} to {sizes[-1]:.0f} times too large, as if in {units} (the description "
+            "has no masses that tell by how much)"
+        )
 
     def _whole_factor(self) -> None:
         """One factor of all the torques."""

@@ -309,7 +309,8 @@ class Identification:
     @property
     def told_first(self) -> tuple[str, ...]:
         """Remarks that are told beside the verdicts and the steps, and need not be repeated."""
-        return (*self.mistake_sentences, self.missed_by_description)
+        changes = (change.sentence(log) for log, change in self.changes.items())
+        return (*changes, *self.mistake_sentences, self.missed_by_description)
 
     @property
     def caveat(self) -> str:

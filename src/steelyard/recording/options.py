@@ -97,7 +97,8 @@ class Processing(TomlSection):
         True masks rows of a joint at a level where its torque is clipped (see `find_saturation`); numbers are the
         levels.
     stuck_torque
-        True masks rows of a joint whose torque stands still while the robot moves (see `find_stuck_torque`).
+        True masks rows of a joint whose torque stands still, or runs along a line, while the robot moves (see
+        `find_stuck_torque`).
     repeated
         True masks rows that are copies of the row before (see `find_repeated`).
     resample

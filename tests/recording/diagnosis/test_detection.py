@@ -166,10 +166,31 @@ def test_a_torque_that_stands_still_is_found_where_it_is(noise, hold, seconds):
     expected[rows, 1] = True
     np.testing.assert_array_equal(found.flags, expected)
     (sentence,) = broken.diagnose().sentences()
-    assert sentence.startswith(f"Joint 2: {1000 * seconds:.0f} rows in 1 intervals are of a torque that stands still")
+    assert sentence.startswith(f"Joint 2: {1000 * seconds:.0f} rows in 1 intervals are of a torque that stands still,")
     assert "`stuck_torque = true`" in sentence
     samples = broken.process(cutoff=None, stuck_torque=True, trim=0.0, velocity_threshold=None)
     np.testing.assert_array_equal(samples.mask, ~expected)
+
+
+@pytest.mark.parametrize("digits", [None, 4])
+def test_a_gap_of_a_torque_that_a_logger_filled_with_a_line_is_found(digits):
+    log = smooth_log(2, 1e-5, 0.05)
+    torque = log.torque.copy()
+    torque[4000:4501, 1] = np.interp(np.arange(501), [0, 500], torque[[4000, 4500], 1])
+    if digits is not None:
+        torque = torque.round(digits)
+    (one,) = find_stuck_torque(replace(log, torque=torque))
+    assert (one.joint, one.stop) == (1, 4501)
+    assert 4000 <= one.start <= 4001
+
+
+def test_lines_between_torques_that_come_seldom_are_no_fault():
+    """And a smooth torque of a simulation, which has no noise, may run along a line."""
+    log = smooth_log(2, 1e-5, 0.05)
+    seldom = np.column_stack([np.interp(T, T[::40], own[::40]) for own in log.torque.T])
+    assert not find_stuck_torque(replace(log, torque=seldom))
+    ramps = np.interp(T, [0, 3, 4, 8, 12], [0, 5, 5.5, -3, 1])
+    assert not find_stuck_torque(replace(log, torque=np.column_stack([log.torque[:, 0], ramps])))
 
 
 @pytest.mark.parametrize("rate", [20.0, 50.0])

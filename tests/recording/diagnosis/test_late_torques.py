@@ -1,5 +1,7 @@
 """Delays that are planted in torques of known motions come out, whatever friction does, and sound torques have none."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -85,6 +87,22 @@ def test_one_joint_that_is_late_by_itself_is_told(model):
     found = told(model, samples(model, [0.0, 0.012, 0.0]))
     assert found.told[1] == pytest.approx(0.012, abs=0.002)
     assert not found.told[[0, 2]].any()
+
+
+@pytest.mark.parametrize("delay", [-0.1, 0.06, 0.09])
+def test_one_joint_that_is_late_by_far_is_told(model, delay):
+    found = told(model, samples(model, [0.0, delay, 0.0], stribeck=0.1))
+    assert found.told[1] == pytest.approx(delay, abs=0.004)
+    assert found.explained.tolist() == [False, True, False]
+    assert not found.told[[0, 2]].any()
+
+
+@pytest.mark.parametrize("lacking", [(sy.Coulomb(), sy.Offset()), (sy.Viscous(), sy.Offset()), ()])
+def test_what_a_model_lacks_of_a_drive_is_no_delay_of_one_joint(model, lacking):
+    """Viscous friction that is missing moves the torque of a weight as a delay does."""
+    less = sy.Model(replace(model.robot, terms=()).with_terms(*lacking))
+    found = told(less, samples(model, 0.0, stribeck=0.3))
+    assert not found.explained.any()
 
 
 def test_too_few_rows_tell_nothing(model):

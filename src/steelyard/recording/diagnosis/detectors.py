@@ -49,7 +49,7 @@ CROWDED = 4.0
 """Rows at the level over rows just below it, in a band as wide: a smooth maximum has fewer than two and a half."""
 SMALL = 0.1  # of the largest torque: what a drive cannot exceed is more
 AT_REST = "at rest while the torque changes"
-STUCK = "of a torque that stands still while the robot moves"
+STUCK = "of a torque that stands still, or runs along a straight line, while the robot moves"
 LEAST_TIME = 0.02
 """s, the shortest rest."""
 TURN = 3.0
@@ -73,6 +73,10 @@ SELDOM = 0.1
 """Share of the rows in which a joint moves, below which it counts as held."""
 NOISE_SEEN = 1e-4
 """Noise of a torque over its standard deviation, from which it is not steady at a steady velocity either."""
+STRAIGHT = 0.1
+"""Second differences of a torque over its noise, up to which rows are along a straight line that a logger filled in;
+those of a line whose torques were rounded are two steps. One in thirty of noise is within, and five in a row are one in
+ten million."""
 
 
 class Interval(NamedTuple):
@@ -479,9 +483,10 @@ def stuck_torque_duration(recording: Measurements) -> tuple[Array, Array]:
 
 
 def _jumps(torque: Array, start: int, stop: int, step: float) -> bool:
-    """Say whether a torque (S,) comes to rows start:stop, or goes on from them, by more than a step of it."""
+    """Say whether a torque (S,) comes to rows start:stop, goes on from them or changes there, by more than a step."""
     edges = [row for row in (start, stop) if 0 < row < len(torque)]
-    return any(abs(torque[row] - torque[row - 1]) > 1.5 * step for row in edges)
+    within = abs(torque[stop - 1] - torque[start]) > 1.5 * step  # along a line, which joins what was there
+    return within or any(abs(torque[row] - torque[row - 1]) > 1.5 * step for row in edges)
 
 
 def _swerves(q: Array, start: int, stop: int) -> bool:
@@ -493,10 +498,16 @@ def _swerves(q: Array, start: int, stop: int) -> bool:
 
 
 def _unchanged(recording: Measurements, joint: int) -> NDArray[np.bool_]:
-    """Say which rows (S,) have the torque of the row before; interpolation to even rows changes its last digits."""
+    """Say which rows (S,) have the torque of the row before, or go on along a line where noise makes others flicker.
+
+    Interpolation to even rows changes the last digits.
+    """
     torque = recording.torque[:, joint]
     same = np.zeros(len(torque), dtype=bool)
     same[1:] = np.abs(torque[1:] - torque[:-1]) <= 1e-9 * np.abs(torque[:-1])
+    step, noise = float(resolution(torque[:, None])[0]), float(noise_deviation(torque[:, None])[0])
+    if STRAIGHT * noise > max(2.0 * step, STRAIGHT * NOISE_SEEN * torque.std()):
+        same[2:] |= np.abs(np.diff(torque, n=2)) < STRAIGHT * noise
     if recording.torque_missing is not None:
         same &= ~recording.torque_missing[:, joint]
     return same
@@ -520,6 +531,7 @@ def find_stuck_torque(
 ) -> Intervals:
     """Find where the robot moves while a torque stands still, as that of a sensor does that is not read for a while.
 
+    A torque with noise that runs along a straight line for as long is found as well: so do loggers fill gaps.
     A joint that rests for a while is not looked at then: its rows are left out in any case.
 
     Parameters
