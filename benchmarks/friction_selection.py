@@ -48,7 +48,7 @@ import steelyard as sy
 from steelyard.estimators.friction_candidates import CANDIDATES
 from steelyard.estimators.friction_selection import FrictionData, select_friction
 from steelyard.excitation import ExcitationObjective, SearchOptions
-from steelyard.identification.chosen_friction import confirmed_terms, laws_for, memory_of, samples_of
+from steelyard.identification.chosen_friction import MOST_ROWS, confirmed_terms, laws_for, memory_of, samples_of
 from steelyard.identification.given import given_robot
 from steelyard.identification.log_reader import LogReader
 from steelyard.recording import Processing, decide
@@ -490,23 +490,24 @@ def left_out(reader, files, model):
 
     Where that is asked for they have rows near rest, too, which tell numbers of friction that remembers the motion.
     """
+    middles = [reader.middle(log, MOST_ROWS) for log in files]
 
     def whole_log(number):
         return lambda one, slow=False: (
-            [samples_of(reader, log, one, near_rest=slow) for k, log in enumerate(files) if k != number],
-            [samples_of(reader, files[number], one, near_rest=slow)],
+            [samples_of(reader, middle, one, near_rest=slow) for k, middle in enumerate(middles) if k != number],
+            [samples_of(reader, middles[number], one, near_rest=slow)],
         )
 
     def stretch(start, stop):
         def pieces(one, slow=False):
-            rows = samples_of(reader, files[0], one, near_rest=slow)
+            rows = samples_of(reader, middles[0], one, near_rest=slow)
             return [rows.rows(a, b) for a, b in ((0, start), (stop, rows.count)) if b > a], [rows.rows(start, stop)]
 
         return pieces
 
-    if len(files) > 1:
-        return [whole_log(number) for number in range(len(files))]
-    ends = np.linspace(0, samples_of(reader, files[0], model).count, 6).astype(int)
+    if len(middles) > 1:
+        return [whole_log(number) for number in range(len(middles))]
+    ends = np.linspace(0, samples_of(reader, middles[0], model).count, 6).astype(int)
     return [stretch(int(start), int(stop)) for start, stop in pairwise(ends)]
 
 

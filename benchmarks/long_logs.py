@@ -2,9 +2,10 @@
 
     python benchmarks/long_logs.py [ROWS] [FORMAT ...]
 
-ROWS is 20 million, and the formats are csv and parquet, by default. Each figure is of a process of its own, and all
-import what they need before they are timed; the ratio is that of the least times of ROUNDS runs that take turns. The
-peak memory is that of the whole process that identifies, as the operating system counts it (`ru_maxrss`).
+ROWS is 20 million, and the formats are csv and parquet, by default; parquet:1048576 has groups of so many rows, as
+pyarrow and pandas write them. Each figure is of a process of its own, and all import what they need before they are
+timed; the ratio is that of the least times of ROUNDS runs that take turns. The peak memory is that of the whole process
+that identifies, as the operating system counts it (`ru_maxrss`).
 
 Timed are ``pl.read_csv`` or ``pl.read_parquet`` with all columns into memory; from the file to an `Information`
 (`process_chunks` and `Information.from_chunks`); and `steelyard.identify` as a whole without a report: choice of the
@@ -68,8 +69,8 @@ def blocks(rows: int) -> Iterator[NDArray[np.float64]]:
         yield np.column_stack([numbers / 1000.0, *wam.measured(q[place] + off, torque[place], white, 1000.0)])
 
 
-def write(rows: int, path: Path) -> None:
-    """Write the recording in blocks, so that this script takes no more memory than what it measures."""
+def write(rows: int, path: Path, group: int = BLOCK) -> None:
+    """Write the recording in blocks, so that this script takes hardly more memory than what it measures."""
     import polars as pl
 
     frames = (pl.DataFrame(block, schema=NAMES) for block in blocks(rows))
@@ -81,7 +82,7 @@ def write(rows: int, path: Path) -> None:
     from polars.io.plugins import register_io_source
 
     source = register_io_source(lambda *_: frames, schema=dict.fromkeys(NAMES, pl.Float64))
-    source.sink_parquet(path, row_group_size=BLOCK)
+    source.sink_parquet(path, row_group_size=group)
 
 
 def run(work: str, *arguments: str) -> tuple[float, float, float]:
@@ -98,10 +99,11 @@ def main() -> None:
     with tempfile.TemporaryDirectory(dir="/var/tmp" if Path("/var/tmp").is_dir() else None) as folder:
         robot = Path(folder) / "robot.toml"
         robot.write_text(wam.robot_toml())
-        for kind in sys.argv[2:] or ("csv", "parquet"):
+        for given in sys.argv[2:] or ("csv", "parquet"):
+            kind, _, group = given.partition(":")
             log = Path(folder) / f"log.{kind}"
-            write(rows, log)
-            print(f"{rows} rows of seven joints as {kind}, {log.stat().st_size / 1e6:.0f} MB", flush=True)
+            write(rows, log, int(group or BLOCK))
+            print(f"{rows} rows of seven joints as {given}, {log.stat().st_size / 1e6:.0f} MB", flush=True)
             found: dict[str, list[tuple[float, float, float]]] = {name: [] for name in WORK}
             for _ in range(ROUNDS):
                 for name, work in WORK.items():

@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 import steelyard as sy
 from steelyard.cli.main import app
+from steelyard.identification.next_steps import next_steps
 from steelyard.recording import process_chunks
 
 ROBOT_FILE = """
@@ -313,7 +314,9 @@ def test_rows_that_are_given_twice_are_named_and_test_no_prediction(files):
     assert copied.prediction.source == "the validation log"
     assert copied.prediction.joint_error == pytest.approx(alone.prediction.joint_error, rel=1e-2)
     assert not any(" the rows of " in remark for remark in alone.remarks)
-    assert "each left out in turn" in sy.identify(path, log, log).prediction.source
+    itself = sy.identify(path, log, log)
+    assert "each left out in turn" in itself.prediction.source
+    assert any(step.action == "Try the model on another motion." for step in next_steps(itself))
 
 
 def test_nothing_is_written_unasked(files, tmp_path, monkeypatch):

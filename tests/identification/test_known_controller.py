@@ -8,9 +8,10 @@ import pytest
 
 import steelyard as sy
 from steelyard.control import ClosedLoop, JointFeedback
-from steelyard.errors import InputError
+from steelyard.errors import InputError, SolverError
 from steelyard.feasibility import verify_document
 from steelyard.identification.known_controller import ControllerSettings
+from steelyard.recording import LogColumns
 
 ROBOT = """
 [[terms]]
@@ -186,3 +187,54 @@ def test_a_loop_that_cannot_be_simulated_is_refused_before_it_is(given, told):
     controller = JointFeedback(lambda t: ([0.0], [0.0], [0.0]), kp=400.0, kd=40.0, count=1)
     with pytest.raises(sy.InputError, match=told):
         ClosedLoop(**{"model": model, "controller": controller, "times": [0.0, 0.01], "start": [-0.1], **given})
+
+
+@pytest.mark.parametrize("many", [False, True])
+def test_a_simulated_robot_that_does_not_move_is_no_fault_of_the_log(many):
+    """What a held joint hides may be anything in the first estimate, such as a rotor of 1e15 kg m² that no drive moves.
+
+    Instrumental variables then keep the reference as instruments, which they do for a SolverError.
+    """
+    model = sy.Model(sy.Robot.from_dh([("pi/2", 0, 0, "q")], gravity=(0, 0, 0)))
+    controller = JointFeedback(wave, kp=400.0, kd=40.0, count=1, sample_time=0.002)
+    loop = ClosedLoop(
+        model,
+        controller,
+        np.arange(0.0, 3.0, 0.002),
+        [0.0],
+        process=lambda recording: recording.process(cutoff=40.0, velocity_threshold=None),
+        position_noise=1e-5 if many else 0.0,
+    )
+    assert np.ptp(loop.expected([0.5]).q) > 1.5
+    with pytest.raises(SolverError, match="no samples can be made of the simulated motion"):
+        loop.expected([1e15])
+
+
+@pytest.mark.parametrize("table", ['[controller]\nreference = "qd{}"\n', '[drive]\ncommand = ["qd1"]\n'])
+def test_columns_that_are_said_to_be_a_reference_are_no_velocities(tmp_path, table):
+    """`qd` is the velocity in many logs, and the desired position in others, beside `dq`."""
+    (tmp_path / "robot.toml").write_text(ROBOT + 'velocity = "measured"\n' + table)
+    t = np.arange(0.0, 6.0, 0.002)
+    q, dq, ddq = (np.array(one[0]) for one in wave(t))
+    log = {"t": t, "q1": q, "dq1": dq, "tau1": 0.5 * ddq + 0.8 * dq, "qd1": q}
+    found = sy.identify(tmp_path / "robot.toml", log)
+    assert found.estimate.base == pytest.approx([0.5, 0.8], rel=2e-3)
+    (layout,) = found.layouts.values()
+    assert layout.velocity == ("dq1",)
+    with pytest.raises(InputError, match="several groups of columns for velocity"):
+        sy.identify(tmp_path / "robot.toml", log, columns={"unread": []})
+
+
+def test_patterns_that_are_left_unread_are_checked():
+    with pytest.raises(InputError, match="key 'unread', is 3; it must be a list of column names"):
+        LogColumns.from_dict({"unread": 3})
+
+
+@pytest.mark.parametrize(("factor", "told"), [(1.0, ""), (1.05, ""), (1.3, "30%"), (0.5, "50%")])
+def test_gains_that_are_not_those_of_the_robot_are_told(folder, factor, told):
+    """The law is linear in its gains, so that its commands for the motion of the log are off by the same factor."""
+    law = f'reference = "wanted{{}}"\nkp = {400.0 * factor}\nkd = {40.0 * factor}\n'
+    found = identified(folder, law, "instrumental_variables")
+    remarks = [remark for remark in found.remarks if "the law of [controller] commands torques that differ" in remark]
+    assert len(remarks) == (1 if told else 0)
+    assert all(f"by {told} at joint" in remark for remark in remarks)

@@ -77,6 +77,20 @@ def test_numbers_against_the_numbers_in_the_names_of_joints_are_a_question() -> 
     assert find(names, ("panda_1", "panda_3", "panda_7")).position == ("q1", "q2", "q3")  # no numbers from 1 to 3
 
 
+def test_a_stated_pattern_of_numbers_tells_in_which_order_it_is_read_and_a_list_answers_it() -> None:
+    """As in a URDF whose tree is j1, j2, j4 and beside them j3: in its order q3 is the position of j4."""
+    header, joints = ["t", *(f"{kind}{k}" for kind in ("q", "tau") for k in range(1, 5))], ["j1", "j2", "j4", "j3"]
+    torque = ("tau1", "tau2", "tau4", "tau3")
+    read = find_columns(header, LogColumns(position="q{}", torque=torque), joints)
+    assert read.position == ("q1", "q2", "q3", "q4")
+    (told,) = read.guesses
+    assert 'position = ["q1", "q2", "q4", "q3"]` (by the numbers in the joints' in told
+    chosen = LogColumns(position=("q1", "q2", "q4", "q3"), torque=torque)
+    assert find_columns(header, chosen, joints).position == ("q1", "q2", "q4", "q3")
+    assert not find_columns(header, chosen, joints).guesses
+    assert find_columns(header, LogColumns(position="q{}", torque="tau{}"), sorted(joints)).position[2] == "q3"
+
+
 def test_names_are_taken_before_numbers_and_that_is_told() -> None:
     layout = find(["t", *numbered("q{}", "tau{}"), *(f"{joint}_pos" for joint in reversed(ARM))])
     assert layout.position == ("shoulder_pos", "elbow_pos", "wrist_pos")

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy import signal
 
 from steelyard.errors import InputError
@@ -108,6 +109,16 @@ def test_slow_rows_are_masked_joint_by_joint() -> None:
     assert samples.mask[:, 1].all()
     # |cos| >= 1/pi for the share 1 - 2 asin(1/pi)/pi of the time.
     assert samples.used[0] / samples.count == pytest.approx(1 - 2 * np.arcsin(1 / np.pi) / np.pi, abs=1e-3)
+
+
+@pytest.mark.parametrize("mask", [None, np.array([[True, False], [False, False], [True, True]])])
+def test_rows_are_used_that_no_mask_leaves_out(mask: NDArray[np.bool_] | None) -> None:
+    zeros = np.zeros((3, 2))
+    samples = Samples(q=zeros, dq=zeros, ddq=zeros, torque=zeros, mask=mask)
+    rows, counts = ([[True] * 2] * 3, [3, 3]) if mask is None else (mask.tolist(), [2, 1])
+    assert samples.used_rows.tolist() == rows
+    assert samples.used.tolist() == counts
+    assert Samples.joined([samples, samples]).used.tolist() == [2 * count for count in counts]
 
 
 def test_excluded_joints_are_masked() -> None:

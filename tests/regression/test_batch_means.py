@@ -5,7 +5,7 @@ import numpy as np
 import steelyard as sy
 from steelyard.recording import Samples
 from steelyard.regression.batch_means import BATCH_LENGTHS, BatchSums
-from steelyard.regression.reduction import empty_factors
+from steelyard.regression.reduction import JointReduction, empty_factors
 
 
 def test_factors_are_those_of_sums_in_plain_numpy():
@@ -44,8 +44,9 @@ def test_block_sums_of_many_logs_are_those_of_each():
     for one in apart[1:]:
         expected = expected + one
     sums = BatchSums(empty_factors(model))
-    parts = [sy.Information.from_chunks(model, [samples], sums=sums) for samples in logs]
-    assert all(part.batch_means == () for part in parts)
+    for samples in logs:
+        JointReduction(model, sums).add(samples)
+        sums.end()
     found = sums.factors()
     assert len(found) == len(BATCH_LENGTHS)
     for level, other in zip(found, expected.batch_means, strict=True):

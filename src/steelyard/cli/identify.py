@@ -116,6 +116,11 @@ def identify(
             "--estimator": estimator != "fit",
             "--workers": workers != 1,
             "--cluster": cluster is not None,
+            "--tls": bool(tls),
+            "--chunk-rows": chunk_rows != 200_000,
+            "--force": force,
+            "--table": table,
+            "--verbose": verbose,
         }
         _from_positions(file, logs, validate or [], output, weights, friction, unused, json=json, quiet=quiet)
         return

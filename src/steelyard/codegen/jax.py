@@ -455,14 +455,6 @@ def schedule(function: Function) -> Schedule:
     longest chain of operations that depend on it. The work is linear in the number of operations, except for the search
     of that operation among those that are ready.
 
-    Parameters
-    ----------
-    function : Function
-
-    Returns
-    -------
-    Schedule
-
     Examples
     --------
     >>> from steelyard.graph import Argument, Graph, Output, sin
@@ -526,10 +518,6 @@ def repeated_operations(function: Function) -> int:
 
     A compiler has this much to do when it fuses scalar operations into one loop for each element.
 
-    Parameters
-    ----------
-    function : Function
-
     Examples
     --------
     >>> from steelyard.graph import Argument, Graph, Output, sin
@@ -552,12 +540,7 @@ def repeated_operations(function: Function) -> int:
 
 
 def prefers_vectors(function: Function) -> bool:
-    """Tell whether XLA compiles a function sooner from a :func:`schedule` than from single numbers.
-
-    Parameters
-    ----------
-    function : Function
-    """
+    """Tell whether XLA compiles a function sooner from a :func:`schedule` than from single numbers."""
     if sum(function.operation_count.values()) > _MOST_REPEATED:
         return True
     return repeated_operations(function) > _MOST_REPEATED

@@ -219,10 +219,6 @@ def _sizes(project: Project, scope: Names, style: Callable[[str], str]) -> Sizes
 def shared_arguments(project: Project) -> tuple[Argument, ...]:
     """Return the arguments that mean the same in all the functions that have them: documented once for all.
 
-    Parameters
-    ----------
-    project : Project
-
     Returns
     -------
     tuple of Argument
@@ -254,10 +250,6 @@ def shadowing(found: Naming, reserved: Iterable[str]) -> tuple[NamedFunction, ..
     found : Naming
     reserved : iterable of str
         What the bodies of the functions use.
-
-    Returns
-    -------
-    tuple of NamedFunction
 
     Examples
     --------

@@ -123,12 +123,7 @@ class Project:
 
 
 class SourceWriter(ABC):
-    """Writes the source of one project in one language; its `write` is what a language is.
-
-    Parameters
-    ----------
-    project : Project
-    """
+    """Writes the source of one project in one language; its `write` is what a language is."""
 
     def __init__(self, project: Project) -> None:
         self.project = project

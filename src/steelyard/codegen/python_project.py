@@ -104,12 +104,7 @@ EVALUATED_ON_ARRAYS = (
 
 
 class PythonProject(SourceWriter):
-    """Writes a project of one flavour of Python: with NumPy, JAX or CasADi.
-
-    Parameters
-    ----------
-    project : Project
-    """
+    """Writes a project of one flavour of Python: with NumPy, JAX or CasADi."""
 
     title: ClassVar[str]
     requirements: ClassVar[tuple[str, ...]]

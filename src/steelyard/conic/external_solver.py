@@ -501,10 +501,6 @@ def solve_with_program(
         Tolerance that the program is asked for.
     iterations : int
 
-    Returns
-    -------
-    ConicSolution
-
     Raises
     ------
     SolverError

@@ -114,14 +114,6 @@ def equilibrate(problem: ConicProblem) -> Scaling:
     equilibrate both rows and columns norms in matrices, 2001), rows only as far as the cones allow. The right side
     b counts like a column, since it has the size of the slack.
 
-    Parameters
-    ----------
-    problem : ConicProblem
-
-    Returns
-    -------
-    Scaling
-
     Examples
     --------
     >>> A = sparse.csc_array(np.array([[1e-6], [1e3]]))

@@ -70,10 +70,6 @@ def force_loop(bandwidth: float, velocity_gain: float, sample_time: float) -> Fo
     sample_time : float
         s.
 
-    Returns
-    -------
-    ForceLoop
-
     Examples
     --------
     >>> loop = force_loop(20.0, 40.0, 0.001)

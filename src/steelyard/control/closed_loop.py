@@ -135,12 +135,12 @@ class ClosedLoop:
         Raises
         ------
         SolverError
-            If the simulation diverges.
+            If the simulation diverges, or no samples can be made of its motion.
         """
         result = self._simulated(np.asarray(base, dtype=np.float64), self.start, self.start_velocity)
         if result.status is not Status.FINISHED:
             raise SolverError(f"the simulation ended at {float(result.end_time):.4g} s: {result.message}")
-        return self._samples(*(x[self._rows] for x in (result.q, result.dq, result.ddq, result.torque)))
+        return self._simulated_samples(*(x[self._rows] for x in (result.q, result.dq, result.ddq, result.torque)))
 
     def several(self, bases: ArrayLike) -> Sequence[Samples]:
         """Return the motions of several robots, (R, n_b), which are simulated together.
@@ -148,9 +148,11 @@ class ClosedLoop:
         Raises
         ------
         SolverError
-            If one of the simulations diverges.
+            If one of the simulations diverges, or no samples can be made of its motion.
         """
-        return [self._samples(*run) for run in self._batch(np.asarray(bases, dtype=np.float64), self.controller)]
+        return [
+            self._simulated_samples(*run) for run in self._batch(np.asarray(bases, dtype=np.float64), self.controller)
+        ]
 
     def expected(self, base: ArrayLike) -> Samples:
         """Return what the sensors of a robot with base parameters (n_b,) read on average, with `position_noise`.
@@ -160,16 +162,16 @@ class ClosedLoop:
         Raises
         ------
         SolverError
-            If one of the simulations diverges.
+            If one of the simulations diverges, or no samples can be made of its motion.
         """
         if not self.position_noise.any():
             return self(base)
         given = np.tile(np.asarray(base, dtype=np.float64), (1 + READINGS, 1))
         still, *shaken = self._batch(given, _Shaken(self.controller, self.position_noise, self.seed))
         # Draws cancel in the mean of the readings, which is that of the positions.
-        read = self._samples(*(np.mean(x, axis=0) for x in zip(*shaken, strict=True)))
+        read = self._simulated_samples(*(np.mean(x, axis=0) for x in zip(*shaken, strict=True)))
         # Rows are chosen by the motion without noise: its mean over draws would choose them by these.
-        return replace(read, mask=self._samples(*still).mask)
+        return replace(read, mask=self._simulated_samples(*still).mask)
 
     def _batch(self, bases: Array, controller: Controller) -> list[tuple[Array, ...]]:
         """q, dq, ddq and torque at the times of the samples, for each of several robots."""
@@ -185,6 +187,15 @@ class ClosedLoop:
     def _simulated(self, base: Array, q0: Array, dq0: Array, controller: Controller | None = None) -> SimulationResult:
         options: dict[str, Any] = {"base": True, "method": self.method, "sign_width": self.sign_width}
         return simulate(self.model, base, q0, dq0, self._duration, controller or self.controller, **options)
+
+    def _simulated_samples(self, q: Array, dq: Array, ddq: Array, torque: Array) -> Samples:
+        """Return the samples of a simulated motion, which is no log of the user that could be at fault."""
+        try:
+            return self._samples(q, dq, ddq, torque)
+        except InputError as error:
+            raise SolverError(
+                "no samples can be made of the simulated motion, such as one of a robot too heavy to move"
+            ) from error
 
     def _samples(self, q: Array, dq: Array, ddq: Array, torque: Array) -> Samples:
         if self.process is None:
@@ -220,5 +231,4 @@ def without_standstill(samples: Samples, threshold: ArrayLike) -> Samples:
     least = np.asarray(threshold, dtype=np.float64)
     if not least.any():
         return samples
-    moving = np.abs(samples.dq) >= least
-    return replace(samples, mask=moving if samples.mask is None else moving & samples.mask)
+    return replace(samples, mask=samples.used_rows & (np.abs(samples.dq) >= least))

@@ -182,10 +182,6 @@ def joint_reference(reference: Any, count: int, *, sample_time: float = 0.001) -
     sample_time : float
         Sample time of the controller, s.
 
-    Returns
-    -------
-    JointReference
-
     Raises
     ------
     InputError

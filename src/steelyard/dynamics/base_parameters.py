@@ -386,10 +386,6 @@ def base_parameters_of(regressor: Matrix, parameter_names: tuple[str, ...]) -> B
     regressor : ndarray
         (rows, n), many random motions stacked; rows well above n.
     parameter_names : tuple of str
-
-    Returns
-    -------
-    BaseParameters
     """
     lengths = np.linalg.norm(regressor, axis=0)
     present = np.flatnonzero(lengths > 0.0)

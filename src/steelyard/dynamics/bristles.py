@@ -62,10 +62,6 @@ def bristle_states(
     first : array_like
         (K,) the states at these rows.
 
-    Returns
-    -------
-    BristleStates
-
     References
     ----------
     P. R. Dahl, A solid friction model, Aerospace Corporation, 1968. C. Canudas de Wit et al., A new model for control
@@ -133,10 +129,6 @@ def _recursion(factors: Array, terms: Array) -> Array:
 
 class Bristles:
     """The bristles of all the joints of a robot whose friction has some.
-
-    Parameters
-    ----------
-    robot : Robot
 
     Attributes
     ----------

@@ -55,10 +55,6 @@ def body_conditions(link_names: Sequence[str], columns: Sequence[int], consisten
     consistency : {"full", "inertia"}
         As in `model_conditions`.
 
-    Returns
-    -------
-    tuple of AffineBlock
-
     Raises
     ------
     InputError
@@ -87,10 +83,6 @@ def model_conditions(robot: Robot, consistency: str) -> tuple[AffineBlock, ...]:
         ``"inertia"``: positive mass and positive definite inertia about the centre of mass (thesis eq. 3.20).
         ``"full"``: a positive mass density exists, so that the triangle inequality holds too (Traversaro et al. 2016;
         Wensing et al. 2018).
-
-    Returns
-    -------
-    tuple of AffineBlock
 
     Raises
     ------

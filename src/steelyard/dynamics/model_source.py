@@ -24,13 +24,7 @@ _SAMPLES = 3  # random motions of a self-test: enough to notice any wrong elemen
 
 
 def possible_parameters(layout: ParameterLayout, seed: int = 0) -> NDArray[np.float64]:
-    """Return parameters (n,) that are physically possible, the same for the same seed: a few point masses a link.
-
-    Parameters
-    ----------
-    layout : ParameterLayout
-    seed : int
-    """
+    """Return parameters (n,) that are physically possible, the same for the same seed: a few point masses a link."""
     random = np.random.default_rng(seed)
     values = random.uniform(0.1, 1.0, len(layout.names))
     for columns in layout.links:

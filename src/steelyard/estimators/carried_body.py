@@ -165,10 +165,6 @@ class CarryingModel:
     Its parameters are those of the robot, then the ten of the body, then the friction while it is carried. Its base
     parameters are those of the robot, then what the loaded log shows beyond them.
 
-    Parameters
-    ----------
-    body : CarriedBody
-
     Examples
     --------
     >>> import steelyard as sy

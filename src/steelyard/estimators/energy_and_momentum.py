@@ -367,7 +367,7 @@ def _test_function(half: int, step: float) -> tuple[Array, Array]:
 
 def _used(samples: Samples, of_energy: bool) -> tuple[npt.NDArray[np.bool_], Array]:
     """Which samples windows may hold, and which of these joints pass near standstill: (S, N), energy before them."""
-    mask = np.ones(samples.q.shape, dtype=bool) if samples.mask is None else samples.mask
+    mask = samples.used_rows
     slowest = np.min(np.abs(samples.dq), axis=0, where=mask, initial=np.inf)
     slow = ~mask & (np.abs(samples.dq) < slowest)
     held, still = mask | slow, slow.astype(float)
@@ -447,7 +447,7 @@ def _add_beside_measured(
     blocks: TimeBlocks, model: Model, samples: Samples, rows: list[Array], mask: npt.NDArray[np.bool_], spacing: int
 ) -> None:
     """Add the rows of windows, by where these begin, beside the rows as measured."""
-    used = np.ones(samples.q.shape, dtype=bool) if samples.mask is None else samples.mask
+    used = samples.used_rows
     for part, measured in joint_rows(model, samples):
         for first in range(part.start, part.stop, SHORTEST):
             last = min(first + SHORTEST, part.stop)

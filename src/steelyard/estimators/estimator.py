@@ -35,6 +35,10 @@ weights=, count=)`` in its place: it gets the samples of each log, and for each 
 parameters, as the table [controller] of the robot file tells them. With an attribute ``needs_controller`` that is true,
 this table has to tell the reference and the gains.
 
+One of these whose rows are still single samples, those near standstill among them, has an attribute
+``counts_slow_rows`` that is true: what friction there does to least squares of the rows as measured widens its
+intervals, too.
+
 One that brings a prior of its own has an attribute ``has_prior`` that is true, and takes no other."""
 
 _CONSISTENT = 1e-6

@@ -16,6 +16,7 @@ __all__ = [
     "CANDIDATES",
     "FrictionCandidate",
     "JointMotion",
+    "Shape",
     "by_channel",
     "lugre_is_passive",
 ]

@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 from steelyard.recording.diagnosis.detectors import runs
 from steelyard.regression.coloured_noise import ColouredNoise, autoregression
 
+from .friction_candidates import Shape
+
 __all__ = ["FrictionNumbers", "MovableLaw", "NumberedJoint", "WhiteRows", "numbers_together"]
 
 Array = NDArray[np.float64]
-Shape = tuple[float, ...]
 
 MOST_STEPS = 6
 """Steps of Gauss and Newton at most, which begin where each joint by itself has its least error."""

@@ -22,13 +22,12 @@ from steelyard.regression.coloured_noise import correlation_sum, stretches_of
 from steelyard.regression.parameter_covariance import NORMAL
 from steelyard.regression.reduction import joint_rows, require_joints
 
-from .friction_candidates import CANDIDATES, FrictionCandidate, JointMotion, lugre_is_passive
+from .friction_candidates import CANDIDATES, FrictionCandidate, JointMotion, Shape, lugre_is_passive
 from .friction_numbers import MovableLaw, NumberedJoint, WhiteRows, numbers_together
 
 __all__ = ["ChosenFriction", "FrictionData", "FrictionSelection", "FrictionTrial", "select_friction"]
 
 Array = NDArray[np.float64]
-Shape = tuple[float, ...]
 
 SIGNIFICANCE = 0.002
 """Probability with which any law is added to a robot that has none of them, after Holm's correction. Laws that robots
@@ -140,8 +139,8 @@ class FrictionData:
             for stretch in stretches_of(part)
         ]
         motion = Samples.joined(parts)
-        used = _used(motion)
-        slow = used if near_rest is None else _used(Samples.joined(_logs(model, near_rest)))
+        used = motion.used_rows
+        slow = used if near_rest is None else Samples.joined(_logs(model, near_rest)).used_rows
         rows = tuple(np.vstack(own) for own in zip(*pieces, strict=True))
         return cls(model, rows, used, slow, motion, tuple(int(start) for start in starts), memory, tuple(breaks))
 
@@ -185,10 +184,6 @@ class FrictionData:
 def _logs(model: Model, samples: Samples | Sequence[Samples]) -> list[Samples]:
     parts = [samples] if isinstance(samples, Samples) else list(samples)
     return [part.with_presliding(model) for part in parts]
-
-
-def _used(samples: Samples) -> NDArray[np.bool_]:
-    return np.ones(samples.q.shape, dtype=bool) if samples.mask is None else samples.mask
 
 
 @dataclass(frozen=True)

@@ -446,6 +446,7 @@ def of_instruments(info: Information, feasible_set: FeasibleSet, weights: Any = 
 
 
 of_instruments.rows_of_motion = instrumented_parts  # type: ignore[attr-defined]
+of_instruments.counts_slow_rows = True  # type: ignore[attr-defined]
 
 
 @dataclass(frozen=True, eq=False)

@@ -272,6 +272,7 @@ def maximum_likelihood(
 
 
 maximum_likelihood.rows = likelihood_parts  # type: ignore[attr-defined]
+maximum_likelihood.counts_slow_rows = True  # type: ignore[attr-defined]
 
 
 def _drawn(root: Matrix, rows: int) -> Matrix:

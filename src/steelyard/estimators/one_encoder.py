@@ -172,7 +172,7 @@ class _Regression:
                 size = np.sqrt(np.mean(slopes**2, axis=(0, 1)))
                 scales = np.where(size > 0.0, size, 1.0)
             samples = Samples(*motion, torque=log.torque - beside)
-            mask = np.ones(log.q.shape, dtype=bool) if log.mask is None else log.mask
+            mask = log.used_rows
             parts: list[list[Array]] = [[] for _ in own]
             for part, rows in joint_rows(model, samples, BLOCK):
                 for k, (held, one) in enumerate(zip(parts, rows, strict=True)):

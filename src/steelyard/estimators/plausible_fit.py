@@ -203,10 +203,6 @@ def tried_prior(
         What is known; gathered from the robot by default.
     prior_weight : float or "auto"
 
-    Returns
-    -------
-    TriedPrior
-
     Raises
     ------
     SolverError

@@ -61,10 +61,6 @@ def pooled(shares: Sequence[Share], names: Sequence[str], expressions: Sequence[
     names, expressions : sequence of str
         Of the m unknowns.
 
-    Returns
-    -------
-    Information
-
     Raises
     ------
     InputError

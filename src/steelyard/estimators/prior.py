@@ -14,7 +14,7 @@ from steelyard.errors import InputError
 from steelyard.feasibility.barrier import add_log_determinants, log_determinants
 from steelyard.feasibility.cone_program import Part, Program
 from steelyard.feasibility.feasible_set import FeasibleSet
-from steelyard.feasibility.units import Units, lengths_of_links
+from steelyard.feasibility.units import sizes_of_bodies
 from steelyard.once import cached_property
 from steelyard.robot.inertia import PSEUDO_INERTIA, pseudo_inertia
 
@@ -22,10 +22,6 @@ __all__ = ["ConstantPullbackPrior", "EntropicPrior", "EuclideanPrior", "Prepared
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
-
-LEAST_RADIUS = 0.01
-"""Smallest radius, in m, of a link in the units of the Euclidean prior. A link whose description makes it a point would
-otherwise have units of zero, and its moments could not move at all."""
 
 SINGULAR = 1e-9
 """A pseudo-inertia whose smallest eigenvalue is below this, after its diagonal is scaled to 1, cannot serve as a
@@ -161,7 +157,7 @@ class EuclideanPrior(Prior):
     needs_density: ClassVar[bool] = False
 
     def _metric(self, feasible_set: FeasibleSet, bodies: Matrix) -> Matrix:
-        sizes = Units(feasible_set, bodies[:, 9], lengths_of_links(bodies, LEAST_RADIUS), 1.0).inertial
+        sizes = sizes_of_bodies(bodies)
         return np.asarray([np.diag(1.0 / row**2) for row in sizes])
 
 

@@ -202,7 +202,7 @@ def _weighted(
 ) -> tuple[Vector, tuple[Factor, ...], HuberWeights]:
     """Scales, weighted factors and the summary of the weights, from the residuals of a fit."""
     errors = [np.vstack([part for _, part in residuals(model, chunk, base)]) for chunk in chunks]
-    used = [np.ones(e.shape, dtype=bool) if c.mask is None else c.mask for c, e in zip(chunks, errors, strict=True)]
+    used = [chunk.used_rows for chunk in chunks]
     torque = np.sqrt(np.mean([np.mean(chunk.torque**2) for chunk in chunks]))
     scales = np.full(model.dof, max(LEAST_SCALE * torque, np.finfo(float).tiny))
     for k in range(model.dof):

@@ -116,10 +116,6 @@ def make_subset(model: Model, subset: str | Sequence[str] | None, nuisance: str 
         parameters are known already, as when a payload is mounted on a robot that was identified before; the subset
         consists of the named parameters that are independent of each other.
 
-    Returns
-    -------
-    Subset
-
     Raises
     ------
     InputError
@@ -304,10 +300,6 @@ def identifiability(spectrum: Spectrum, subset: Subset, rows: float) -> Identifi
     subset : Subset
     rows : float
         Number of rows of the regressor: samples times joints.
-
-    Returns
-    -------
-    Identifiability
 
     Examples
     --------

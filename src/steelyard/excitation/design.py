@@ -680,10 +680,6 @@ class ExcitationDesign:
             The folder is made where it is missing; files of the same names are replaced.
         pages : mapping from str to str, optional
             Names and content of further files that appear together with these.
-
-        Returns
-        -------
-        tuple of Path
         """
         with replaced_folder(folder, record=RECORD) as made:
             for name in MOTION_FILES:

@@ -170,10 +170,6 @@ class DesignProblem:
         fresh = np.setdiff1d(np.round(more, 9), np.round(self.times, 9))
         return replace(self, times=np.concatenate([self.times, fresh]))
 
-    def with_prior(self, prior: Array) -> DesignProblem:
-        """Return the same problem with a factor (n_b, n_b) of prior information."""
-        return replace(self, prior=prior)
-
 
 class Stopped(Exception):  # noqa: N818 - not an error
     """Raised inside a minimisation to end it early."""

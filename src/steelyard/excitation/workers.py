@@ -98,13 +98,7 @@ class Pool:
 
 @contextmanager
 def pool_of(task: Task, workers: int) -> Iterator[Pool]:
-    """Return a pool of workers that call a function; leaving the context waits for running calls.
-
-    Parameters
-    ----------
-    task : callable
-    workers : int
-    """
+    """Return a pool of workers that call a function; leaving the context waits for running calls."""
     number = next(_NUMBERS)
     _TASKS[number] = task
     executor: Executor

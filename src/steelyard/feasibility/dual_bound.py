@@ -119,10 +119,6 @@ class SliceBound:
     In the coordinates v around the analytic center, c·v ≥ -Σ tr Z_b + g·v with g_j = c_j - Σ <B_j, Z_b>, for any Z ⪰ 0.
     Within the confidence region g·v has a least value. Along the other directions g vanishes up to rounding, and the
     rest is multiplied by the largest possible length of v, which follows from the trace bound.
-
-    Parameters
-    ----------
-    center : AnalyticCenter
     """
 
     def __init__(self, center: "AnalyticCenter") -> None:

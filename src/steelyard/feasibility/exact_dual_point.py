@@ -11,7 +11,7 @@ from steelyard.lmi import symmetric_to_vector
 
 from .certificates import InfeasibilityCertificate
 from .certificates.certificate import exact_conditions, exact_vector
-from .certificates.rational import SparseRows, exact_number, zero_combination_basis
+from .certificates.rational import SparseRows, dot, exact_number, zero_combination_basis
 from .certificates.statement import Matrix as ExactMatrix
 from .certificates.verification import LEAST_RELATIVE_TRACE_BOUND, LEAST_TRACE_BOUND
 from .facial_reduction import DualFace, dual_face, orthogonal
@@ -38,7 +38,7 @@ class _DualSpace:
         """All unknowns, from the free ones among `values`."""
         found = list(values)
         for pivot, row in self.pivots.items():
-            found[pivot] = sum((value * values[column] for column, value in row.items()), Fraction(0))
+            found[pivot] = dot(row, values)
         return found
 
 
@@ -275,7 +275,7 @@ def _balanced(
     found = [*direction, *multipliers]
     preference = [0] * len(direction) + [1] * len(multipliers)
     for pivot, row in zero_combination_basis(list(rows.values()), preference).items():
-        found[pivot] = sum((value * found[column] for column, value in row.items()), Fraction(0))
+        found[pivot] = dot(row, found)
     return found[: len(direction)], found[len(direction) :]
 
 

@@ -12,7 +12,7 @@ from steelyard.regression.factor import eigenvectors
 
 from .cone_program import Part, Program, unidentifiable_conditions
 from .feasible_set import FeasibleSet
-from .units import Units, lengths_of_links
+from .units import Units, sizes_of_bodies
 
 __all__ = ["TieBreak", "closest_to_cad", "lightest", "lightest_parameters"]
 
@@ -26,9 +26,6 @@ exactly; with 0.1 it needs 20 % fewer, but then mass is traded for moments."""
 
 FREE_WEIGHT = 1e-6
 """Weight of the squares of all parameters, which makes those unique that neither data nor conditions determine."""
-
-LEAST_RADIUS = 0.01
-"""Smallest radius, in m, of a link in the units of `closest_to_cad`; a description may make a link a point."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,7 +212,7 @@ def closest_to_cad(feasible_set: FeasibleSet) -> TieBreak:
     curvature = np.full(feasible_set.parameter_count, FREE_WEIGHT)
     gradient = np.zeros(feasible_set.parameter_count)
     values = cad[columns[known]]
-    sizes = Units(feasible_set, values[:, 9], lengths_of_links(values, LEAST_RADIUS), 1.0).inertial
+    sizes = sizes_of_bodies(values)
     curvature[columns[known]] = 2.0 / sizes**2
     gradient[columns[known]] = -2.0 / sizes**2 * values
     return TieBreak("the closest to CAD", curvature, gradient)

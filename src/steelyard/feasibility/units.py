@@ -9,7 +9,7 @@ from steelyard.once import cached_property
 
 from .feasible_set import FeasibleSet
 
-__all__ = ["Units", "lengths_of_links"]
+__all__ = ["Units", "sizes_of_bodies"]
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -30,6 +30,11 @@ SPREAD = 1e3
 solved (gap of 2e-5), since a link may be nearly massless in the point from which units are taken; 10 serves as well."""
 
 
+LEAST_RADIUS = 0.01
+"""Smallest radius, in m, by which sizes of a body are told. A description may make a link a point, whose sizes would be
+zero: its moments could not move at all."""
+
+
 def typical_length(feasible_set: FeasibleSet) -> float:
     """Typical distance between joints in m, from the coefficients of masses in the base parameters of first moments."""
     columns = feasible_set.link_columns
@@ -44,6 +49,11 @@ def lengths_of_links(inertial: Matrix, least: float, most: float = np.inf) -> Ve
     """Radii of gyration about the origins of the links' frames, within bounds, from (links, 10), in m."""
     trace = np.maximum(inertial[:, 0] + inertial[:, 3] + inertial[:, 5], 0.0)
     return np.asarray(np.clip(np.sqrt(trace / (2 * inertial[:, 9])), least, most))
+
+
+def sizes_of_bodies(inertial: Matrix) -> Matrix:
+    """The sizes of inertial parameters (links, 10), by the mass and the radius of each body, (links, 10)."""
+    return np.asarray(inertial[:, 9:] * lengths_of_links(inertial, LEAST_RADIUS)[:, None] ** POWERS)
 
 
 @dataclass(frozen=True, eq=False)

@@ -227,9 +227,7 @@ def read_toml(path: str | os.PathLike[str], *, remedy: str = "give the path of a
     return content
 
 
-def read_json(
-    path: str | os.PathLike[str], *, largest: int = LARGEST_JSON, remedy: str = "give the path of a JSON file"
-) -> Any:
+def read_json(path: str | os.PathLike[str], *, remedy: str = "give the path of a JSON file") -> Any:
     """Read a JSON file; its numbers are finite, its keys differ, and it is not nested deeply.
 
     Raises
@@ -237,7 +235,7 @@ def read_json(
     InputError
         As in `read_text`; and for what is not JSON or goes beyond these bounds.
     """
-    return parse_json(read_text(path, largest=largest, remedy=remedy), path, remedy=remedy)
+    return parse_json(read_text(path, largest=LARGEST_JSON, remedy=remedy), path, remedy=remedy)
 
 
 def parse_json(text: str, path: str | os.PathLike[str], *, remedy: str) -> Any:

@@ -123,6 +123,8 @@ def _check_parquet(path: str, state: tuple[int, ...]) -> tuple[NDArray[np.int64]
     try:
         with open(path, "rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
             for rows, columns in _groups(content):
+                if rows < 0:
+                    raise ValueError(f"a group of it has {rows} rows")
                 counts = [_values_of_pages(content, rows, column) for column in columns]
                 _forget(content)
                 groups.append(rows)

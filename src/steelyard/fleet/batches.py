@@ -220,10 +220,6 @@ def find_heap(
         An amplitude, of a robot and a cause, as a part of what siblings have.
     likely : float
         By how much the logarithm of the likelihood of another cause may be below, to be told beside the best.
-
-    Returns
-    -------
-    tuple or None
     """
     splits = [(two_heaps(values, len(amplitudes)), cause, values) for cause, values in amplitudes]
     told = [(*split, k, values) for split, k, values in splits if split is not None]

@@ -27,7 +27,6 @@ from .packed import packed, unpacked
 
 __all__ = ["DataSet", "ReducedDataSet", "reduce_data_sets", "reduced_logs"]
 
-CHUNK_ROWS = 200_000
 FEW = 100
 """Rows that are kept of a log to be drawn, where nobody draws them."""
 
@@ -98,7 +97,7 @@ def reduced_logs(
     `each` is given each log by itself, with the rows in which short events show.
     """
     written = written_states(logs)
-    reader = LogReader(file, model, CHUNK_ROWS)
+    reader = LogReader(file, model)
     reader.decide(logs, lambda _: None)
     tree, blocks, parts = BatchMeansTree(), TimeBlocks(empty_factors(model)), []
     tasks = [LogTask(log, FEW, FEW if each is None else DRAWN_ROWS, len(logs), True) for log in logs]

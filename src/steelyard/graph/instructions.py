@@ -322,10 +322,6 @@ def support_source(lanes: int, triple: str = "") -> str:
         Numbers in a slot, more than one.
     triple : str
         Target triple.
-
-    Returns
-    -------
-    str
     """
     t = f"<{lanes} x double>"
     flags = f"<{lanes} x i1>"

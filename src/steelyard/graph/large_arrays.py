@@ -115,14 +115,6 @@ def large_array(shape: tuple[int, ...]) -> Array:
     most and 1 GiB or an eighth of the machine's memory together; the system may take the larger ones while they are
     idle.
 
-    Parameters
-    ----------
-    shape : tuple of int
-
-    Returns
-    -------
-    ndarray
-
     Examples
     --------
     >>> large_array((1000, 700)).shape

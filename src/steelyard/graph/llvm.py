@@ -55,11 +55,6 @@ class Program:
 
     Sines and cosines of what the arguments give directly are computed together, after the first part.
 
-    Parameters
-    ----------
-    arguments : sequence of Argument
-    outputs : sequence of Node
-
     Attributes
     ----------
     uniform : set of int
@@ -204,10 +199,6 @@ def kernel_source(
         negative; ``"columns"``: to ``out[j * stride + s]``.
     triple : str
         Target triple.
-
-    Returns
-    -------
-    str
     """
     return _Writer(arguments, outputs, lanes, layout, triple).text()
 

@@ -73,10 +73,6 @@ class LoadedCode:
 class Machine:
     """This computer's processor, computing a number of samples side by side; see :func:`host_machine`.
 
-    Parameters
-    ----------
-    lanes : int
-
     Attributes
     ----------
     triple : str

@@ -184,9 +184,9 @@ def choose_friction(
     chosen = [logs[int(place)] for place in places]
     say("which friction do the logs call for?")
     middles = [reader.middle(log, MOST_ROWS) for log in chosen]
-    samples = [_processed(reader, one, wider) for one in middles]
+    samples = [samples_of(reader, one, wider) for one in middles]
     terms = tuple(model.robot.terms)
-    near_rest = [_processed(reader, one, wider, near_rest=True) for one in middles]
+    near_rest = [samples_of(reader, one, wider, near_rest=True) for one in middles]
     data = FrictionData.of(wider, samples, memory_of(reader, samples[0]), near_rest)
     held = {
         parameter.symbol for term in terms for law in term.laws if not _is_plain(law) for parameter in law.parameters
@@ -211,7 +211,7 @@ def choose_friction(
         data,
         wider,
         samples,
-        lambda further: [_processed(reader, one, further) for one in middles],
+        lambda further: [samples_of(reader, one, further) for one in middles],
     )
     plain, error = _relative(before), _relative(errors)
     dropped = [one for one in selection.chosen if one not in kept]
@@ -326,16 +326,12 @@ def _name(kind: str) -> str:
     return {"dahl": "Dahl's", "lugre": "LuGre's"}.get(kind, kind)
 
 
-def samples_of(reader: LogReader, log: GivenLog, model: Model, *, near_rest: bool = False) -> Samples:
+def samples_of(reader: LogReader, middle: Recording | Samples, model: Model, *, near_rest: bool = False) -> Samples:
     """Samples of the middle of a log; where torques are filtered, with the regressor of the model likewise.
 
     Rows near rest are those at which a plain model has more friction than the torques show; laws that remember the
     motion explain them.
     """
-    return _processed(reader, reader.middle(log, MOST_ROWS), model, near_rest)
-
-
-def _processed(reader: LogReader, middle: Recording | Samples, model: Model, near_rest: bool = False) -> Samples:
     if isinstance(middle, Samples):
         return middle
     return middle.process(reader.near_rest if near_rest else reader.processing, model)

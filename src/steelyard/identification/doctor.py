@@ -61,7 +61,6 @@ __all__ = ["examine"]
 Array = NDArray[np.float64]
 MOST_REMEDIES = 20
 """Remedies, one after the other, with which a log is tried to be read; each mends one fault."""
-CHUNK_ROWS = 200_000
 POINTS = 1200  # samples that are kept of a log, of which mistakes are looked for in some hundreds
 COUNTS = 200.0
 """Steps of the encoder over a joint's travel, below which steps and not motion make the accelerations."""
@@ -654,7 +653,7 @@ class _Patient:
     def _fit(self, further: Settings | None = None) -> _Fit:
         """Fit the model to the log with the remedies so far, and further settings."""
         assert self.model is not None
-        reader = LogReader(self._file(further), self.model, CHUNK_ROWS)
+        reader = LogReader(self._file(further), self.model)
         reader.decide([self.log], self.say)
         log = reader.reduced(LogTask(self.log, POINTS, DRAWN_ROWS, 1, True), self.model)
         reader.note(log)

@@ -89,10 +89,6 @@ def error_causes(identification: Identification) -> tuple[ErrorCause, ...] | Non
     Each cause is tried by itself: its columns are fitted together with the base parameters to all stretches of the logs
     but one, which is then predicted. An oscillation is sought in the spectra of what the answer leaves.
 
-    Parameters
-    ----------
-    identification : Identification
-
     Returns
     -------
     tuple of ErrorCause or None

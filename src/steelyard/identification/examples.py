@@ -158,10 +158,6 @@ def deviating(inertia: Inertia, deviation: float, random: np.random.Generator) -
         Standard deviation.
     random : numpy.random.Generator
 
-    Returns
-    -------
-    Inertia
-
     Examples
     --------
     >>> import numpy as np

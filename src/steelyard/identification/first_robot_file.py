@@ -29,7 +29,7 @@ from steelyard.robot import RobotFile
 from steelyard.robot.description import URDF, description_format
 
 from .default_terms import decide_rotors
-from .doctor import CHUNK_ROWS, POINTS, examine
+from .doctor import POINTS, examine
 from .examination import Examination, merged
 from .log_reader import LogReader, LogTask
 
@@ -283,7 +283,7 @@ class _Draft:
         file = self._loaded()
         model = Model.from_file(file)
         wider = model.with_rotors
-        reader = LogReader(file, model, CHUNK_ROWS)
+        reader = LogReader(file, model)
         try:
             reader.decide([self._path], lambda _: None)
             log = reader.reduced(LogTask(self._path, POINTS, POINTS, 1, True), wider)
@@ -299,7 +299,7 @@ class _Draft:
 
     def _decide(self, file: RobotFile, say: Callable[[str], None]) -> None:
         """Write down what the data decides of the filter and of slow rows."""
-        reader = LogReader(file, Model.from_file(file), CHUNK_ROWS)
+        reader = LogReader(file, Model.from_file(file))
         if reader.columns.finds_gains:
             return
         try:

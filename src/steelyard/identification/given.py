@@ -77,11 +77,19 @@ def given_robot(robot: GivenRobot) -> tuple[RobotFile, Model]:
     if isinstance(robot, Model):
         return replace(RobotFile.of(robot.robot), terms_are_default=False), robot
     if isinstance(robot, RobotFile | Robot | str | os.PathLike):
-        file = RobotFile.load(robot)
+        file = _without_references(RobotFile.load(robot))
         return file, Model.from_file(file)
     raise InputError(
         f"The robot is {_named(robot)}; give the path of a description or of a robot.toml, a sy.Robot or a sy.Model."
     )
+
+
+def _without_references(file: RobotFile) -> RobotFile:
+    """Return the file with the columns of references and commands unread in [log]: `qd1` there is no velocity."""
+    named = [file.section("controller").get("reference"), file.section("drive").get("command")]
+    unread = [name for one in named if one is not None for name in ([one] if isinstance(one, str) else one)]
+    own = file.section("log").get("unread", ())
+    return file.with_settings("log", unread=[*([own] if isinstance(own, str) else own), *unread]) if unread else file
 
 
 def wider_model(file: RobotFile, model: Model) -> Model | None:
@@ -150,8 +158,7 @@ def _listed(data: object, name: str) -> list[tuple[str, Any]]:
     if isinstance(data, Samples) or is_table(data):
         return [(_own_name(data), data)]
     if not isinstance(data, Iterable) or isinstance(data, (bytes, np.ndarray)):
-        what = f"an array of shape {data.shape}" if isinstance(data, np.ndarray) else _named(data)
-        raise InputError(f"{name} is {what}, which does not say what its columns are; {REMEDY}.")
+        raise InputError(f"{name} is {_named(data)}, which does not say what its columns are; {REMEDY}.")
     found = list(data)
     for one in found:
         if not isinstance(one, (str, os.PathLike, Samples)) and not is_table(one):

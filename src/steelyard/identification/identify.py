@@ -183,6 +183,11 @@ def identify(
         raise InputError(f'friction must be "auto" or None, got {shown(friction)}.')
     if file.section("elastic"):
         model.refuse_presliding("identified together with the stiffness of [elastic]")
+        if motion_rows is not None:
+            raise InputError(
+                f"{file.path}: the estimator {estimator} needs the motion of a rigid robot under its controller, and "
+                "[elastic] says that joints give way; take another estimator, such as fit or momentum."
+            )
         # Loaded where a robot file names such joints.
         if friction == "auto":
             from .elastic.elastic_friction import with_chosen_friction as with_elastic_joints
@@ -318,14 +323,15 @@ def identify(
     table = None
     if estimate.parameters is not None:
         standstill = None
-        if information is measured:
+        if information is measured or getattr(found, "counts_slow_rows", False):
             left_of_fit = [
                 stretch
                 for one, log in zip(predictions, read.logs, strict=True)
                 if log.fitted
                 for stretch in zip(log.drawn.windows, one.trace.residuals, strict=True)
             ]
-            standstill = standstill_errors(model, information, unconstrained, left_of_fit, estimate.base)
+            plain = unconstrained if information is measured else least_squares(measured, weights)
+            standstill = standstill_errors(model, measured, plain, left_of_fit, estimate.base)
         table = parameter_table(
             information,
             feasible_set if plausible is None else plausible.plausible_set,

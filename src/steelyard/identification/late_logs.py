@@ -200,8 +200,8 @@ def _part_left(
             interval = float(np.median(np.diff(samples.t)))
             columns = [advanced(own, delay / interval) for own, delay in zip(samples.torque.T, delayed, strict=True)]
             torque, known = (np.column_stack(parts) for parts in zip(*columns, strict=True))
-            mask = known if samples.mask is None else known & samples.mask
-            moved.append(Information.from_samples(model, replace(samples, torque=torque, mask=mask)))
+            shifted = replace(samples, torque=torque, mask=samples.used_rows & known)
+            moved.append(Information.from_samples(model, shifted))
         together = sum(moved[1:], moved[0])
         left.append(together.relative_error(least_squares(together, unconstrained.weights).base))
     return left[1] / max(left[0], 1e-300)

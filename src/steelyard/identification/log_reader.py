@@ -233,7 +233,7 @@ def one_by_one(reader: LogReader, tasks: Sequence[LogTask], model: Model, say: P
 class LogReader:
     """Reads logs as the robot file says, and collects the remarks on them."""
 
-    def __init__(self, file: RobotFile, model: Model, chunk_rows: int) -> None:
+    def __init__(self, file: RobotFile, model: Model, chunk_rows: int = chunks.CHUNK_ROWS) -> None:
         self.file = file
         self.model = model
         self.chunk_rows = chunk_rows
@@ -788,39 +788,39 @@ class DrawnRows:
         ever put together in a table: those that remain.
         """
         assert self._pieces is not None
-        count = samples.count
+        count, predicted = samples.count, self._predicted(samples)
+
+        def drawn(rows: slice, size: int) -> Array:
+            """Return of each group of so many of these rows those that are an extreme of it, (G, 4 N, D)."""
+            places = self._places(samples.torque[rows], predicted[rows], size)
+            chosen = rows.start + places + size * np.arange(len(places))[:, None]
+            return _table_of(samples, number, chosen.ravel()).reshape(*chosen.shape, -1)
+
         while len(self._pieces) + (self._waiting_rows + count) // self.piece > self._most:
             self.piece *= 2
             self._pieces = self._merged(self._pieces)
         size = self.piece
         # What waited from before begins the first piece.
         missing = min(-self._waiting_rows % size, count) if self._waiting_rows else 0
-        self._wait(samples, number, slice(0, missing))
+        if missing:
+            self._wait(drawn(slice(0, missing), missing)[0], missing)
         found = [self._pieces]
         if self._waiting_rows == size:
             found.append(self._extremes(np.concatenate(self._waiting)[None]))
             self._waiting, self._waiting_rows = [], 0
         end = missing + (count - missing) // size * size
         if end > missing:
-            found.append(self._drawn(samples, number, slice(missing, end), size))
+            found.append(drawn(slice(missing, end), size))
         self._pieces = np.concatenate(found)
-        self._wait(samples, number, slice(end, count))
+        if end < count:
+            self._wait(drawn(slice(end, count), count - end)[0], count - end)
 
-    def _wait(self, samples: Samples, number: int, rows: slice) -> None:
-        """Keep the extremes of some samples until the piece that they begin or go on with is whole."""
-        size = rows.stop - rows.start
-        if not size:
-            return
-        self._waiting.append(self._drawn(samples, number, rows, size)[0])
+    def _wait(self, extremes: Array, size: int) -> None:
+        """Keep the extremes of so many samples until the piece that they begin or go on with is whole."""
+        self._waiting.append(extremes)
         self._waiting_rows += size
         if len(self._waiting) > _MOST_WAITING:
             self._waiting = [self._extremes(np.concatenate(self._waiting)[None])[0]]
-
-    def _drawn(self, samples: Samples, number: int, rows: slice, size: int) -> Array:
-        """Return of each group of so many of these samples the rows that are an extreme of it, (G, 4 N, D)."""
-        places = self._places(samples.rows(rows.start, rows.stop), size)
-        drawn = rows.start + places + size * np.arange(len(places))[:, None]
-        return _table_of(samples, number, drawn.ravel()).reshape(*drawn.shape, -1)
 
     def _merged(self, pieces: Array) -> Array:
         even = len(pieces) // 2 * 2
@@ -830,14 +830,15 @@ class DrawnRows:
 
     def _extremes(self, groups: Array) -> Array:
         """Return the rows of each group (G, R, D) at which torque or residual of a joint is least or greatest."""
-        places = self._places(self._samples(groups.reshape(-1, groups.shape[2])), groups.shape[1])
+        samples = self._samples(groups.reshape(-1, groups.shape[2]))
+        places = self._places(samples.torque, self._predicted(samples), groups.shape[1])
         return np.asarray(groups[np.arange(len(groups))[:, None], places])
 
-    def _places(self, samples: Samples, size: int) -> NDArray[np.intp]:
+    def _places(self, torque: Array, predicted: Array, size: int) -> NDArray[np.intp]:
         """Return which rows of each group of so many neighbours are those extremes, (G, 4 N)."""
         from steelyard.graph.extreme_rows import extreme_rows  # only long logs need it
 
-        return extreme_rows(samples.torque, self._predicted(samples), size)
+        return extreme_rows(torque, predicted, size)
 
     def _predicted(self, samples: Samples) -> Array:
         """Return the torques that the preliminary model predicts."""
@@ -949,7 +950,7 @@ def _table_of(samples: Samples, first: int, rows: slice | NDArray[np.intp] = sli
     numbers = np.arange(first, first + samples.count, dtype=float)[rows]
     t = numbers if samples.t is None else samples.t[rows]
     motion = [one[rows] for one in (samples.q, samples.dq, samples.ddq, samples.torque)]
-    columns = [numbers, t, *motion, np.ones(motion[0].shape) if samples.mask is None else samples.mask[rows]]
+    columns = [numbers, t, *motion, samples.used_rows[rows]]
     if samples.regressor is not None:
         columns += [(samples.channels or {})[name][rows] for name in _channels(samples.regressor_model)]
         columns.append(samples.regressor[rows])

@@ -76,7 +76,7 @@ def missed_terms(model: Model, estimate: Estimate, samples: Iterable[Samples]) -
     of_terms[np.ravel(model.link_columns)] = 0.0
     drives = model.drives(estimate.parameters)
     for one in samples:
-        rows = np.ones_like(one.torque, dtype=bool) if one.mask is None else one.mask
+        rows = one.used_rows
         torque = model.inverse_dynamics(one.q, one.dq, one.ddq, of_terms, channels=one.channels)
         torque = torque - _torque_of_drives(drives, kind.holds, one)
         parts += np.sum(np.where(rows, torque, 0.0) ** 2, axis=0)

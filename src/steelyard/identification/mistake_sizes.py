@@ -105,7 +105,7 @@ def _step(columns: Array, samples: Samples, change: Callable[[Array], Array]) ->
 
     `change` returns by how much the torques (S, N, k) of parameters (n,) change with what is sought.
     """
-    used = np.ones(samples.q.shape, dtype=bool) if samples.mask is None else samples.mask
+    used = samples.used_rows
     sizes = np.sqrt(np.einsum("sjc,sjc->c", columns, columns))
     sizes = np.where(sizes == 0.0, 1.0, sizes)
     # Twice: the residuals of the joints are their weights.

@@ -292,7 +292,7 @@ class _Memory(NamedTuple):
             return None
         rows = np.arange(0, samples.count, -(-samples.count // ROWS))
         logged = {name: values[rows] for name, values in (samples.channels or {}).items()}
-        used = np.ones((len(rows), samples.joint_count), bool) if samples.mask is None else samples.mask[rows]
+        used = samples.used_rows[rows]
         columns = model.regressor(samples.q[rows], samples.dq[rows], samples.ddq[rows], channels=logged)[used]
         sizes = np.sqrt(np.sum(columns**2, axis=0))
         sizes[sizes == 0.0] = 1.0
@@ -324,7 +324,7 @@ def _without_clipped(samples: Samples) -> Samples:
     _, clipped = clipped_rows(samples.torque, saturation_levels(samples.torque))
     if not clipped.any():
         return samples
-    return replace(samples, mask=~clipped if samples.mask is None else samples.mask & ~clipped)
+    return replace(samples, mask=samples.used_rows & ~clipped)
 
 
 def _some(samples: Samples, among: NDArray[np.bool_] | None = None) -> Samples:
@@ -977,7 +977,7 @@ class _Search:
         def fitted(delay: float, without: NDArray[np.bool_] | None = None) -> _Fitted:
             shifted = Correction(delay=delay).apply(samples) if delay else samples
             if without is not None:
-                shifted = replace(shifted, mask=~without if shifted.mask is None else shifted.mask & ~without)
+                shifted = replace(shifted, mask=shifted.used_rows & ~without)
             return self._fit(moments(self.model, _some(shifted, inside)))
 
         def cost(delay: float) -> float:

@@ -609,7 +609,7 @@ def _confirmation(identification: Identification) -> Iterator[NextStep]:
             f"steelyard identify {robot} {logs} --validate OTHER_LOG --output DIR",
             "console",
         )
-    elif not identification.validation_logs:
+    elif "validation log" not in identification.prediction.source:  # also where those that were given are of the fit
         yield NextStep(
             "Try the model on another motion.",
             f"It was judged on {identification.prediction.source}; a log that it has not seen shows whether it holds "

@@ -100,10 +100,6 @@ def predicted_intervals(
     constraints : sequence of Constraint
         What is known beforehand of the robot, as in identification.
 
-    Returns
-    -------
-    PredictedIntervals
-
     Raises
     ------
     InputError

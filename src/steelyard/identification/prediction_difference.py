@@ -213,12 +213,6 @@ def random_motion(robot: Robot, count: int = SAMPLES, seed: int = 0) -> tuple[Ar
     to those that reach the limit of velocity in half a second. Joints without limits get half a turn (0.5 m) either way
     and 2 rad/s (2 m/s).
 
-    Parameters
-    ----------
-    robot : Robot
-    count : int
-    seed : int
-
     Returns
     -------
     q, dq, ddq : ndarray

@@ -212,10 +212,6 @@ def preflight(robot: Robot) -> Preflight:
     in millimetres, a decimal slip, the sign of products of inertia, swapped axes, inertia about the origin of the
     frame, inertia in the axes of another frame; then copies, placeholders, and shapes that contradict the mass.
 
-    Parameters
-    ----------
-    robot : Robot
-
     Examples
     --------
     >>> body = Inertia.from_com(2.0, (0.2, 0, 0), np.diag([0.002, 0.02, 0.03]))

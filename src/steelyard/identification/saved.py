@@ -284,10 +284,6 @@ def matching_estimate(model: Model, estimate: str | Path) -> Estimate:
     estimate : str or Path
         What :meth:`steelyard.Estimate.save` wrote.
 
-    Returns
-    -------
-    Estimate
-
     Raises
     ------
     InputError
@@ -405,10 +401,6 @@ def parameters_of_description(model: Model, *, base: bool = False) -> NDArray[np
 
 def terms_left_open(model: Model) -> str:
     """Say which terms `parameters_of_description` takes for zero since the description does not state them.
-
-    Parameters
-    ----------
-    model : Model
 
     Returns
     -------

@@ -107,10 +107,6 @@ def simulate_files(
     stop_at_limits : bool
         End the run where a joint passes a limit of the description.
 
-    Returns
-    -------
-    FileSimulation
-
     Raises
     ------
     InputError

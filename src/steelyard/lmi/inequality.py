@@ -48,7 +48,7 @@ Values = Mapping[str, Any] | npt.ArrayLike
 _SHOWN = 12
 """Largest number of rows and columns of a matrix that is printed; the others become dots."""
 
-_MOST_NUMBERS = 50_000_000
+MOST_NUMBERS = 50_000_000
 """Largest number of elements of the coefficient matrices of a block (400 MB)."""
 
 
@@ -539,10 +539,10 @@ def _block(
     matrix, value = program.matrix[entries], program.value[entries]
     row, column = program.row[entries] - offset, program.column[entries] - offset
     used = np.unique(matrix[matrix > 0])
-    if (len(used) + 1) * size**2 > _MOST_NUMBERS:
+    if (len(used) + 1) * size**2 > MOST_NUMBERS:
         raise InputError(
             f"{label!r} is of order {size} and depends on {len(used)} variables, which would take more than "
-            f"{_MOST_NUMBERS:,} numbers; split it into smaller blocks."
+            f"{MOST_NUMBERS:,} numbers; split it into smaller blocks."
         )
     constant = np.zeros((size, size))
     coefficients = np.zeros((len(used), size, size))

@@ -11,13 +11,10 @@ from steelyard.errors import InputError
 from steelyard.files import read_number
 
 from .affine import AffineBlock
-from .inequality import LinearMatrixInequality
+from .inequality import MOST_NUMBERS, LinearMatrixInequality
 from .linear_expression import distinct_names
 
 __all__ = ["distance_inequality", "residual_inequality"]
-
-_MOST_NUMBERS = 50_000_000
-"""Largest number of elements of the coefficient matrices (400 MB)."""
 
 
 def distance_inequality(target: npt.ArrayLike, names: Sequence[str], bound: str = "u") -> LinearMatrixInequality:
@@ -120,7 +117,7 @@ def _schur(
             f"got {matrix.shape}."
         )
     used = np.flatnonzero(np.any(matrix != 0.0, axis=0))
-    if (len(used) + 1) * size**2 > _MOST_NUMBERS:
+    if (len(used) + 1) * size**2 > MOST_NUMBERS:
         raise InputError(
             f"{len(vector)} rows in {count} variables make a block of order {size}, which is too large; reduce the "
             "rows to the triangular factor of [W ω] first, with constant=‖ρ₂‖²."

@@ -372,7 +372,7 @@ class ActiveExcitation:
         k = reference.index(t)
         error, speed_error = reference.q[k] - q, reference.dq[k] - dq
         self.played.append(reference.q[k])
-        reason = self._trouble(t, q, dq, error)
+        reason = self._trouble(q, dq, error)
         if reason:
             self._break_off(t, q, dq, reason)
             reference, k = self._reference, 0
@@ -966,7 +966,7 @@ class ActiveExcitation:
             )
         )
 
-    def _trouble(self, t: float, q: Array, dq: Array, error: Array) -> str:
+    def _trouble(self, q: Array, dq: Array, error: Array) -> str:
         """Return why the motion must be broken off, or nothing."""
         if self._stage == "stopping":
             return ""

@@ -40,12 +40,7 @@ def stacked(triangle: Array, rows: Array) -> Array:
 
 
 class RunningInformation:
-    """The rows of each joint of one stretch of data, reduced as they come.
-
-    Parameters
-    ----------
-    model : Model
-    """
+    """The rows of each joint of one stretch of data, reduced as they come."""
 
     def __init__(self, model: Model) -> None:
         self._nothing = Information.empty(model)

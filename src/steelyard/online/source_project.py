@@ -136,13 +136,7 @@ def generate_online(
 
 
 class _Tables:
-    """The feasible set and the objectives over unknowns y, δ = constant + N y, where the equations hold for every y.
-
-    Parameters
-    ----------
-    feasible_set : FeasibleSet
-    prior : Prior or None
-    """
+    """The feasible set and the objectives over unknowns y, δ = constant + N y, where the equations hold for every y."""
 
     def __init__(self, feasible_set: FeasibleSet, prior: Prior | None) -> None:
         n = feasible_set.parameter_count

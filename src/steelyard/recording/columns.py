@@ -134,6 +134,9 @@ class LogColumns(TomlSection):
     channels
         What else is read, by the names that terms have for it: the name of one column, which holds for all joints, or
         a list of columns or a pattern with one for each joint, as in ``{"temperature": "temp_{}"}``.
+    unread
+        Columns, or patterns of columns, that are something else, such as references: they are taken for nothing by
+        their names.
     missing
         What to do where positions or torques are missing, NaN or infinite: "refuse" the log, or "fill" them by
         interpolation and leave their rows out of the samples.
@@ -163,6 +166,7 @@ class LogColumns(TomlSection):
     torque_sign: float | Vector | None = None
     header: tuple[str, ...] | None = None
     topic: str | tuple[str, ...] | None = None
+    unread: tuple[str, ...] = ()
     missing: str = "refuse"
     channels: Mapping[str, str | tuple[str, ...]] | None = None
 
@@ -190,6 +194,7 @@ class LogColumns(TomlSection):
         store("gain", _gains)
         store("torque_sign", _signs)
         store("channels", _channels)
+        store("unread", _unread)
         if self.missing not in ("refuse", "fill"):
             raise InputError(f"{where}, key 'missing', is {self.missing!r}; it must be 'refuse' or 'fill'.")
         units = (self.torque_unit,) if isinstance(self.torque_unit, str) else self.torque_unit
@@ -295,6 +300,13 @@ def _channels(value: Any, where: str) -> dict[str, str | tuple[str, ...]]:
     if not isinstance(value, Mapping) or not all(isinstance(name, str) for name in value):
         raise InputError(f'{where} is {value!r}; it must be a table such as {{ temperature = "temp_{{}}" }}.')
     return {name: _names(given, f"{where} {name!r},") for name, given in value.items()}
+
+
+def _unread(value: Any, where: str) -> tuple[str, ...]:
+    names = [value] if isinstance(value, str) else value
+    if not isinstance(names, Sequence) or not all(isinstance(item, str) for item in names):
+        raise InputError(f'{where} is {value!r}; it must be a list of column names or patterns, such as ["q_ref{{}}"].')
+    return tuple(names)
 
 
 def _clock(value: Any, where: str) -> str | tuple[str, ...]:

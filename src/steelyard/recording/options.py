@@ -14,8 +14,8 @@ from steelyard.errors import InputError
 from steelyard.files import TomlSection, suggestion
 
 from . import filters
-from .columns import number
 from .filters import Butterworth, MotionFilter, whole
+from .filters.motion_filter import above
 from .measurements import Measurements
 from .survey import stuck_torques
 
@@ -158,9 +158,9 @@ class Processing(TomlSection):
             if isinstance(value, np.ndarray):
                 value = value.tolist()
             if several and isinstance(value, (list, tuple)):
-                put(name, tuple(_above(bound, item, key(name), what) for item in value))
+                put(name, tuple(above(bound, item, key(name), what) for item in value))
             else:
-                put(name, _above(bound, value, key(name), what))
+                put(name, above(bound, value, key(name), what))
         if isinstance(self.trim, tuple) and len(self.trim) != 2:
             raise InputError(
                 f"{key('trim')} has {len(self.trim)} values; it must be one time in s or two, start and end."
@@ -279,12 +279,6 @@ class Processing(TomlSection):
                 f"joint moves; name another column with `torque` in [log], or leave its rows out with "
                 f"`exclude_joints = [{j + 1}]` in [processing]."
             )
-
-
-def _above(lowest: float, value: Any, where: str, what: str) -> float:
-    if isinstance(value, str) or not number(value, where) > lowest:
-        raise InputError(f"{where} is {value!r}; it must be {what}.")
-    return float(value)
 
 
 def filter_from(value: Any, where: str) -> MotionFilter:

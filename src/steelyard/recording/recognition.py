@@ -358,6 +358,8 @@ class _Search:
         self.joint_count = joints if joints is None or isinstance(joints, int) else len(self.joint_names)
         self.labels = tuple(labels)
         self.called = self.joint_names or self.labels
+        unread = [re.escape(one).replace(r"\{\}", "[0-9]+").replace(r"\{name\}", ".+") for one in self.columns.unread]
+        names = [name for name in names if not any(re.fullmatch(one, name) for one in unread)]
         self.groups = _groups(names, self.called)
         if not self.called and not any(NUMBER in group.shape for group in self.groups.get("position", ())):
             self.called = _joints_named(names)
@@ -442,11 +444,14 @@ class _Search:
             if kind in ("position", "torque"):
                 raise InputError(f'{self.source} cannot be used with `{kind} = "none"`; {kind}s are needed.')
             return None
+        counts = isinstance(stated, str) and "{name}" not in stated
         if isinstance(stated, str):
             stated = self._expanded(kind, stated)
         if stated is not None:
             for name in stated:
                 self._require(name, kind)
+            if counts and self._matrix(kind) is None and (doubt := self._doubt_of_order(kind, stated)):
+                self.guesses.append(f"The {kind} is read in the robot's order, as {_ends(stated)}: {doubt}.")
             if len(set(stated)) != len(stated):
                 raise InputError(f"{self.source}: `{kind}` in [log] names a column twice; each joint needs its own.")
             said = tuple(_unit_of(name, kind) for name in stated)
@@ -559,7 +564,9 @@ class _Search:
         if group.fault:
             raise InputError(group.fault)
         if group.by == _NUMBER and self._matrix(kind) is None and not group.chosen_by:
-            self._require_order(kind, group)
+            doubt = self._doubt_of_order(kind, group.columns)
+            if doubt:
+                raise InputError(f"{self.source} numbers its columns, {_ends(group.columns)}: {doubt}.")
         others = [
             other
             for other, tier in zip(candidates, tiers, strict=True)
@@ -576,20 +583,20 @@ class _Search:
             self.guesses.append(f"The {kind} is read from {_ends(group.columns)}: {group.style.note}.")
         return group
 
-    def _require_order(self, kind: str, group: _Group) -> None:
-        """Refuse columns that are numbered in one order where the joints of the robot are numbered in another."""
+    def _doubt_of_order(self, kind: str, columns: Sequence[str]) -> str:
+        """Ask whose columns are that are numbered in one order, where the joints of the robot are in another."""
         numbers = _last_numbers(self.joint_names)
         count = len(self.joint_names)
         first = min(numbers, default=0)
         if len(numbers) != count or sorted(numbers) != list(range(first, first + count)) or first not in (0, 1):
-            return
-        if numbers == sorted(numbers) or len(group.columns) != count:
-            return
-        other = [group.columns[number - first] for number in numbers]
-        raise InputError(
-            f"{self.source} numbers its columns, {_ends(group.columns)}, but the joints of the robot are, in order, "
-            f"{_listing(self.joint_names)}; say whose they are with `{kind} = {_toml(other)}` (by the numbers in the "
-            f"joints' names) or `{kind} = {_toml(group.columns)}` (in the robot's order) in [log]."
+            return ""
+        if numbers == sorted(numbers) or len(columns) != count:
+            return ""
+        other = [columns[number - first] for number in numbers]
+        return (
+            f"the joints of the robot are, in order, {_listing(self.joint_names)}; say whose they are with "
+            f"`{kind} = {_toml(other)}` (by the numbers in the joints' names) or `{kind} = {_toml(columns)}` (in the "
+            "robot's order) in [log]"
         )
 
     def _line(self, kind: str, group: _Group) -> str:

@@ -187,8 +187,7 @@ class Samples:
             typical = float(np.median(steps))
             starts += (np.flatnonzero((steps > GAP * typical) | (steps <= 0.0)) + 1).tolist()
         states, weights = model.bristles.along(self.q, self.dq, starts)
-        known = weights <= FORGOTTEN
-        mask = known if self.mask is None else known & self.mask
+        mask = self.used_rows & (weights <= FORGOTTEN)
         lost = self.used - np.count_nonzero(mask, axis=0)
         return replace(
             self,
@@ -216,11 +215,14 @@ class Samples:
         return int(self.q.shape[1])
 
     @property
+    def used_rows(self) -> NDArray[np.bool_]:
+        """(S, N) which rows of each joint are used: those of the mask, or all."""
+        return np.ones(self.q.shape, dtype=bool) if self.mask is None else self.mask
+
+    @property
     def used(self) -> NDArray[np.int64]:
         """(N,) how many rows of each joint are used."""
-        if self.mask is None:
-            return np.full(self.joint_count, self.count, dtype=np.int64)
-        used: NDArray[np.int64] = np.sum(self.mask, axis=0, dtype=np.int64)
+        used: NDArray[np.int64] = np.sum(self.used_rows, axis=0, dtype=np.int64)
         return used
 
     @classmethod
@@ -241,7 +243,7 @@ class Samples:
             )
         mask = None
         if any(part.mask is not None for part in parts):
-            mask = np.vstack([np.ones(part.q.shape, bool) if part.mask is None else part.mask for part in parts])
+            mask = np.vstack([part.used_rows for part in parts])
         times = [part.t for part in parts if part.t is not None]
         model, regressor = parts[0].regressor_model, None
         if model is not None and all(part.regressor_model is model for part in parts):

@@ -694,11 +694,12 @@ def without_dropouts(torque: NDArray[np.float64]) -> NDArray[np.float64]:
     result = torque
     if np.count_nonzero(torque) == torque.size:
         return torque
-    zeros = np.count_nonzero(torque == 0.0, axis=0)
-    for j in map(int, np.flatnonzero((zeros > 0) & (zeros <= MOST_DROPOUTS * len(torque)))):
+    for j in range(torque.shape[1]):
         values = torque[:, j]
-        edges = np.flatnonzero(np.diff(values == 0.0, prepend=False, append=False))
-        starts, stops = edges[::2], edges[1::2]
+        rows = np.flatnonzero(values == 0.0)
+        if not 0 < len(rows) <= MOST_DROPOUTS * len(torque):
+            continue
+        starts, stops = rows[np.diff(rows, prepend=-2) > 1], rows[np.diff(rows, append=len(values) + 1) > 1] + 1
         short = (stops - starts <= DROPOUT) & (starts >= 2) & (stops <= len(values) - 2)
         starts, stops = starts[short], stops[short]
         around = values[np.stack([starts - 2, starts - 1, stops, stops + 1])]
@@ -707,10 +708,9 @@ def without_dropouts(torque: NDArray[np.float64]) -> NDArray[np.float64]:
         lost = (low * high > 0.0) & (least > 4.0 * (high - low))
         if lost.any():  # few logs need the step of the values, which takes the longest
             lost &= least > 5.0 * np.diff(np.unique(values[np.isfinite(values)])).min(initial=np.inf)
-        rows = [np.arange(a, b) for a, b in zip(starts[lost], stops[lost], strict=True)]
-        if rows:
             result = result.copy() if result is torque else result
-            result[np.concatenate(rows), j] = np.nan
+            for start, stop in zip(starts[lost], stops[lost], strict=True):
+                result[start:stop, j] = np.nan
     return result
 
 

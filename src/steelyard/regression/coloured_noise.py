@@ -359,11 +359,12 @@ def whitened_rows(
     """For some samples at a time: rows ``[W omega]`` (n, N, n_b + 1) whitened in time, which are whole, which used."""
     columns, width = model.base_columns.joints, model.base_parameters().count
     size = max(ROWS * 512 // max(width * model.dof, 512) // 1024, 1) * 1024  # whole batches
+    used_rows = samples.used_rows
     for stretch in stretches_of(samples):
         for part, rows_of_joints in joint_rows(model, samples.rows(stretch.start, stretch.stop), size):
             rows = np.zeros((part.stop - part.start, len(columns), width + 1))
             at = slice(stretch.start + part.start, stretch.start + part.stop)
-            used = np.ones(rows.shape[:2], dtype=bool) if samples.mask is None else samples.mask[at]
+            used = used_rows[at]
             whole = np.zeros_like(used)
             for k, own in enumerate(rows_of_joints):
                 white, whole[:, k] = noise.whiten_joint(k, own, used[:, k])
@@ -400,10 +401,6 @@ class NoiseFromResiduals:
     parameters add; with these the fixed point is the maximum of the restricted likelihood (Dempster, Laird and Rubin,
     J. Royal Statistical Society B 39, 1977, section 4.4). Without, *measured* with 24 parameters and 2000 samples of
     noise that lasts for 20 of them, standard errors were 6 % too small.
-
-    Parameters
-    ----------
-    joints : int
     """
 
     def __init__(self, joints: int) -> None:
@@ -413,8 +410,7 @@ class NoiseFromResiduals:
     def add(self, samples: Samples, errors: Array) -> None:
         """Add what `residual_channels` made of samples, (S, N, 1 + m)."""
         for stretch in stretches_of(samples):
-            used = np.ones(errors[stretch].shape[:2], dtype=bool) if samples.mask is None else samples.mask[stretch]
-            self._parts.append((errors[stretch], used))
+            self._parts.append((errors[stretch], samples.used_rows[stretch]))
 
     def noise(
         self,

@@ -19,7 +19,6 @@ __all__ = [
     "combined",
     "eigenvectors",
     "extended",
-    "inverse_of_triangle",
     "is_well_conditioned",
     "most_held",
     "solve",
@@ -322,15 +321,6 @@ def is_well_conditioned(triangle: Array) -> bool:
     if not len(triangle):
         return True
     return bool(np.all(np.isfinite(triangle))) and float(lapack.dtrcon(triangle)[0]) > 1e3 * RANK
-
-
-def inverse_of_triangle(triangle: Array) -> Array:
-    """Return the inverse of an upper triangular matrix with columns of length 1; without full rank a pseudo-inverse."""
-    from scipy.linalg import lapack
-
-    if len(triangle) and is_well_conditioned(triangle):
-        return np.asarray(lapack.dtrtri(triangle)[0])
-    return np.asarray(np.linalg.pinv(triangle, rcond=RANK))
 
 
 def eigenvectors(matrix: Array) -> tuple[Array, Array]:

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.display import html_table
 from steelyard.errors import InputError
-from steelyard.files import plain, read_json, require_format, shown, write_json
+from steelyard.files import listed, plain, read_json, require_format, shown, write_json
 from steelyard.once import cached_property
 from steelyard.recording import Samples
 from steelyard.recording.samples import regrouped
@@ -117,8 +117,7 @@ class Information:
             counts = [factor.count for factor in self.measured]
             rows = [(j, n, f"{size:.4g}") for j, n, size in zip(self.joint_names, counts, sizes, strict=True)]
         hidden = self.unidentifiable
-        more = f" and {len(hidden) - 3} more" if len(hidden) > 3 else ""
-        remarks = (f"The data does not show {', '.join(hidden[:3])}{more}.",) if hidden else ()
+        remarks = (f"The data does not show {listed(hidden, 3)}.",) if hidden else ()
         return html_table(repr(self), heads, rows, remarks)
 
     @property
@@ -186,7 +185,6 @@ class Information:
         covariance: ArrayLike | None = None,
         *,
         batch_means: bool = True,
-        sums: BatchSums | None = None,
         blocks: TimeBlocks | None = None,
         exact: int | None = None,
     ) -> Information:
@@ -199,9 +197,6 @@ class Information:
         covariance : array_like, optional
         batch_means : bool
             Both as in `from_samples`.
-        sums : BatchSums, optional
-            Receives the rows for the batch means of this data and of other data together; this Information has none.
-            Not with a covariance.
         blocks : TimeBlocks, optional
             Keeps stretches of the data apart, for cross-validation; see `stretches`.
         exact : int, optional
@@ -215,8 +210,8 @@ class Information:
         """
         base, names = model.base_parameters(), tuple(model.robot.joint_names)
         matrix = None if covariance is None else as_covariance(covariance, model.dof)
-        own = BatchSums(empty_factors(model)) if batch_means and matrix is None and sums is None else None
-        by_joint = JointReduction(model, own if sums is None else sums, blocks, exact)
+        sums = BatchSums(empty_factors(model)) if batch_means and matrix is None else None
+        by_joint = JointReduction(model, sums, blocks, exact)
         whole = None if matrix is None else WhitenedReduction(model, matrix, batch_means)
         filtered, any_rows = False, False
         # Blocks of rows are the same, and are added in the same order, wherever the chunks end.
@@ -228,9 +223,7 @@ class Information:
                 whole.add(samples)
         if not any_rows:
             return cls.empty(model)
-        if sums is not None:
-            sums.end()
-        factors, held = by_joint.factors(), () if own is None else own.factors()
+        factors, held = by_joint.factors(), () if sums is None else sums.factors()
         return cls(
             base.names,
             base.expressions,
@@ -526,14 +519,14 @@ class Information:
     def joint_relative_error(self, base: ArrayLike) -> Array:
         """Return the relative error of each joint, (N,)  (thesis table 4.7); NaN where a joint has no torque."""
         beta = self._base(base)
-        self._require_joints("Errors per joint", self.has_joint_errors)
+        self._require_joint_errors()
         pairs = [(f.residual2(beta), f.norm2) for f in self.measured]
         return np.array([np.sqrt(r / n) if n > 0.0 else np.nan for r, n in pairs])
 
     def joint_rms_error(self, base: ArrayLike) -> Array:
         """Return the root mean square residual of each joint, (N,), N·m or N; NaN where a joint has no rows."""
         beta = self._base(base)
-        self._require_joints("Errors per joint", self.has_joint_errors)
+        self._require_joint_errors()
         return np.array([np.sqrt(f.residual2(beta) / f.count) if f.count else np.nan for f in self.measured])
 
     def _base(self, base: ArrayLike) -> Array:
@@ -544,10 +537,10 @@ class Information:
             )
         return beta
 
-    def _require_joints(self, what: str, known: bool) -> None:
-        if not known:
+    def _require_joint_errors(self) -> None:
+        if not self.has_joint_errors:
             why = "reduced over all joints" if self.covariance is None else "whitened across the joints"
-            raise InputError(f"{what} need the rows of each joint apart, but this Information was {why}.")
+            raise InputError(f"Errors per joint need the rows of each joint apart, but this Information was {why}.")
 
     def save(self, path: str | Path) -> None:
         """Write the Information as JSON; the file appears whole or not at all."""

@@ -323,10 +323,6 @@ class ParameterCovariance:
         problem : Reduced
         base : array_like, optional
             (n_b,), at which the residual is taken; that of least squares where absent.
-
-        Returns
-        -------
-        ParameterCovariance
         """
         beta = solve(problem) if base is None else np.asarray(base, dtype=np.float64)
         inverse, unidentifiable, unknown = inverse_root(problem.R)
@@ -342,10 +338,6 @@ class ParameterCovariance:
             (n_b, n_b), symmetric, positive semidefinite.
         count : int
             The number n_b of base parameters.
-
-        Returns
-        -------
-        ParameterCovariance
 
         Raises
         ------

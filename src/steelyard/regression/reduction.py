@@ -310,16 +310,15 @@ class WhitenedReduction:
     def add(self, samples: Samples) -> None:
         """Add samples; with batches each call but the last must bring a multiple of 1024."""
         columns, width = self.model.base_columns.joints, len(self.empty.columns)
+        used_rows = samples.used_rows
         with one_thread():
             for part, rows_of_joints in joint_rows(self.model, samples, WHOLE_BLOCK):
-                size = part.stop - part.start
-                rows = np.zeros((size, len(columns), width + 1))
+                rows = np.zeros((part.stop - part.start, len(columns), width + 1))
                 for k, values in enumerate(rows_of_joints):
                     rows[:, k, columns[k]] = values[:, :-1]
                     rows[:, k, width] = values[:, -1]
-                used = np.ones((size, len(columns)), dtype=bool) if samples.mask is None else samples.mask[part]
                 pieces, whitened = [], np.zeros_like(rows)
-                for at, white in self._whitening.whitened(rows, used):
+                for at, white in self._whitening.whitened(rows, used_rows[part]):
                     self.count += white.shape[0] * white.shape[1]
                     pieces.append(white.reshape(-1, width + 1))
                     whitened[at] = white

@@ -80,8 +80,9 @@ def residual_covariance(
     for chunk in [samples] if isinstance(samples, Samples) else samples:
         require_joints(model, chunk)
         chunk = chunk.with_presliding(model)
+        used_rows = chunk.used_rows
         for part, errors in residuals(model, chunk, base):
-            used = np.ones(errors.shape) if chunk.mask is None else chunk.mask[part].astype(np.float64)
+            used = used_rows[part].astype(np.float64)
             sums += (errors * used).T @ (errors * used)
             counts += used.T @ used
     if np.any(counts == 0.0):

@@ -106,10 +106,6 @@ def excitation_html(design: ExcitationDesign, model: Model, expected: PredictedI
     expected : PredictedIntervals
         What is to be expected of an identification with it.
 
-    Returns
-    -------
-    str
-
     Examples
     --------
     >>> import steelyard as sy

@@ -38,10 +38,6 @@ def weak_combinations(identification: Identification) -> list[tuple[Array, float
     answer, or a hundredth of the largest of its kind where it is smaller), so that kilograms and newton metres can be
     compared.
 
-    Parameters
-    ----------
-    identification : Identification
-
     Returns
     -------
     list of ((n_b,), float)

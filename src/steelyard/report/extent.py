@@ -28,10 +28,6 @@ def default_log(identification: Identification) -> int:
 def shown_logs(identification: Identification) -> list[int]:
     """Return which predictions are shown in full: of each role the first ones, or the first and those of most error.
 
-    Parameters
-    ----------
-    identification : Identification
-
     Returns
     -------
     list of int
@@ -61,12 +57,7 @@ def shared_words(predictions: Sequence[Prediction], shown: Sequence[int]) -> str
 
 
 def short_names(identification: Identification) -> tuple[str, ...]:
-    """Return a name for each prediction: its file, or as much of its path as tells it from the others.
-
-    Parameters
-    ----------
-    identification : Identification
-    """
+    """Return a name for each prediction: its file, or as much of its path as tells it from the others."""
     names = [prediction.name for prediction in identification.predictions]
     short = ["+".join(Path(part).name for part in name.split("+")) for name in names]
     counts = Counter(short)

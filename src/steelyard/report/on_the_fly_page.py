@@ -95,16 +95,7 @@ def _record(done: SimulatedExcitation, file: RobotFile) -> dict[str, Any]:
 
 
 def on_the_fly_html(done: SimulatedExcitation) -> str:
-    """Return the page: what was learned when, the motion, and the limits.
-
-    Parameters
-    ----------
-    done : SimulatedExcitation
-
-    Returns
-    -------
-    str
-    """
+    """Return the page: what was learned when, the motion, and the limits."""
     excitation, result = done.excitation, done.result
     names, robot = result.joint_names, excitation.model.robot
     steps = excitation.steps

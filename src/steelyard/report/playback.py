@@ -27,7 +27,6 @@ POINTS = 3600
 MOST_INSTANTS = 400
 NEAR = 0.05
 """Distance below which two links are shown as near, m; several times the margin, so that one sees it coming."""
-CHUNK_ROWS = 200_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +96,7 @@ def play_log(viewed: ViewedRobot, log: str | Path, progress: Callable[[str], Non
         If the log cannot be used.
     """
     say = progress or (lambda _: None)
-    reader = LogReader(viewed.file, viewed.model, CHUNK_ROWS)
+    reader = LogReader(viewed.file, viewed.model)
     used = None if viewed.result is None else viewed.result.processing
     if used is not None:
         reader.stated = reader.processing = used

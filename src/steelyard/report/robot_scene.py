@@ -80,10 +80,6 @@ def robot_scene(robot: Robot, q: ArrayLike | None = None) -> RobotScene:
     q : (N,), optional
         rad or m; zeros by default.
 
-    Returns
-    -------
-    RobotScene
-
     Examples
     --------
     >>> scene = robot_scene(Robot.from_dh([(0, 0.5, 0, "q"), (0, 0.4, 0, "q")]), [0.0, np.pi / 2])

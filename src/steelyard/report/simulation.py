@@ -68,16 +68,7 @@ def simulation_record(simulation: FileSimulation) -> dict[str, Any]:
 
 
 def simulation_html(simulation: FileSimulation) -> str:
-    """Return the page: how it ended, joints and energy over time, provenance.
-
-    Parameters
-    ----------
-    simulation : FileSimulation
-
-    Returns
-    -------
-    str
-    """
+    """Return the page: how it ended, joints and energy over time, provenance."""
     result, robot = simulation.result, simulation.model.robot
     unit, effort = (" or ".join(dict.fromkeys(units)) for units in (robot.position_units, robot.torque_units))
 

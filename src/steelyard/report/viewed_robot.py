@@ -150,10 +150,6 @@ def load_viewed_robot(
     allow_extensions : bool
         See :meth:`steelyard.RobotFile.load`.
 
-    Returns
-    -------
-    ViewedRobot
-
     Raises
     ------
     InputError

@@ -67,10 +67,6 @@ def described_bodies(robot: Robot) -> list[list[DescribedBody]]:
     the centre of mass in the frame's origin, as templates, simulators' examples and exporters leave them; one inertial
     that all links of an arm share.
 
-    Parameters
-    ----------
-    robot : Robot
-
     Examples
     --------
     >>> [part.inertia for part in described_bodies(Robot.from_dh([(0, 0.5, 0, "q")]))[0]]

@@ -97,12 +97,7 @@ class DescriptionFormat(ABC):
 
 
 class UrdfFormat(DescriptionFormat):
-    """URDF, which is edited in place, and xacro, which is expanded.
-
-    Parameters
-    ----------
-    xacro_arguments : mapping, optional
-    """
+    """URDF, which is edited in place, and xacro, which is expanded."""
 
     def __init__(self, xacro_arguments: Mapping[str, str] | None = None) -> None:
         self.xacro_arguments = dict(xacro_arguments or {})

@@ -29,10 +29,6 @@ Attributes = Mapping[str, str]
 class DefaultClasses:
     """The classes of a description, each with what it has from the classes around it.
 
-    Parameters
-    ----------
-    document : MjcfDocument
-
     Raises
     ------
     InputError

@@ -87,12 +87,7 @@ def read_compiled(document: MjcfDocument) -> CompiledMjcf:
 
 
 class MjcfReader:
-    """Reads the elements of a description.
-
-    Parameters
-    ----------
-    document : MjcfDocument
-    """
+    """Reads the elements of a description."""
 
     def __init__(self, document: MjcfDocument) -> None:
         self.document = document

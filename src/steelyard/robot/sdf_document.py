@@ -130,10 +130,6 @@ class _Scope:
 class SdfReader(XmlReader):
     """Reads the elements of an SDF.
 
-    Parameters
-    ----------
-    path : Path
-
     Attributes
     ----------
     remarks : list of str

@@ -67,13 +67,7 @@ class Actuators:
 
 
 class ActuatorOutputs:
-    """The state of the drives between two commands.
-
-    Parameters
-    ----------
-    actuators : Actuators
-    runs, count : int
-    """
+    """The state of the drives between two commands."""
 
     def __init__(self, actuators: Actuators, runs: int, count: int) -> None:
         self._saturation = per_joint(actuators.saturation, count, "saturation", zero=False)

@@ -361,10 +361,6 @@ def motion_functions(model: Model, *, base: bool, smooth: bool, each: bool) -> M
     model : Model
     base, smooth, each : bool
         See :class:`MotionFunctions`.
-
-    Returns
-    -------
-    MotionFunctions
     """
     known = _KNOWN.setdefault(model, {})
     key = (base, smooth, each)

@@ -95,13 +95,7 @@ class Sensors:
 
 
 class SensorReadings:
-    """The state of the sensors between two readings.
-
-    Parameters
-    ----------
-    sensors : Sensors
-    runs, count, seed : int
-    """
+    """The state of the sensors between two readings."""
 
     def __init__(self, sensors: Sensors, runs: int, count: int, seed: int) -> None:
         self._sensors = sensors

@@ -285,10 +285,6 @@ def save_result(result: SimulationResult, path: Path) -> Path:
     path : Path
         With the suffix .csv, .parquet or .npz.
 
-    Returns
-    -------
-    Path
-
     Raises
     ------
     InputError

@@ -67,15 +67,7 @@ class StoppingConditions:
 
 
 class StoppingCheck:
-    """Checks the stopping conditions of R runs at each tick.
-
-    Parameters
-    ----------
-    conditions : StoppingConditions
-    ticks : int
-    names : tuple of str
-    start, sample_time : float
-    """
+    """Checks the stopping conditions of R runs at each tick."""
 
     def __init__(
         self,

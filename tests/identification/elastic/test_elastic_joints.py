@@ -447,3 +447,11 @@ def test_the_secondary_encoders_of_the_kr300_are_late_by_three_milliseconds(shar
     assert second.verdict == third.verdict == "measured"
     assert 5e6 < second.stiffness_interval[0] < 8.1e6 < second.stiffness_interval[1] < 2e7
     assert 2e6 < third.stiffness_interval[0] < 4.3e6 < third.stiffness_interval[1] < 1e7
+
+
+@pytest.mark.parametrize("estimator", ["instrumental_variables", "output_error"])
+def test_estimators_that_need_the_motion_of_a_rigid_robot_are_refused(tmp_path, estimator):
+    """Not after the logs were read, as if what was given were samples."""
+    (tmp_path / "arm.toml").write_text(ROBOT + '[controller]\nreference = "wanted{}"\nkp = 100.0\n')
+    with pytest.raises(InputError, match=rf"the estimator {estimator} needs the motion of a rigid robot"):
+        sy.identify(tmp_path / "arm.toml", pendulum(2.0), estimator=estimator)

@@ -500,6 +500,27 @@ def test_results_do_not_replace_the_description_that_was_read(arm, tmp_path, run
     code, _, error = run("identify", tmp_path / "arm.toml", tmp_path / "l.csv", "--from", "positions", "-o", tmp_path)
     assert code == 2
     assert "arm.xml: is read, and the results would replace it" in error
+    for option in (["--force"], ["--table"], ["--verbose"], ["--chunk-rows", "5000"]):
+        code, _, error = run(
+            "identify", tmp_path / "arm.toml", tmp_path / "l.csv", "--from", "positions", "-o", tmp_path / "r", *option
+        )
+        assert code == 2
+        assert f"{option[0]} belongs to identification from torques" in error
+
+
+def test_a_log_of_the_fit_is_not_held_out(arm):
+    """Given again it tests nothing, nor does it tell anything twice."""
+    t = np.arange(300) * 0.005
+    log = log_of(t, simulated(arm, t, commands(t)), commands(t))
+    other = log_of(t + 7.0, *(np.column_stack([log[f"{kind}{k}"] for k in (1, 2)]) for kind in ("q", "target")))
+    body = sy.Robot.from_mjcf(arm)
+    once = identify_from_positions(body, log, settings=SETTINGS)
+    again = identify_from_positions(body, [log, other], validate=log, settings=SETTINGS)
+    assert again.validation_error is None
+    assert "in the logs of the fit" in again.headline
+    assert [value.upper for value in again.values] == [value.upper for value in once.values]
+    assert sum("used in the fit" in remark for remark in again.remarks) == 1
+    assert sum("given twice" in remark for remark in again.remarks) == 1
 
 
 def test_a_folder_of_drives_is_told_from_one_of_estimates(tmp_path):
@@ -519,8 +540,8 @@ def test_a_pattern_stands_for_logs_as_it_does_with_torques(arm, tmp_path):
     """Told by a joint that stands still in all of them, before anything is fitted."""
     t = np.arange(40) * 0.005
     q = np.stack([np.sin(t), 0.0 * t], axis=1)
-    columns = log_of(t, q, q + 0.1)
-    for name in ("one", "two"):
+    for name, ahead in (("one", 0.1), ("two", 0.2)):
+        columns = log_of(t, q, q + ahead)
         np.savetxt(
             tmp_path / f"{name}.csv", np.stack(list(columns.values()), axis=1), "%.9g", ",",
             header=",".join(columns), comments="",

@@ -18,7 +18,7 @@ from steelyard.once import cached_property
 
 from ..feasible_set import FeasibleSet
 from .document import FORMAT, CertificateDocument
-from .rational import exact_number, nearest_double, written
+from .rational import dot, exact_number, nearest_double, written
 from .statement import EQUATION_TOLERANCE, Equation, MatrixCondition, Statement
 from .statement import Matrix as ExactMatrix
 from .verification import CertificateCheck, verify_dual_point, verify_witness
@@ -264,7 +264,7 @@ class FeasibilityCertificate:
 
 
 def _products(rows: Sequence[Mapping[int, Fraction]], parameters: Sequence[Fraction]) -> tuple[Fraction, ...]:
-    return tuple(sum((value * parameters[k] for k, value in row.items()), Fraction(0)) for row in rows)
+    return tuple(dot(row, parameters) for row in rows)
 
 
 @dataclass(frozen=True, eq=False)

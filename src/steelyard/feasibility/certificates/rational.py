@@ -1,13 +1,14 @@
 """Exact arithmetic on rational numbers, without floating point."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from functools import lru_cache
 from math import lcm
 
 __all__ = [
     "SparseRows",
+    "dot",
     "exact_number",
     "is_definite",
     "nearest_double",
@@ -37,6 +38,11 @@ def exact_number(value: float) -> Fraction:
     (Fraction(1, 10), Fraction(-3, 1))
     """
     return Fraction(repr(float(value)))
+
+
+def dot(row: Mapping[int, Fraction], values: Sequence[Fraction]) -> Fraction:
+    """Return the product of a sparse row, from column to value, and a vector."""
+    return sum((value * values[column] for column, value in row.items()), Fraction(0))
 
 
 def nearest_double(value: Fraction) -> float:
@@ -99,11 +105,6 @@ def parse_number(text: object) -> Fraction:
 
 def is_definite(matrix: Sequence[Sequence[Fraction]], strict: bool) -> bool:
     """Whether a symmetric matrix is positive definite (`strict`) or semidefinite, by integer elimination (Bareiss).
-
-    Parameters
-    ----------
-    matrix : sequence of rows
-    strict : bool
 
     Examples
     --------

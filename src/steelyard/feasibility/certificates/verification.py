@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
-from .rational import is_definite, nearest_double
+from .rational import dot, is_definite, nearest_double
 from .statement import EQUATION_TOLERANCE, Matrix, Statement
 
 __all__ = [
@@ -110,12 +110,12 @@ def verify_witness(statement: Statement, parameters: Sequence[Fraction]) -> Cert
     if len(parameters) != len(statement.parameter_names):
         return refused(f"it has {len(parameters)} parameters instead of {len(statement.parameter_names)}")
     for row, value, expression in zip(statement.base_map, statement.base, statement.base_expressions, strict=True):
-        if _dot(row, parameters) != value:
+        if dot(row, parameters) != value:
             return refused(f"its parameters do not have the base parameter {expression}")
     for equation in statement.equations:
         if equation.tolerance > EQUATION_TOLERANCE * equation.scale:
             return refused(f"its statement lets {equation.name} be missed by {nearest_double(equation.tolerance):.3g}")
-        if abs(_dot(equation.coefficients, parameters) - equation.value) > equation.tolerance:
+        if abs(dot(equation.coefficients, parameters) - equation.value) > equation.tolerance:
             return refused(f"its parameters do not satisfy {equation.name}")
     for condition in statement.conditions:
         if not is_definite(condition.evaluate(parameters), condition.strict):
@@ -217,10 +217,6 @@ def verify_dual_point(
 def _stated(statement: Statement) -> str:
     count = len(statement.conditions) + len(statement.equations)
     return "the one condition stated" if count == 1 else f"all {count} conditions stated"
-
-
-def _dot(row: Mapping[int, Fraction], parameters: Sequence[Fraction]) -> Fraction:
-    return sum((value * parameters[index] for index, value in row.items()), Fraction(0))
 
 
 def refused(reason: str) -> CertificateCheck:

@@ -209,15 +209,6 @@ def distinct_blocks(blocks: Iterable[AffineBlock]) -> tuple[AffineBlock, ...]:
 def independent_equalities(equalities: Iterable[Equality], parameter_count: int) -> tuple[Equality, ...]:
     """Leave out equations that follow from earlier ones.
 
-    Parameters
-    ----------
-    equalities : iterable of Equality
-    parameter_count : int
-
-    Returns
-    -------
-    tuple of Equality
-
     Raises
     ------
     InputError

@@ -475,11 +475,10 @@ def _scale_error(
     for log, (one, motion, torque) in enumerate(zip(read, motions, torques, strict=True)):
         motor = motor_motion(replace(one, places=(place,)))
         drives = transmissions.drive_torques(*motor, one.first.channels)[:, place]
-        used = np.ones(one.first.count, dtype=bool) if one.first.mask is None else one.first.mask[:, place]
         change = inertia_change * motion[2][:, place]
         links, rest = torque[:, place] + change, one.first.torque[:, place] - drives + change
         rows = (links, rest, motor[1][:, place], motor[2][:, place], np.full(one.first.count, float(log)))
-        columns.append(np.column_stack(rows)[used])
+        columns.append(np.column_stack(rows)[one.first.used_rows[:, place]])
     links, rest, speed, acceleration, log_of = np.concatenate(columns).T
     is_described = describes_masses(transmissions.model)
     if len(links) < 100:

@@ -44,11 +44,6 @@ def transmission_findings(
         The log, read with them.
     names : sequence of str
         Of the joints.
-
-    Returns
-    -------
-    findings : list of Finding
-    facts : dict
     """
     findings: list[Finding] = []
     facts: dict[str, str] = {}

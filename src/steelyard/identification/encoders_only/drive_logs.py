@@ -70,7 +70,25 @@ def read_drive_logs(
         [part for number, log in enumerate(given) for part in _read(file, settings, log, number, remarks)]
         for given in given_logs(logs, validate)
     )
-    return fitted, held_out, list(remarks)
+    return *_each_once(fitted, held_out, remarks), list(remarks)
+
+
+def _each_once(
+    fitted: Sequence[PositionLog], held_out: Sequence[PositionLog], remarks: dict[str, None]
+) -> tuple[list[PositionLog], list[PositionLog]]:
+    """Leave out logs that hold the very rows of one before them, and add to `remarks` that they do."""
+    kept: tuple[list[PositionLog], list[PositionLog]] = ([], [])
+    first: dict[tuple[bytes, bytes], tuple[str, bool]] = {}
+    for log, is_fitted in [*((log, True) for log in fitted), *((log, False) for log in held_out)]:
+        rows = (log.q.tobytes(), log.command.tobytes())
+        if rows not in first:
+            first[rows] = log.name, is_fitted
+            kept[0 if is_fitted else 1].append(log)
+            continue
+        other, was_fitted = first[rows]
+        harm = "given twice" if is_fitted == was_fitted else "used in the fit, so that its error tests no prediction"
+        remarks[f"{log.name}: the rows of {other} were {harm}; this log is left out."] = None
+    return kept
 
 
 def refuse_still(robot: Robot, logs: Sequence[PositionLog]) -> None:

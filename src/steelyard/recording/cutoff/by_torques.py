@@ -303,6 +303,5 @@ def _votes(found: Sequence[Samples]) -> list[tuple[NDArray[np.intp], NDArray[np.
     votes = []
     for samples in found:
         rows = np.arange(0, samples.count, every)
-        used = np.abs(samples.dq[rows]) >= FAST * usual
-        votes.append((rows, used if samples.mask is None else used & samples.mask[rows]))
+        votes.append((rows, samples.used_rows[rows] & (np.abs(samples.dq[rows]) >= FAST * usual)))
     return votes

@@ -170,7 +170,7 @@ def _problems(
 ) -> Iterator[tuple[Array, NDArray[np.intp], Array]]:
     """Yield for each joint an orthonormal basis of what explains its torque (M, c), rows (M,) and the torque (S,)."""
     joints = samples.joint_count
-    used = np.ones((len(rows), joints), dtype=bool) if samples.mask is None else samples.mask[rows]
+    used = samples.used_rows[rows]
     q, dq, ddq = (np.ascontiguousarray(a[rows]) for a in (samples.q, samples.dq, samples.ddq))
     if model is not None:
         columns = model.base_columns

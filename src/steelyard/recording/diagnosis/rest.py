@@ -233,10 +233,6 @@ def velocity_thresholds(samples: Sequence[Samples], noise: Array, model: Model |
         (N,) standard deviation of the noise of the velocities.
     model : Model or None
         Without it, the noise alone decides.
-
-    Returns
-    -------
-    VelocityThresholds
     """
     count = sum(one.count for one in samples)
     usual = np.sqrt(sum((one.dq**2).sum(axis=0) for one in samples) / count)
@@ -256,9 +252,7 @@ def _lacks(samples: Sequence[Samples], usual: Array, model: Model, every: int) -
     """Return the velocities (N,) up to which the torques show a lack of friction; 0 where they show none."""
     torques = TorqueFit(model)
     rows = [np.arange(0, one.count, every) for one in samples]
-    kept = [
-        np.ones((len(r), len(usual)), bool) if s.mask is None else s.mask[r] for s, r in zip(samples, rows, strict=True)
-    ]
+    kept = [one.used_rows[own] for one, own in zip(samples, rows, strict=True)]
     for one, own, mask in zip(samples, rows, kept, strict=True):
         torques.add(one, own, mask & (np.abs(one.dq[own]) >= FAST * usual))
     base, relative = torques.fitted()

@@ -8,7 +8,7 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .motion_filter import Array, Motion, MotionFilter, Response, positive, whole
+from .motion_filter import Array, Motion, MotionFilter, Response, above, whole
 from .zero_phase import filter_padding, filter_settling, first_derivative, low_pass
 
 __all__ = ["Butterworth"]
@@ -41,7 +41,7 @@ class Butterworth(MotionFilter):
 
     def _clean(self, where: str) -> None:
         if self.cutoff is not None:
-            object.__setattr__(self, "cutoff", positive(self.cutoff, f"{where}, key 'cutoff',", "a frequency in Hz"))
+            object.__setattr__(self, "cutoff", above(0.0, self.cutoff, f"{where}, key 'cutoff',", "a frequency in Hz"))
         if self.order is not None:
             whole(self.order, 1, 10, f"{where}, key 'order',")
 

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
 
-from .motion_filter import Array, Motion, MotionFilter, Response, positive, whole
+from .motion_filter import Array, Motion, MotionFilter, Response, above, whole
 
 __all__ = ["FourierFit", "FourierSeries", "Period", "find_period"]
 
@@ -101,7 +101,7 @@ class FourierFit(MotionFilter):
     def _clean(self, where: str) -> None:
         for name, what in (("period", "a time in s"), ("cutoff", "a frequency in Hz")):
             if getattr(self, name) is not None:
-                object.__setattr__(self, name, positive(getattr(self, name), f"{where}, key {name!r},", what))
+                object.__setattr__(self, name, above(0.0, getattr(self, name), f"{where}, key {name!r},", what))
         if self.harmonics is not None:
             whole(self.harmonics, 1, 1000, f"{where}, key 'harmonics',")
 

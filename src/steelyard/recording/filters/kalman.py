@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
 
-from .motion_filter import Array, Motion, MotionFilter, Response, positive
+from .motion_filter import Array, Motion, MotionFilter, Response, above
 from .zero_phase import SETTLED
 
 __all__ = ["KalmanSmoother", "SmoothedMotion"]
@@ -100,11 +100,11 @@ class KalmanSmoother(MotionFilter):
                 value = value.tolist()
             label = f"{where}, key {name!r},"
             several = isinstance(value, (list, tuple))
-            cleaned = tuple(positive(v, label, what) for v in value) if several else positive(value, label, what)
+            cleaned = tuple(above(0.0, v, label, what) for v in value) if several else above(0.0, value, label, what)
             object.__setattr__(self, name, cleaned)
 
         if self.cutoff is not None:
-            object.__setattr__(self, "cutoff", positive(self.cutoff, f"{where}, key 'cutoff',", "a frequency in Hz"))
+            object.__setattr__(self, "cutoff", above(0.0, self.cutoff, f"{where}, key 'cutoff',", "a frequency in Hz"))
         if self.model not in MODELS:
             raise InputError(f"{where}, key 'model', is {self.model!r}; it must be {' or '.join(map(repr, MODELS))}.")
         each("noise", "a positive standard deviation")

@@ -14,7 +14,7 @@ from steelyard.files import TomlSection
 
 from ..columns import number
 
-__all__ = ["Motion", "MotionFilter", "Response", "positive", "whole"]
+__all__ = ["Motion", "MotionFilter", "Response", "above", "whole"]
 
 Array = NDArray[np.float64]
 
@@ -89,9 +89,9 @@ class MotionFilter(TomlSection):
         return {"kind": self.kind, **self.to_dict()}
 
 
-def positive(value: Any, where: str, what: str) -> float:
-    """Return a positive number, or raise InputError."""
-    if isinstance(value, str) or not number(value, where) > 0.0:
+def above(lowest: float, value: Any, where: str, what: str) -> float:
+    """Return a number that is greater than another, or raise InputError."""
+    if isinstance(value, str) or not number(value, where) > lowest:
         raise InputError(f"{where} is {value!r}; it must be {what}.")
     return float(value)
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from steelyard.errors import InputError
 
-from .motion_filter import Array, Motion, MotionFilter, Response, positive, whole
+from .motion_filter import Array, Motion, MotionFilter, Response, above, whole
 
 __all__ = ["SavitzkyGolay"]
 
@@ -56,7 +56,7 @@ class SavitzkyGolay(MotionFilter):
     def _clean(self, where: str) -> None:
         for name, what in (("window", "a time in s"), ("cutoff", "a frequency in Hz")):
             if getattr(self, name) is not None:
-                object.__setattr__(self, name, positive(getattr(self, name), f"{where}, key {name!r},", what))
+                object.__setattr__(self, name, above(0.0, getattr(self, name), f"{where}, key {name!r},", what))
         whole(self.degree, 2, 8, f"{where}, key 'degree',")
 
     def settled(self, cutoff: float | None, order: int, where: str) -> Self:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+from scipy.linalg import solve_triangular
 
 from steelyard.regression import column_lengths, triangular
-from steelyard.regression.factor import inverse_of_triangle, unidentifiable_columns
+from steelyard.regression.factor import unidentifiable_columns
 
 from .method import Problem
 
@@ -71,7 +72,7 @@ class Elimination:
             unidentifiable = unidentifiable_columns(rows[:, :-1])
         lengths = column_lengths(rows[:, :-1])
         self.kept: Indices = kept
-        self._inverse: Matrix = inverse_of_triangle(rows[:, :-1] / lengths) / lengths[:, None]
+        self._inverse: Matrix = solve_triangular(rows[:, :-1] / lengths, np.eye(len(kept))) / lengths[:, None]
         self._target: Vector = rows[:, -1].copy()
 
     @property
