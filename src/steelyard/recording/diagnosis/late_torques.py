@@ -51,6 +51,9 @@ by its delay, for the delay to be sure however long it is: both with the columns
 joint of eleven simulated arms or of a real UR10 is late by 60 ms and its torque is not mostly friction, and 0.67 at
 least on sound logs of them and on real ones. Where noise makes most of the squares, they must fall surely, and at no
 other lag: those of the first joint of a KR300 are a third less at 49.6 ± 0.9 ms, but less at -3 ms, too."""
+FALLEN = 0.12
+"""Part by which squares must fall where noise makes most of them, and they at a single lag: the best of all lags takes
+up to 0.08 from wrists of sound logs, by 2 to 6 standard deviations, and the right one 0.17 from a WAM's shoulder."""
 VAGUE_PART = 0.2
 """Part of such a delay that its standard deviation may be, in the place of `VAGUE`."""
 KNEES = (0.1, 0.5)
@@ -304,7 +307,8 @@ class _Curves:
         drive = _Rest(np.column_stack([self.rows.regressors[k][used], self.rows.drives[used, :, k]]))
         of_drive = self._fallen(k, drive, now, lag)
         mostly = min(fallen, of_drive[0]) > 1.0 - EXPLAINED and found.deviation <= VAGUE_PART * abs(lag)
-        surely = only and min(sure, of_drive[1]) > SURE and found.deviation <= VAGUE
+        surely = only and min(fallen, of_drive[0]) > FALLEN and min(sure, of_drive[1]) > SURE
+        surely = surely and found.deviation <= VAGUE
         return found if mostly or surely else None
 
     def crossings(self, k: int) -> list[tuple[float, float]]:
