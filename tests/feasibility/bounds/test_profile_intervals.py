@@ -152,7 +152,8 @@ def test_intervals_hold_the_truth() -> None:
 def test_torques_of_another_sign_and_hardly_any_noise_have_intervals() -> None:
     """No feasible parameters are near: χ² is 1e18, of which a double does not resolve the quantile.
 
-    They are the feasible parameters that CVXPY finds nearest, beside which a width of the quantile is nothing.
+    They are the feasible parameters that CVXPY finds nearest, beside which a width of the quantile is nothing. Where
+    squared distances agree to 1e-5, places agree to its square root.
     """
     cp = pytest.importorskip("cvxpy")
     arm = simulated_arm(6)
@@ -172,7 +173,7 @@ def test_torques_of_another_sign_and_hardly_any_noise_have_intervals() -> None:
     assert found.chi_squared == pytest.approx((1e7 * distance.value) ** 2, rel=1e-5)
     assert found.chi_squared > 1e17
     nearest = np.array([quantity.row @ delta.value for quantity in asked])
-    np.testing.assert_allclose(np.array([found.lower, found.upper]), [nearest, nearest], rtol=1e-5, atol=1e-6)
+    np.testing.assert_allclose(np.array([found.lower, found.upper]), [nearest, nearest], rtol=3e-3, atol=1e-6)
 
 
 def test_filtered_torques_have_no_interval() -> None:
