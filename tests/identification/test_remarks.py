@@ -53,7 +53,11 @@ MISTAKES = {
     ),
     "torques in mN·m": (
         lambda log: replace(log, torque=1e3 * log.torque),
-        ["a thousand times too large", 'with `torque_unit = "mN·m"` in [log] the error falls'],
+        [
+            "times too large, as if in",
+            "mN·m (the description has no masses that tell by how much)",
+            'with `torque_unit = "mN·m"` in [log] the error falls',
+        ],
     ),
     "torques a hundredth": (lambda log: replace(log, torque=log.torque / 100), ["kg together", "`gain`"]),
     "held joint": (
