@@ -225,19 +225,20 @@ def _motion_of_log(
     if settings.kp is None:
         return samples, without_standstill(process(wanted), threshold)
     noise: Any = noise_deviation(measured.q) if settings.position_noise is None else settings.position_noise
+    times, path = np.asarray(wanted.t), _path(wanted)
     loop = ClosedLoop(
         model,
-        _controller(wanted, settings, _steps_per_row(wanted, settings)),
-        np.asarray(wanted.t),
+        _controller(path, times, settings, _steps_per_row(float(times[1]), settings)),
+        times,
         wanted.q[0],
-        _path(wanted).derivative()(0.0),
+        path.derivative()(0.0),
         velocity_threshold=threshold,
         process=process,
         position_noise=noise,
     )
     if settings.reference == SMOOTH:
         return samples, loop
-    apart = _law_apart(_controller(wanted, settings, 1), measured)
+    apart = _law_apart(_controller(path, times, settings, 1), measured)
     worst = int(np.argmax(apart))
     if apart[worst] > OTHER_LAW:
         reader.remarks.append(
@@ -255,8 +256,7 @@ def _path(wanted: Recording) -> CubicSpline:
     return CubicSpline(np.asarray(wanted.t), wanted.q)
 
 
-def _steps_per_row(wanted: Recording, settings: ControllerSettings) -> int:
-    period = float(np.asarray(wanted.t)[1])
+def _steps_per_row(period: float, settings: ControllerSettings) -> int:
     if settings.rate is None:
         return 1
     every = round(settings.rate * period)
@@ -268,12 +268,11 @@ def _steps_per_row(wanted: Recording, settings: ControllerSettings) -> int:
     return every
 
 
-def _controller(wanted: Recording, settings: ControllerSettings, every: int) -> JointFeedback:
-    """Return the controller that follows what is wanted, so many steps in each row of the log."""
+def _controller(path: CubicSpline, times: Array, settings: ControllerSettings, every: int) -> JointFeedback:
+    """Return the controller that follows a path, so many steps in each row of the log."""
     from steelyard.control import FilteredDifference, JointFeedback
 
     assert settings.kp is not None
-    times, path = np.asarray(wanted.t), _path(wanted)
     slope, bend = path.derivative(), path.derivative(2)
 
     def reference(t: float) -> tuple[Array, Array, Array]:
@@ -289,7 +288,7 @@ def _controller(wanted: Recording, settings: ControllerSettings, every: int) -> 
         kp=settings.kp,
         kd=settings.kd,
         ki=settings.ki,
-        count=wanted.q.shape[1],
+        count=len(path(0.0)),
         reference_velocity=settings.reference_velocity,
         sample_time=float(times[1]) / every,
         **options,

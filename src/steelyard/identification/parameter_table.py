@@ -455,14 +455,12 @@ def parameter_table(
         )
     heaviest = next((row.upper for row in rows if row.name == "total mass"), np.inf)
     lightest = sum(row.lower for row, of in zip(rows, about, strict=True) if of.kind == "mass")
-    rows = [  # no link is heavier than all of them, and together they weigh what each does, whatever rotors there are
-        replace(row, upper=heaviest)
-        if of.kind == "mass" and row.upper > heaviest
-        else replace(row, lower=lightest)
-        if row.name == "total mass" and row.lower < lightest
-        else row
-        for row, of in zip(rows, about, strict=True)
-    ]
+    for place, (row, of) in enumerate(zip(rows, about, strict=True)):
+        # No link is heavier than all of them, and together they weigh what each does, whatever rotors there are.
+        if of.kind == "mass":
+            rows[place] = replace(row, upper=min(row.upper, heaviest))
+        elif row.name == "total mass":
+            rows[place] = replace(row, lower=max(row.lower, lightest))
     assumed = {row.name for row in rows if row.basis == "assumed"}
     sentences = _known_together(info, feasible_set, unconstrained, assumed, (shares, rotor_names))
     if drawn:

@@ -452,17 +452,21 @@ def stuck_torque_duration(recording: Measurements) -> tuple[Array, Array]:
     it does so is seen in the recording. Infinite where it stands still often. The travel is negative of a joint that
     is held, and whose torque flickers: it counts as moving where another one does.
     """
+    return _stuck_durations(recording, _TorqueSteps.of(recording))
+
+
+def _stuck_durations(recording: Measurements, seen: _TorqueSteps) -> tuple[Array, Array]:
     tolerance, _ = stiction_duration(recording)
     least = max(STUCK_TIME * recording.rate, STUCK_ROWS)
     clipped, _ = clipped_rows(recording.torque, saturation_levels(recording.torque))
-    steps, spread = resolution(recording.torque), recording.torque.std(axis=0)
-    flickers = noise_deviation(recording.torque) > np.maximum(steps, NOISE_SEEN * spread)
+    steps, spread = seen.steps, recording.torque.std(axis=0)
+    flickers = seen.noise > np.maximum(steps, NOISE_SEEN * spread)
     fine = steps <= FINE * spread
-    held = (_moving(recording, tolerance).mean(axis=0) < SELDOM) & flickers
+    held = (seen.moving(tolerance).mean(axis=0) < SELDOM) & flickers
     tolerance = np.where(held, -1.0, tolerance)
     longest = np.full(recording.joint_count, np.inf)
-    for j, moving in enumerate(_moving(recording, tolerance).T):
-        starts, stops = _ends_of_runs(_unchanged(recording, j) & moving)
+    for j, moving in enumerate(seen.moving(tolerance).T):
+        starts, stops = _ends_of_runs(seen.unchanged[j] & moving)
         lengths = stops - starts + 1  # with the row that the others are equal to
         usual, natural, stuck = lengths[lengths < least].max(initial=1), 0, 0
         long = np.flatnonzero(lengths >= least)
@@ -497,33 +501,50 @@ def _swerves(q: Array, start: int, stop: int) -> bool:
     return bool(np.ptp(np.diff(q[ends]) / np.diff(ends)) > SWERVE * fastest)
 
 
-def _unchanged(recording: Measurements, joint: int) -> NDArray[np.bool_]:
-    """Say which rows (S,) have the torque of the row before, or go on along a line where noise makes others flicker.
+class _TorqueSteps(NamedTuple):
+    """What the search for torques that stand still looks at: once of a recording, since it takes the longest.
 
-    Interpolation to even rows changes the last digits.
+    Attributes
+    ----------
+    unchanged : list of ndarray
+        For each joint which rows (S,) have the torque of the row before, or go on along a line where noise makes others
+        flicker. Interpolation to even rows changes the last digits.
+    travel : ndarray
+        (S, N) rad or m that each joint moves within the shortest time of a stuck torque.
+    steps, noise : ndarray
+        (N,) of the torques.
     """
-    torque = recording.torque[:, joint]
-    same = np.zeros(len(torque), dtype=bool)
-    same[1:] = np.abs(torque[1:] - torque[:-1]) <= 1e-9 * np.abs(torque[:-1])
-    step, noise = float(resolution(torque[:, None])[0]), float(noise_deviation(torque[:, None])[0])
-    if STRAIGHT * noise > max(2.0 * step, STRAIGHT * NOISE_SEEN * torque.std()):
-        same[2:] |= np.abs(np.diff(torque, n=2)) < STRAIGHT * noise
-    if recording.torque_missing is not None:
-        same &= ~recording.torque_missing[:, joint]
-    return same
 
+    unchanged: list[NDArray[np.bool_]]
+    travel: Array
+    steps: Array
+    noise: Array
 
-def _moving(recording: Measurements, tolerance: Array) -> NDArray[np.bool_]:
-    """Say in which rows (S, N) a joint moves by more than its tolerance within the shortest time of a stuck torque.
+    @classmethod
+    def of(cls, recording: Measurements) -> _TorqueSteps:
+        steps, noise = resolution(recording.torque), noise_deviation(recording.torque)
+        reach = max(1, round(0.5 * STUCK_TIME * recording.rate))
+        rows = np.arange(recording.count)
+        ahead, behind = np.minimum(rows + reach, recording.count - 1), np.maximum(rows - reach, 0)
+        unchanged = []
+        for j, torque in enumerate(np.ascontiguousarray(recording.torque.T)):
+            same = np.zeros(len(torque), dtype=bool)
+            same[1:] = np.abs(torque[1:] - torque[:-1]) <= 1e-9 * np.abs(torque[:-1])
+            if STRAIGHT * noise[j] > max(2.0 * steps[j], STRAIGHT * NOISE_SEEN * torque.std()):
+                same[2:] |= np.abs(np.diff(torque, n=2)) < STRAIGHT * noise[j]
+            if recording.torque_missing is not None:
+                same &= ~recording.torque_missing[:, j]
+            unchanged.append(same)
+        return cls(unchanged, np.abs(recording.q[ahead] - recording.q[behind]), steps, noise)
 
-    One with a negative tolerance moves where any of the others does.
-    """
-    reach = max(1, round(0.5 * STUCK_TIME * recording.rate))
-    rows = np.arange(recording.count)
-    ahead, behind = np.minimum(rows + reach, recording.count - 1), np.maximum(rows - reach, 0)
-    moving = np.abs(recording.q[ahead] - recording.q[behind]) > tolerance
-    moving[:, tolerance < 0.0] = moving[:, tolerance >= 0.0].any(axis=1, keepdims=True)
-    return np.asarray(moving)
+    def moving(self, tolerance: Array) -> NDArray[np.bool_]:
+        """Say in which rows (S, N) a joint moves by more than its tolerance.
+
+        One with a negative tolerance moves where any of the others does.
+        """
+        moving = self.travel > tolerance
+        moving[:, tolerance < 0.0] = moving[:, tolerance >= 0.0].any(axis=1, keepdims=True)
+        return np.asarray(moving)
 
 
 def find_stuck_torque(
@@ -558,15 +579,16 @@ def find_stuck_torque(
     >>> [(one.start, one.stop) for one in found]
     [(1000, 1500)]
     """
+    seen = _TorqueSteps.of(recording)
     if tolerance is None or duration is None:
-        own_tolerance, own_duration = stuck_torque_duration(recording)
+        own_tolerance, own_duration = _stuck_durations(recording, seen)
         tolerance = own_tolerance if tolerance is None else tolerance
         duration = own_duration if duration is None else duration
     lengths = np.broadcast_to(np.asarray(duration, dtype=np.float64), (recording.joint_count,)) * recording.rate
     flags = np.zeros(recording.q.shape, dtype=bool)
-    moving = _moving(recording, tolerance)
+    moving = seen.moving(tolerance)
     for j in np.flatnonzero(lengths < recording.count):
-        starts, stops = _ends_of_runs(_unchanged(recording, int(j)) & moving[:, j])
+        starts, stops = _ends_of_runs(seen.unchanged[j] & moving[:, j])
         long = stops - starts + 1 >= lengths[j]
         for start, stop in zip(starts[long], stops[long], strict=True):
             flags[start - 1 : stop, j] = True
