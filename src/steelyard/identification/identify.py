@@ -22,6 +22,7 @@ from steelyard.feasibility import FeasibleSet, check
 from steelyard.feasibility.constraints import Constraint
 from steelyard.files import shown
 from steelyard.recording import LogColumns, Processing
+from steelyard.recording.chunks import CHUNK_ROWS
 from steelyard.recording.formats import require_unwritten, written_states
 from steelyard.regression import Estimate, Information, least_squares
 from steelyard.regression.reduction import errors_of, residuals
@@ -73,7 +74,7 @@ def identify(
     residual_slack: float = 5e-4,
     estimator: str | Estimator = "fit",
     friction: Literal["auto"] | None = None,
-    chunk_rows: int = 200_000,
+    chunk_rows: int = CHUNK_ROWS,
     reduction: LogReduction | None = None,
     progress: Progress | None = None,
 ) -> Identification:

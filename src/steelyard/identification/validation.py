@@ -16,6 +16,7 @@ from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError
 from steelyard.estimators.marginal_likelihood import body_priors
 from steelyard.files import listed, write_json
+from steelyard.recording.chunks import CHUNK_ROWS
 from steelyard.regression import Information
 from steelyard.regression.batch_means import BATCH_LENGTHS, BatchMeansTree
 from steelyard.robot import RobotFile
@@ -153,7 +154,7 @@ def validate_estimate(
     estimate: str | Path,
     logs: Data,
     *,
-    chunk_rows: int = 200_000,
+    chunk_rows: int = CHUNK_ROWS,
     progress: Progress | None = None,
 ) -> Validation:
     """Tell how well a saved estimate predicts logs, without fitting anything.
@@ -295,7 +296,7 @@ def read_as_fitted(
     model: Model,
     result: SavedResult,
     logs: Sequence[GivenLog],
-    chunk_rows: int = 200_000,
+    chunk_rows: int = CHUNK_ROWS,
     progress: Progress | None = None,
 ) -> FittedLogs:
     """Reduce logs, processed as those of a saved estimate were."""

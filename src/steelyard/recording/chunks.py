@@ -29,7 +29,7 @@ from .even import EvenClock, Part
 from .filters.zero_phase import decimation_padding
 from .formats import BLOCK_ROWS, Columns, LogFiles, Source
 from .formats.registry import split_source
-from .measurements import PAUSE, check_order, check_period
+from .measurements import check_order, check_period, rate_between_pauses
 from .options import Processing
 from .plan import KnownBristles
 from .recognition import Joints, names_of
@@ -106,10 +106,8 @@ class LogStream:
         rate = self.columns.rate
         if rate is None:
             self.clock = clock_of(ahead(self._ordered_stamps(), LEAD))  # some are decoded meanwhile
-            lengths = np.ptp(self.clock.gaps, axis=1)
-            pauses = lengths[lengths > PAUSE * self.clock.period]
-            duration = float(np.ptp(self.clock.ticks[[0, -1]])) - float(pauses.sum())
-            self.rate = (self.count - 1 - len(pauses)) / duration
+            gaps, duration = np.ptp(self.clock.gaps, axis=1), float(np.ptp(self.clock.ticks[[0, -1]]))
+            self.rate = rate_between_pauses(self.count, duration, gaps, self.clock.period)
             if self.count >= FEWEST_ROWS:
                 rows = ((block.t, block.q) for block in self._recordings())
                 self.clock = with_evidence(self.clock, rows)

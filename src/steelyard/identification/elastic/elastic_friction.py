@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 from steelyard.recording import Samples
+from steelyard.recording.chunks import CHUNK_ROWS
 from steelyard.robot import RobotFile
 
 from ..chosen_friction import choose_friction
@@ -46,7 +47,7 @@ def with_chosen_friction(
         GivenSamples(_at_motors(one, first, number), str(log))
         for number, (log, one) in enumerate(zip(given_logs(data, None)[0], motions, strict=True))
     ]
-    reader = LogReader(file, model, options.get("chunk_rows", 200_000))
+    reader = LogReader(file, model, options.get("chunk_rows", CHUNK_ROWS))
     choice = choose_friction(reader, samples, model, model, say, adds_presliding=False)
     found = first
     if choice.selection.chosen:
