@@ -137,10 +137,6 @@ def listing(
     scope : Names, optional
         Names that local variables must differ from; the arguments' are added.
 
-    Returns
-    -------
-    Listing
-
     Raises
     ------
     InputError

@@ -31,10 +31,6 @@ def casadi_function(function: Function) -> casadi.Function:
 
     Derivatives of a sign are 0.
 
-    Parameters
-    ----------
-    function : Function
-
     Returns
     -------
     casadi.Function

@@ -109,10 +109,6 @@ def eliminate(E: sparse.csr_array, f: Vector) -> Elimination | Contradiction:
     E : (rows, n) sparse
     f : (rows,)
 
-    Returns
-    -------
-    Elimination or Contradiction
-
     Examples
     --------
     >>> E = sparse.csr_array(np.array([[1.0, 1.0, 0.0], [0.0, 1.0, 1.0]]))

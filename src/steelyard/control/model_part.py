@@ -163,10 +163,6 @@ class ModelPart:
         directory : str or Path
         fixed : bool
             Whether the parameters are written as numbers, instead of being an argument.
-
-        Returns
-        -------
-        tuple of Path
         """
         parameters = self.parameters if fixed else None
         return self.model.generate(

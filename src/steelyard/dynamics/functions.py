@@ -230,10 +230,6 @@ class ModelFunctions:
         parameters : array_like, optional
             (n,), or (n_b,) with `base`: numbers in the place of the argument.
 
-        Returns
-        -------
-        Function
-
         Raises
         ------
         InputError

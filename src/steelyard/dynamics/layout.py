@@ -38,12 +38,7 @@ _INERTIAL = {
 
 
 class ParameterLayout:
-    """The order of a robot's parameters: for each link ten, then those of the terms at its joint (thesis eq. 4.13).
-
-    Parameters
-    ----------
-    robot : Robot
-    """
+    """The order of a robot's parameters: for each link ten, then those of the terms at its joint (thesis eq. 4.13)."""
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot

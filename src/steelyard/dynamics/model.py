@@ -113,10 +113,6 @@ class Model:
         allow_extensions : bool
             See :meth:`steelyard.RobotFile.load`.
 
-        Returns
-        -------
-        Model
-
         Raises
         ------
         InputError
@@ -183,10 +179,6 @@ class Model:
             What the result is written into and which is then returned; also in the functions below. It must have the
             shape of the result and be C-contiguous, of float64, and not in the memory of another argument. Large
             results take less time so, because new memory has to be fetched from the system and cleared first.
-
-        Returns
-        -------
-        ndarray
 
         Examples
         --------
@@ -273,10 +265,6 @@ class Model:
             Kind of the term, such as ``"viscous"``.
         out : ndarray, optional
             See `inverse_dynamics`.
-
-        Returns
-        -------
-        ndarray
         """
         name = "drive_torque" if term is None else f"drive_torque({term})"
         q = np.zeros_like(dq) if q is None else q
@@ -396,10 +384,6 @@ class Model:
             Name, of a link that is fixed to a moving one too ("tool0"), or index of a moving link.
         out : ndarray, optional
             See `inverse_dynamics`.
-
-        Returns
-        -------
-        ndarray
         """
         return self._call(f"pose({self._link_name(link)})", (q,), None, out)
 
@@ -758,10 +742,6 @@ class Model:
             (1,) as the argument ``sign_width`` of the functions that depend on it.
         parameters : array_like, optional
             (n,), or (n_b,) with `base`: numbers that stand in the function instead of an argument.
-
-        Returns
-        -------
-        Function
 
         Raises
         ------

@@ -440,10 +440,6 @@ def term_from_dict(section: Mapping[str, Any], where: str = "[[terms]]", *, allo
     allow_extensions : bool
         Whether a class that the table names by its import path may be imported.
 
-    Returns
-    -------
-    Term
-
     Raises
     ------
     InputError

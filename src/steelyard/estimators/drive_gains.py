@@ -195,10 +195,6 @@ def estimate_drive_gains(
         set the scale.
     solver : str
 
-    Returns
-    -------
-    DriveGains
-
     Raises
     ------
     InputError
@@ -257,10 +253,6 @@ def gains_from_equations(
         Its equations, such as those of a `TotalMass` or a `LinearBound`, set the scale.
     find, solver
         As in `estimate_drive_gains`.
-
-    Returns
-    -------
-    DriveGains
 
     Raises
     ------

@@ -248,10 +248,6 @@ def momentum(info: Information, feasible_set: FeasibleSet, weights: Any = "joint
     **options
         Both as in :func:`steelyard.fit`.
 
-    Returns
-    -------
-    Estimate
-
     Raises
     ------
     InputError
@@ -284,10 +280,6 @@ def energy(info: Information, feasible_set: FeasibleSet, weights: Any = "joint",
         Not read: a balance of energy is one of all joints.
     **options
         Those of :func:`steelyard.fit`.
-
-    Returns
-    -------
-    Estimate
 
     Raises
     ------

@@ -796,10 +796,6 @@ class WarmFit:
             After which it is stopped where it is.
         most_steps : int
             After which it is stopped where it is, too.
-
-        Returns
-        -------
-        WarmAnswer
         """
         begun = perf_counter()
         assert self.start is not None

@@ -431,10 +431,6 @@ def select_friction(
     significance : float
     least_gain : float
 
-    Returns
-    -------
-    FrictionSelection
-
     Raises
     ------
     InputError

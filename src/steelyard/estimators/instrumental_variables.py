@@ -238,10 +238,6 @@ class InstrumentedRegression:
         ----------
         base : (n_b,)
             Those of `solution`, for the estimate of instrumental variables.
-
-        Returns
-        -------
-        InstrumentalInformation
         """
         beta, measured = np.asarray(base, dtype=np.float64), self.measured()
 

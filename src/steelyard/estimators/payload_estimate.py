@@ -237,10 +237,6 @@ def estimate_payload(
         As in :func:`steelyard.least_squares`.
     solver : str
 
-    Returns
-    -------
-    PayloadEstimate
-
     Raises
     ------
     InputError

@@ -255,10 +255,6 @@ def plausible_fit(
     tried : TriedPrior
         What `tried_prior` made of them.
 
-    Returns
-    -------
-    PlausibleFit
-
     Raises
     ------
     SolverError

@@ -237,10 +237,6 @@ def posterior(
         Samples that are kept of all chains together, evenly.
     seed : int
 
-    Returns
-    -------
-    Posterior
-
     Raises
     ------
     InputError

@@ -144,10 +144,6 @@ def fit_reduced(
     gap : float
         Part of the objective by which the optimum may be missed, as far as is proved.
 
-    Returns
-    -------
-    FeasibleFit
-
     Raises
     ------
     InputError

@@ -157,10 +157,6 @@ def design_excitation(
     progress : callable, optional
         Function that is called with a short text after each step of the search.
 
-    Returns
-    -------
-    ExcitationDesign
-
     Raises
     ------
     InputError

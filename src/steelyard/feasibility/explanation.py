@@ -330,10 +330,6 @@ def explain_infeasibility(
     solver : str
         As in `solve`.
 
-    Returns
-    -------
-    InfeasibilityExplanation
-
     Raises
     ------
     InputError

@@ -315,10 +315,6 @@ def reachable(outputs: Iterable[Node]) -> list[Node]:
 def operation_count(outputs: Iterable[Node]) -> dict[str, int]:
     """Count the operations that computing all the outputs takes.
 
-    Parameters
-    ----------
-    outputs : iterable of Node
-
     Returns
     -------
     dict

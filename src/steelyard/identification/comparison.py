@@ -275,10 +275,6 @@ def compare_estimates(
     progress : callable, optional
         Called with a few words before each step.
 
-    Returns
-    -------
-    Comparison
-
     Raises
     ------
     InputError

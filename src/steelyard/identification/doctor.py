@@ -129,10 +129,6 @@ def examine(
     progress : callable, optional
         Called with a few words before each step.
 
-    Returns
-    -------
-    Examination
-
     Raises
     ------
     InputError

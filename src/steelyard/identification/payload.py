@@ -224,10 +224,6 @@ def identify_payload(
     progress : callable, optional
         Called with a few words before each step.
 
-    Returns
-    -------
-    PayloadIdentification
-
     Raises
     ------
     InputError
@@ -401,10 +397,6 @@ def identify_drive_gains(
         (N,) which gains are to be found; what ``[log]`` says where absent. For Informations, of which it says nothing.
     frame, placement, changes, consistency, chunk_rows, progress
         As in `identify_payload`.
-
-    Returns
-    -------
-    DriveGainIdentification
 
     Raises
     ------

@@ -529,10 +529,6 @@ def prediction_verdict(
         they hold is not taken off the error.
     units : sequence of str
         Those of the torques of the joints, as `Robot.torque_units` tells them; none where they are not known.
-
-    Returns
-    -------
-    PredictionVerdict
     """
     beta = np.asarray(base, dtype=float)
     names = info.joint_names if info.has_joint_errors else ("all",)

@@ -177,10 +177,6 @@ def validate_estimate(
     progress : callable, optional
         Called with a few words before each step.
 
-    Returns
-    -------
-    Validation
-
     Raises
     ------
     InputError

@@ -120,10 +120,6 @@ def simulated_pick_up(
     rate : float
         Hz.
 
-    Returns
-    -------
-    PickUp
-
     Examples
     --------
     >>> found = simulated_pick_up(1, when=0.5, duration=1.0)
@@ -159,10 +155,6 @@ def watch_pick_up(
         s between answers.
     progress : callable, optional
         Called with each answer.
-
-    Returns
-    -------
-    PickUpRun
 
     Examples
     --------

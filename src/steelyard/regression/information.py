@@ -166,10 +166,6 @@ class Information:
             Whether to keep `batch_means`, for intervals that hold where residuals are correlated in time. They make
             the Information nine times as large.
 
-        Returns
-        -------
-        Information
-
         Raises
         ------
         InputError
@@ -419,10 +415,6 @@ class Information:
             ``"joint"`` takes the inverse standard deviations of the unweighted residuals of each joint (thesis eq.
             4.33), and weights all rows alike where the rows of the joints are not known apart; None weights all rows
             alike; an array (N,) gives the weights themselves.
-
-        Returns
-        -------
-        Reduced
         """
         used = self.joint_weights(weights)
         return self.remembered(("reduced", used.tobytes()), lambda: self._reduced(used))
@@ -464,10 +456,6 @@ class Information:
         weights : "joint", None or array_like
             See `reduced`.
 
-        Returns
-        -------
-        ndarray
-
         Raises
         ------
         InputError
@@ -506,10 +494,6 @@ class Information:
         ----------
         base : array_like
             (n_b,).
-
-        Returns
-        -------
-        float
         """
         beta = self._base(base)
         residual = sum(f.residual2(beta) for f in self.measured)
@@ -549,14 +533,6 @@ class Information:
     @classmethod
     def load(cls, path: str | Path) -> Information:
         """Read what `save` wrote.
-
-        Parameters
-        ----------
-        path : str or Path
-
-        Returns
-        -------
-        Information
 
         Raises
         ------

@@ -115,10 +115,6 @@ def simulate(
     seed : int
         Seed of the noise of the sensors.
 
-    Returns
-    -------
-    SimulationResult
-
     Raises
     ------
     InputError

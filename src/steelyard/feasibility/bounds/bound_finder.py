@@ -79,12 +79,7 @@ class Found:
 
 
 class Search:
-    """One problem that is solved for many objectives, on a face of the dual cone where necessary.
-
-    Parameters
-    ----------
-    problem : NormalisedProblem
-    """
+    """One problem that is solved for many objectives, on a face of the dual cone where necessary."""
 
     def __init__(self, problem: NormalisedProblem) -> None:
         self.problem = problem

@@ -80,10 +80,6 @@ def constraints_from_dict(
     allow_extensions : bool
         Whether a class that the section names by its import path may be imported.
 
-    Returns
-    -------
-    tuple of Constraint
-
     Raises
     ------
     InputError

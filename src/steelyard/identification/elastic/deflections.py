@@ -170,10 +170,6 @@ def predict_deflections(
     progress : callable, optional
         Called with a few words before each step.
 
-    Returns
-    -------
-    Deflections
-
     Raises
     ------
     InputError
