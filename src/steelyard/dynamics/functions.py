@@ -592,10 +592,7 @@ class Evaluator:
     """
 
     def __init__(
-        self,
-        functions: ModelFunctions,
-        threads: int = 1,
-        called_often: Callable[[str, Call], None] = _nothing,
+        self, functions: ModelFunctions, threads: int = 1, called_often: Callable[[str, Call], None] = _nothing
     ) -> None:
         if not isinstance(threads, int) or threads < 1:
             raise InputError(f"threads must be a positive integer, got {threads!r}.")

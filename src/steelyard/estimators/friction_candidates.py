@@ -11,15 +11,7 @@ from numpy.typing import NDArray
 
 from steelyard.dynamics.bristles import BristleStates, bristle_states
 
-__all__ = [
-    "BY_GRAVITY",
-    "CANDIDATES",
-    "FrictionCandidate",
-    "JointMotion",
-    "Shape",
-    "by_channel",
-    "lugre_is_passive",
-]
+__all__ = ["BY_GRAVITY", "CANDIDATES", "FrictionCandidate", "JointMotion", "Shape", "by_channel", "lugre_is_passive"]
 
 Array = NDArray[np.float64]
 Shape = tuple[float, ...]

@@ -17,13 +17,7 @@ from steelyard.feasibility.constraints import Constraint
 from steelyard.files import plain
 from steelyard.regression import Estimate, Information
 
-from .cross_validation import (
-    FEWEST_FOLDS,
-    TYPICAL_COUNT,
-    CrossValidation,
-    cross_validation,
-    term_deviations,
-)
+from .cross_validation import FEWEST_FOLDS, TYPICAL_COUNT, CrossValidation, cross_validation, term_deviations
 from .fit import fit
 from .physical_prior import PhysicalPrior, physical_prior
 from .prior import ConstantPullbackPrior, EntropicPrior, distance_from

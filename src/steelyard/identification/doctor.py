@@ -16,15 +16,7 @@ from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError
 from steelyard.estimators.marginal_likelihood import body_priors
 from steelyard.files import listed
-from steelyard.recording import (
-    DelayEstimate,
-    LogColumns,
-    LogFile,
-    Processing,
-    Recording,
-    choose_cutoff,
-    estimate_delay,
-)
+from steelyard.recording import DelayEstimate, LogColumns, LogFile, Processing, Recording, choose_cutoff, estimate_delay
 from steelyard.recording.clock import FEWEST_ROWS, ClockStatistics, clock_of
 from steelyard.recording.columns import TIME_UNITS
 from steelyard.recording.correction import Settings, toml_inline
@@ -184,11 +176,7 @@ class _Patient:
     """A log that is being examined: its findings so far, and the settings with which it is read."""
 
     def __init__(
-        self,
-        log: str | Path | LogFile,
-        robot: GivenRobot | None,
-        given: Settings,
-        say: Callable[[str], None],
+        self, log: str | Path | LogFile, robot: GivenRobot | None, given: Settings, say: Callable[[str], None]
     ) -> None:
         self.file: RobotFile | None = None
         self.model: Model | None = None

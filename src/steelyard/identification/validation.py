@@ -26,12 +26,7 @@ from .doubts import mistakes_in_logs
 from .given import Data, GivenLog, GivenRobot, given_constraints, given_logs, given_robot
 from .log_reader import LogReader, LogTask, Progress, ReducedLog, one_by_one
 from .mistakes import sentence
-from .prediction_verdict import (
-    FEWEST_BATCHES,
-    PredictionVerdict,
-    few_rows_of,
-    prediction_verdict,
-)
+from .prediction_verdict import FEWEST_BATCHES, PredictionVerdict, few_rows_of, prediction_verdict
 from .saved import matching_estimate
 from .saved_result import RECORD, SavedResult
 

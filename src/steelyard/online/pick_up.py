@@ -10,12 +10,7 @@ from numpy.typing import NDArray
 
 from steelyard.display import text_table
 from steelyard.dynamics import Model
-from steelyard.identification.wam import (
-    TRAJECTORIES,
-    measured,
-    true_parameters,
-    wam_model,
-)
+from steelyard.identification.wam import TRAJECTORIES, measured, true_parameters, wam_model
 from steelyard.robot import Inertia
 
 from .change_detector import Change

@@ -15,14 +15,7 @@ from steelyard.errors import InputError
 from steelyard.files.advance import ahead
 
 from .automatic import DECISION_ROWS, decide, settle
-from .clock import (
-    CLOCK_ROWS,
-    FEWEST_ROWS,
-    ClockStatistics,
-    clock_of,
-    steady_clock,
-    with_evidence,
-)
+from .clock import CLOCK_ROWS, FEWEST_ROWS, ClockStatistics, clock_of, steady_clock, with_evidence
 from .columns import LogColumns
 from .conversion import Signals, clock_at, convert, log_columns, require_numbers, signals_fields, times
 from .even import EvenClock, Part
@@ -40,16 +33,7 @@ from .survey import LogSurvey
 if TYPE_CHECKING:
     from steelyard.dynamics import Model
 
-__all__ = [
-    "Chunk",
-    "LogStream",
-    "OpenedLog",
-    "SeenRows",
-    "middle_of",
-    "process_chunks",
-    "read_chunks",
-    "read_middle",
-]
+__all__ = ["Chunk", "LogStream", "OpenedLog", "SeenRows", "middle_of", "process_chunks", "read_chunks", "read_middle"]
 
 CHUNK_ROWS = 200_000
 """Rows of a chunk where none are stated."""
@@ -414,11 +398,7 @@ class OpenedLog:
     """
 
     def __init__(
-        self,
-        stream: LogStream,
-        processing: Processing,
-        model: Model | None,
-        look: Callable[[Recording], object] | None,
+        self, stream: LogStream, processing: Processing, model: Model | None, look: Callable[[Recording], object] | None
     ) -> None:
         self.processing = processing
         self.stream = stream

@@ -413,11 +413,7 @@ class NoiseFromResiduals:
             self._parts.append((errors[stretch], samples.used_rows[stretch]))
 
     def noise(
-        self,
-        joint_names: Sequence[str],
-        floor: float,
-        order: int | Literal["aic", "bic"],
-        largest: int = LARGEST_ORDER,
+        self, joint_names: Sequence[str], floor: float, order: int | Literal["aic", "bic"], largest: int = LARGEST_ORDER
     ) -> ColouredNoise:
         """Return the noise of the residuals.
 

@@ -146,11 +146,7 @@ class JointReduction:
     """
 
     def __init__(
-        self,
-        model: Model,
-        sums: BatchSums | None = None,
-        blocks: TimeBlocks | None = None,
-        exact: int | None = None,
+        self, model: Model, sums: BatchSums | None = None, blocks: TimeBlocks | None = None, exact: int | None = None
     ) -> None:
         self.model = model
         self.sums = sums

@@ -20,16 +20,7 @@ from .html_document import Markup, escape, package_text
 from .link_bodies import LinkBody, link_body
 from .robot_scene import RobotScene, robot_scene
 
-__all__ = [
-    "KEY",
-    "PlacedRobot",
-    "drawing_of_links",
-    "drawn_links",
-    "ground",
-    "robot_picture",
-    "robot_svg",
-    "skeleton",
-]
+__all__ = ["KEY", "PlacedRobot", "drawing_of_links", "drawn_links", "ground", "robot_picture", "robot_svg", "skeleton"]
 
 Array = NDArray[np.float64]
 

@@ -134,10 +134,7 @@ class ViewedRobot:
 
 
 def load_viewed_robot(
-    given: str | Path,
-    robot: str | Path | None = None,
-    *,
-    allow_extensions: bool = False,
+    given: str | Path, robot: str | Path | None = None, *, allow_extensions: bool = False
 ) -> ViewedRobot:
     """Read what is to be looked at: a robot, or what was identified of one.
 

@@ -64,9 +64,7 @@ class Quantity:
 
 
 def quantities(
-    feasible_set: FeasibleSet,
-    names: Sequence[str] | None = None,
-    combinations: Mapping[str, Combination] | None = None,
+    feasible_set: FeasibleSet, names: Sequence[str] | None = None, combinations: Mapping[str, Combination] | None = None
 ) -> tuple[Quantity, ...]:
     """The quantities of a robot by name.
 

@@ -533,11 +533,7 @@ class Shooting:
             found.append(states)
         return found
 
-    def solve(
-        self,
-        weights: str = "joint",
-        tell: Callable[[str], None] | None = None,
-    ) -> ShootingResult:
+    def solve(self, weights: str = "joint", tell: Callable[[str], None] | None = None) -> ShootingResult:
         """Match the trajectories.
 
         Parameters
