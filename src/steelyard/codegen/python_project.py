@@ -228,12 +228,12 @@ class PythonProject(SourceWriter):
         texts = [comment_text(text) for text in argument.elements]
         return ["", *(f"    * ``{self.element(name, k)}``: {text}" for k, text in enumerate(texts))]
 
-    def documented_builder(self, named: NamedFunction, kind: str) -> list[str]:
-        """Return the docstring of a function that takes nothing and returns an object to call."""
+    def documented_builder(self, named: NamedFunction) -> list[str]:
+        """Return the docstring of a function that takes nothing and returns a `casadi.Function`."""
         function, names = named.function, named.names
         shared = shared_arguments(self.project)
-        lines = [comment_text(function.description) or f"Compute {named.name}.", "", "Returns", "-------", kind]
-        lines.append("    Inputs:" if function.arguments else "    It has no inputs.")
+        lines = [comment_text(function.description) or f"Compute {named.name}.", "", "Returns", "-------"]
+        lines += ["casadi.Function", "    Inputs:" if function.arguments else "    It has no inputs."]
         for argument in function.arguments:
             name, text = names[argument.name], comment_text(argument.description)
             lines += ["", f"    * ``{name}`` ({argument.width}): {text}"]

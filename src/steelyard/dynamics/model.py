@@ -568,21 +568,15 @@ class Model:
                 "or model.without_channels in Python."
             )
 
-    def refuse_channels(self, what: str) -> None:
-        """Raise InputError where a term needs more than the motion, which what is to be done with the model has not.
-
-        Parameters
-        ----------
-        what : str
-            What is not done with such models, such as ``"identified while they move"``.
-        """
-        self.refuse_presliding(what)
+    def refuse_channels(self) -> None:
+        """Raise InputError where a term needs more than the motion, which is all that is known while a robot moves."""
+        self.refuse_presliding("identified while they move")
         if self.robot.channels:
             kinds = " and ".join(term.kind for term in self.robot.terms if term.channels)
             names = " and ".join(repr(name) for name in self.robot.channels)
             raise InputError(
                 f"The term {kinds} of {self.robot.name} needs the channel {names} of a log, and models with such terms "
-                f"are not {what}; hold it at one value (`held` in [[terms]]), or leave the term out."
+                "are not identified while they move; hold it at one value (`held` in [[terms]]), or leave the term out."
             )
 
     def _logged(self, channels: Mapping[str, ArrayLike], motion: ArrayLike) -> tuple[Array, ...]:

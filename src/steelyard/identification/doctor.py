@@ -707,13 +707,8 @@ class _Patient:
         cutoff = processing.cutoff
         if not isinstance(cutoff, float) or not cutoff < 0.5 * recording.rate:
             return
-        self.facts["cutoff"] = f"{cutoff:.4g} Hz{'' if self._states('cutoff') else ', chosen by the torques'}"
-        self._share_of_noise(recording, cutoff)
-
-    def _states(self, option: str) -> bool:
-        return bool(self.stated.get("processing", {}).get(option, "auto") != "auto")
-
-    def _share_of_noise(self, recording: Recording, cutoff: float) -> None:
+        is_stated = self.stated.get("processing", {}).get("cutoff", "auto") != "auto"
+        self.facts["cutoff"] = f"{cutoff:.4g} Hz{'' if is_stated else ', chosen by the torques'}"
         # What positions jump over a gap has power at all frequencies, as noise has.
         even = longest_part(recording)
         share = noise_share(even.q, even.rate, [cutoff], self.processing.order)[0]
@@ -727,7 +722,7 @@ class _Patient:
             f"At the cutoff of {cutoff:.4g} Hz noise of the positions makes up to {share[worst]:.0%} of the power of "
             f"the accelerations ({names}), and inertias become too small."
         )
-        if self._states("cutoff"):
+        if is_stated:
             remedy: Settings = {"processing": {"cutoff": "auto"}}
             self.add(Finding("position noise", statement, "worse", float(share[worst]), remedy))
             return

@@ -247,7 +247,7 @@ class OnlineEstimator:
         longest_gap: float | None = None,
         least_speed: float = 1e-3,
     ) -> None:
-        model.refuse_channels("identified while they move")
+        model.refuse_channels()
         for name, value in (("rate", rate), ("cutoff", cutoff)):
             read_number(value, name, "a positive number", above=0)
         if longest_gap is not None:
