@@ -234,12 +234,7 @@ def _read_solution_file(output: ProgramOutput, problem: SemidefiniteProgram) -> 
     """Read x and the stacked Y from a solution file of CSDP or DSDP.
 
     Its first line is x; then come entries (matrix, block, row, column, value), where matrix 1 is F(x) and matrix 2
-    is Y.
-
-    Raises
-    ------
-    ValueError, OSError
-        If it is not of that form.
+    is Y. A file of another form is a ValueError or an OSError.
     """
     first, _, rest = (output.folder / SOLUTION).read_text(encoding="ascii").partition("\n")
     x = np.array(first.split(), dtype=float)

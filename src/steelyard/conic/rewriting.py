@@ -335,12 +335,9 @@ def squares_of(P: sparse.csc_array, offset: Vector, directions: sparse.csc_array
 
 
 def _arrow(diagonal: Indices, border: Indices) -> tuple[int, Indices, Indices, Indices, Vector]:
-    """Elements of an arrow matrix: rows `diagonal` stand on its diagonal, rows `border` in its first row and column.
+    """Order of an arrow matrix, and row, column, source and factor of each element.
 
-    Returns
-    -------
-    int, (elements,), (elements,), (elements,), (elements,)
-        Order, row, column, source and factor.
+    Rows `diagonal` stand on its diagonal, rows `border` in its first row and column.
     """
     order = len(diagonal)
     own = np.arange(order)

@@ -100,19 +100,9 @@ class ModelPart:
         self._calls: dict[tuple[str, tuple[int, ...]], Callable[..., Array]] = {}
 
     def __call__(self, name: str, *motion: Array) -> Array:
-        """Return all outputs of a function, flattened and concatenated, (..., elements).
+        """Return all outputs of one of `functions`, flattened and concatenated, (..., elements), as a new array.
 
-        Parameters
-        ----------
-        name : str
-            One of `functions`.
-        *motion : ndarray
-            Positions, velocities and so on, (..., N) and all of one shape.
-
-        Returns
-        -------
-        ndarray
-            A new array.
+        Its motion is positions, velocities and so on, (..., N) and all of one shape.
         """
         shape = motion[0].shape[:-1]
         call = self._calls.get((name, shape))

@@ -444,15 +444,7 @@ def _with_floor(
 ) -> ParameterCovariance:
     """The same, or where that would be less, the covariance of torques that are known to a part of their size.
 
-    Parameters
-    ----------
-    covariance : ParameterCovariance
-    information : Information
-        About the unknowns.
-    base : ndarray
-        Of least squares.
-    torques : Information
-        The log whose torques these are.
+    The information is about the unknowns, of which `base` is least squares; `torques` is that of the log.
     """
     residual2 = np.array([factor.residual2(base) for factor in information.factors])
     norm2 = np.array([factor.norm2 for factor in torques.factors])

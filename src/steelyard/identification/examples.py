@@ -428,13 +428,7 @@ def list_examples() -> str:
 
 
 def _package_folder() -> Path:
-    """The folder of robots in the package example-robot-data.
-
-    Raises
-    ------
-    MissingExtraError
-        If it is not installed.
-    """
+    """The folder of robots in the package example-robot-data; told to be missing where that is not installed."""
     for place in sys.path:
         folder = Path(place, "cmeel.prefix", "share", "example-robot-data", "robots")
         if folder.is_dir():

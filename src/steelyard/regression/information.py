@@ -662,13 +662,7 @@ def inverse_deviations(factors: Sequence[Factor], base: Array, fewest: float = 1
 
 
 def _given_weights(weights: str | ArrayLike, joints: int) -> Array:
-    """Return the weights that a user gave, (joints,).
-
-    Raises
-    ------
-    InputError
-        If they are not one positive number for each joint.
-    """
+    """Return the weights that a user gave, (joints,); they must be one positive number for each joint."""
     if isinstance(weights, str):
         raise InputError(f"weights must be None, 'joint' or one number for each joint, got {weights!r}.")
     values = np.asarray(weights, dtype=np.float64)

@@ -181,14 +181,8 @@ class NeighborCombinations:
 class _Work:
     """The table of the compiled functions, and the arrays whose addresses stand in it.
 
-    Parameters
-    ----------
-    starts, ends : ndarray of int
-        (N,), the columns of each joint.
-    columns : BaseColumns or None
-        The regressor of motions that are smooth.
-    before : _Work or None
-        What was known of the columns before.
+    The columns of each joint are those from `starts` to `ends`, (N,). With `columns` motions are smooth, and `before`
+    is what was known of the columns.
     """
 
     def __init__(
