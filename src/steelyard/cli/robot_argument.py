@@ -78,7 +78,6 @@ def lines_told(message: str, arguments: Sequence[str]) -> str:
 
     Parameters
     ----------
-    message : str
     arguments : sequence of str
         The command line, from the name of the command.
 

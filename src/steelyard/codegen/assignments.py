@@ -291,7 +291,6 @@ class Part:
     ----------
     reads : tuple of (str, int)
         Local variables of earlier parts, and the places where they are kept.
-    statements : tuple of Assignment or Store
     keeps : tuple of (str, int)
         Local variables that later parts read, and the places for them.
     """
@@ -327,7 +326,6 @@ def partition(listing: Listing, largest: int = _LARGEST, size: int = _PART) -> P
 
     Parameters
     ----------
-    listing : Listing
     largest : int
         Assignments up to which a listing is left whole.
     size : int

@@ -29,7 +29,6 @@ class CFamily(SourceWriter):
 
     Parameters
     ----------
-    project : Project
     reserved : frozenset of str
         Names that neither functions nor their arguments may have.
     """
@@ -261,10 +260,8 @@ def c_self_test(project: Project, header: str, functions: Sequence[NamedFunction
 
     Parameters
     ----------
-    project : Project
     header : str
         File name of the functions' declarations.
-    functions : sequence of NamedFunction
     """
     lines = [f"/* {marker(project.version)} */", f'#include "{header}"', *_C_HEAD.splitlines(), ""]
     for k, named in enumerate(functions):
@@ -280,12 +277,10 @@ def cpp_self_test(project: Project, header: str, namespace: str, functions: Sequ
 
     Parameters
     ----------
-    project : Project
     header : str
         File name of the functions' declarations.
     namespace : str
         Of the functions.
-    functions : sequence of NamedFunction
     """
     lines = [f"// {marker(project.version)}", f'#include "{header}"', *_CPP_HEAD.splitlines(), ""]
     for k, named in enumerate(functions):

@@ -75,8 +75,6 @@ class NamedFunction:
 
     Attributes
     ----------
-    function : Function
-    name : str
     names : dict
         From the names of arguments and outputs to those in the language.
     scope : Names
@@ -104,7 +102,6 @@ def project_name(project: Project, reserved: frozenset[str]) -> str:
 
     Parameters
     ----------
-    project : Project
     reserved : frozenset of str
         Names that get ``_robot`` behind them.
     """
@@ -247,7 +244,6 @@ def shadowing(found: Naming, reserved: Iterable[str]) -> tuple[NamedFunction, ..
 
     Parameters
     ----------
-    found : Naming
     reserved : iterable of str
         What the bodies of the functions use.
 

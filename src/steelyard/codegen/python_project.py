@@ -44,9 +44,6 @@ def python_self_test(project: Project, module: str, functions: Sequence[NamedFun
 
     Parameters
     ----------
-    project : Project
-    module : str
-    functions : sequence of NamedFunction
     comparison : list of str
         Imports ``module`` and defines ``evaluated``.
     """
@@ -197,7 +194,6 @@ class PythonProject(SourceWriter):
 
         Parameters
         ----------
-        named : NamedFunction
         kind : str
             Type of the outputs.
         """

@@ -32,7 +32,6 @@ class ConfigurationConstraint(ABC):
 
     Attributes
     ----------
-    robot : Robot
     name : str
         Name in messages.
     labels : tuple of str

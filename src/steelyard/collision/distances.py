@@ -93,7 +93,6 @@ class PairDistances:
 
     Parameters
     ----------
-    shapes : sequence of PlacedShape
     groups : sequence of sequence of (int, int)
         The pairs of each of the m groups, as indices of shapes.
 

@@ -95,8 +95,6 @@ class Answer:
         For `Outcome.UNBOUNDED` a direction.
     dual : (rows,)
         Y stacked as in `SemidefiniteProgram.to_conic`; for `Outcome.INFEASIBLE` a direction.
-    iterations : int
-    seconds : float
     """
 
     outcome: Outcome
@@ -113,8 +111,6 @@ class ExternalSolver:
 
     Attributes
     ----------
-    title : str
-    executable : str
     method : str
         The algorithm, in a few words.
     remedy : str
@@ -179,10 +175,6 @@ def run_program(
 
     Parameters
     ----------
-    program : ExternalSolver
-    problem : SemidefiniteProgram
-    accuracy : float
-    iterations : int
     attempt : int
         How many attempts went before, so that other settings may be taken.
 
@@ -489,12 +481,10 @@ def solve_with_program(
 
     Parameters
     ----------
-    program : ExternalSolver
     problem : ConicProblem
         Without exponential cones.
     accuracy : float
         Tolerance that the program is asked for.
-    iterations : int
 
     Raises
     ------

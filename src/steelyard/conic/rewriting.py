@@ -355,7 +355,6 @@ class Decided:
         A solution or, if `unbounded`, a direction along which the objective falls without bound.
     dual : (rows,) or None
         A direction that proves that no point satisfies the constraints.
-    unbounded : bool
     multipliers : (rows,)
         The dual solution that belongs to `primal`.
     """
@@ -368,13 +367,7 @@ class Decided:
 
 @dataclass(frozen=True, eq=False)
 class Rewritten:
-    """A problem rewritten as minimising qᵀv over nonnegative and semidefinite cones, and the map back.
-
-    Attributes
-    ----------
-    source : ConicProblem
-    problem : ConicProblem
-    """
+    """A problem rewritten as minimising qᵀv over nonnegative and semidefinite cones, and the map back."""
 
     source: ConicProblem = field(repr=False)
     problem: ConicProblem

@@ -149,8 +149,6 @@ class ModelPart:
 
         Parameters
         ----------
-        language : str
-        directory : str or Path
         fixed : bool
             Whether the parameters are written as numbers, instead of being an argument.
         """

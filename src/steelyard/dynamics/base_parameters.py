@@ -171,7 +171,6 @@ def model_base_parameters(layout: ParameterLayout, sampled: Callable[[ParameterL
 
     Parameters
     ----------
-    layout : ParameterLayout
     sampled : callable
         Returns the regressor (rows, n) at random motions, stacked; rows well above n.
     """
@@ -385,7 +384,6 @@ def base_parameters_of(regressor: Matrix, parameter_names: tuple[str, ...]) -> B
     ----------
     regressor : ndarray
         (rows, n), many random motions stacked; rows well above n.
-    parameter_names : tuple of str
     """
     lengths = np.linalg.norm(regressor, axis=0)
     present = np.flatnonzero(lengths > 0.0)

@@ -364,7 +364,6 @@ class Entry:
     ----------
     arguments : tuple of str
         What it reads, in this order.
-    description : str
     build : callable
         From a scene to what it computes.
     subject : str
@@ -490,7 +489,6 @@ def forward_dynamics_function(robot: Robot, method: str) -> str:
 
     Parameters
     ----------
-    robot : Robot
     method : {"automatic", "inertia_matrix", "articulated_body"}
 
     Raises

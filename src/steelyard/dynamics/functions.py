@@ -529,7 +529,6 @@ class Call:
 
     Attributes
     ----------
-    kernel : Kernel
     shape : tuple of int
         Of what one sample gives; several outputs of one shape are stacked.
     direct : callable
@@ -584,7 +583,6 @@ class Evaluator:
 
     Parameters
     ----------
-    functions : ModelFunctions
     threads : int
         How many share a large batch.
     called_often : callable, optional
@@ -614,7 +612,6 @@ class Evaluator:
 
         Parameters
         ----------
-        function : str
         given : tuple of array_like
             The arguments of the function in its order: motions (..., N) each, then parameters (n,) or a point (3,).
         gravity : array_like, optional

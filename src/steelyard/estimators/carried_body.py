@@ -38,7 +38,6 @@ def changing_parameters(model: Model, changes: Changes = "friction") -> Indices:
 
     Parameters
     ----------
-    model : Model
     changes : {"nothing", "friction", "friction-and-offset"}
         Friction is what depends on velocities alone, whatever the terms are called; an offset is constant.
 
@@ -229,7 +228,6 @@ class OfTheRobot:
 
     Parameters
     ----------
-    constraint : Constraint
     model : Model
         Of the robot alone, whose parameters come first.
     """

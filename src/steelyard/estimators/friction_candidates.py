@@ -64,7 +64,6 @@ class FrictionCandidate:
 
     Attributes
     ----------
-    kind : str
     words : str
         What it is.
     shape_names : tuple of str

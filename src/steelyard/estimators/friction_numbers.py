@@ -121,7 +121,6 @@ def numbers_together(joints: Sequence[NumberedJoint], width: int) -> FrictionNum
 
     Parameters
     ----------
-    joints : sequence of NumberedJoint
     width : int
         Base parameters.
 

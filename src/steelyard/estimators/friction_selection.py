@@ -90,7 +90,6 @@ class FrictionData:
 
     Attributes
     ----------
-    model : Model
     rows : tuple of ndarray
         For each joint ``[W omega]``, (S, c + 1).
     used : ndarray of bool

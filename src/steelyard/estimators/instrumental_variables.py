@@ -95,12 +95,7 @@ class InstrumentStrength:
 
 @dataclass(frozen=True, eq=False)
 class InstrumentalInformation(Information):
-    """An Information with the regressor of the instruments, and torques that make its least squares those of them.
-
-    Attributes
-    ----------
-    strength : InstrumentStrength
-    """
+    """An Information with the regressor of the instruments, and torques that make its least squares those of them."""
 
     strength: InstrumentStrength | None = field(default=None, repr=False)
 
@@ -122,7 +117,6 @@ class InstrumentedRegression:
 
     Parameters
     ----------
-    model : Model
     factors : tuple of Factor
         For each joint, of 2 c + 1 columns.
     batch_means : tuple of tuples of Factor
@@ -157,7 +151,6 @@ class InstrumentedRegression:
 
         Parameters
         ----------
-        model : Model
         samples : Samples
             As they were measured.
         instruments : Samples

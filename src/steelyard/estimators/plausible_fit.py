@@ -121,8 +121,6 @@ class PlausibleFit:
         Proved to satisfy the conditions of the user's feasible set; those of the prior are not part of the proof.
     plausible_set : FeasibleSet
         The conditions of the user, and those of the prior.
-    prior : PhysicalPrior
-    prior_weight : float
     term_deviations : (n,)
         See `steelyard.estimators.cross_validation.term_deviations`.
     validation : CrossValidation or None
@@ -151,7 +149,6 @@ class TriedPrior:
 
     Attributes
     ----------
-    known : PhysicalPrior
     scaled : PhysicalPrior
         The same with masses that the data scaled, where they were not known.
     plausible_set : FeasibleSet
@@ -186,7 +183,6 @@ def tried_prior(
 
     Parameters
     ----------
-    info : Information
     stretches : sequence of Information
         Contiguous parts of the data. With fewer than three, the weight is 100 for each ten thousand rows.
     feasible_set : FeasibleSet

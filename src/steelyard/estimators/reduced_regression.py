@@ -63,8 +63,6 @@ class ReducedRegression:
         Orthonormal directions of β that the data does not determine.
     residual2 : float
         Squared residual of β̂.
-    norm2 : float
-    count : int
     lengths : (n_b,)
         Lengths of the columns of R.
     reciprocal_condition : float

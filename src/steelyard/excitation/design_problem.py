@@ -70,10 +70,6 @@ class DesignProblem:
 
     Attributes
     ----------
-    family : Family
-    regressor : RegressorInformation
-    criterion : Criterion
-    constraints : tuple of MotionConstraint
     center : ndarray
         (N,) configuration about which the joints move.
     scale : ndarray

@@ -25,7 +25,6 @@ def with_friction_laws(model: Model, limits: MotionLimits) -> tuple[Model, list[
 
     Parameters
     ----------
-    model : Model
     limits : MotionLimits
         Which say how fast each joint may be.
 

@@ -166,7 +166,6 @@ def predicted_parameters(model: Model, parameters: ArrayLike | None) -> Array:
 
     Parameters
     ----------
-    model : Model
     parameters : array_like, optional
         (n,); by default those of the description, with 0 for friction parameters that it does not have.
 
@@ -277,7 +276,6 @@ class TotalPowerLimit:
 
     Attributes
     ----------
-    torque : CompiledVjp
     limit : float
         W.
     """
@@ -315,8 +313,6 @@ def torque_limits(
 
     Parameters
     ----------
-    model : Model
-    limits : MotionLimits
     parameters : array_like, optional
         Parameters with which torques are predicted, see `predicted_parameters`.
     """

@@ -69,7 +69,6 @@ class Barrier:
 
     Parameters
     ----------
-    feasible_set : FeasibleSet
     further : sequence of AffineBlock
         Blocks that count beside those of the set.
 
@@ -152,7 +151,6 @@ class LinearConditions:
 
     Parameters
     ----------
-    blocks : sequence of AffineBlock
     size : int
         Number of parameters.
 

@@ -317,7 +317,6 @@ class MinimalFace:
 
     Attributes
     ----------
-    problem : NormalisedProblem
     bases : tuple of (d, r)
         For each block an orthonormal basis U, such that Z = U W Uᵀ.
     lineality : (q, l)
@@ -359,7 +358,6 @@ def minimal_face(problem: NormalisedProblem, objective: Vector | None = None) ->
 
     Parameters
     ----------
-    problem : NormalisedProblem
     objective : (q,), optional
         c, of length 1. It is unbounded if it is not constant along the lineality space of the face that is found.
     """

@@ -123,7 +123,6 @@ def irreducible_infeasible_subsystems(
 
     Parameters
     ----------
-    feasible_set : FeasibleSet
     base : (n_b,)
     """
     blocks = list(range(len(feasible_set.blocks)))

@@ -380,7 +380,6 @@ def interpret(
 
     Parameters
     ----------
-    outputs : sequence of Node
     value_of : callable
         From the name of an input to its value.
     operations : mapping

@@ -191,7 +191,6 @@ def kernel_source(arguments: Sequence[Argument], outputs: Sequence[Node], *, lan
     ----------
     arguments : sequence of Argument
         The arrays that the function reads; an array of samples is row-major, (count, width).
-    outputs : sequence of Node
     lanes : int
         Samples computed side by side.
     triple : str

@@ -563,7 +563,6 @@ def holm(probabilities: ArrayLike, level: float) -> NDArray[np.bool_]:
     ----------
     probabilities : (m,)
         Of what was seen, or more, where a hypothesis is true.
-    level : float
 
     Returns
     -------

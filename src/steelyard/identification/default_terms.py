@@ -48,7 +48,6 @@ class RotorDecision:
 
     Attributes
     ----------
-    taken : bool
     reason : str
         What the logs show, as a clause.
     feasible_set : FeasibleSet

@@ -114,7 +114,6 @@ class PublicRecording:
 
     Attributes
     ----------
-    robot, repository, folder, licence : str
     commit : str
         The hash of the commit that is meant, which determines every byte of the files.
     """

@@ -110,7 +110,6 @@ class DrawnLog:
 
     Attributes
     ----------
-    samples : Samples
     windows : tuple of Samples
         Stretches of neighbouring rows.
     seen, piece : int
@@ -153,19 +152,14 @@ class ReducedLog:
 
     Attributes
     ----------
-    name : str
     fitted : bool
         Whether the estimate rests on it.
-    information : Information
     blocks : tuple
         Its stretches, as `TimeBlocks.held` tells them; none where the estimate does not rest on it.
     samples : Samples
         Thinned.
-    drawn : DrawnLog
-    remarks : tuple of str
     layout : Layout or None
         What its columns were understood to be; None of samples.
-    units_are_suspect : bool
     """
 
     name: str
@@ -286,7 +280,6 @@ class LogReader:
 
         Parameters
         ----------
-        task : LogTask
         model : Model
             In whose base parameters the log is reduced.
         """
@@ -595,11 +588,9 @@ class SectionedLog:
 
     Attributes
     ----------
-    task : LogTask
     opened : OpenedLog
     remarks : tuple of str
         What was seen of its first rows.
-    layout : Layout or None
     """
 
     task: LogTask
@@ -619,10 +610,7 @@ class ReducedSection:
 
     Attributes
     ----------
-    information : Information
     blocks : tuple
-    samples : Samples
-    drawn : DrawnLog
     survey : dict of ndarray
         As `LogSurvey.state` tells it.
     masked : dict of ndarray
@@ -647,7 +635,6 @@ class JoinedSections:
 
     Parameters
     ----------
-    log : SectionedLog
     model : Model
         In whose base parameters the sections are reduced.
     """
@@ -708,7 +695,6 @@ class DrawnRows:
 
     Parameters
     ----------
-    model : Model
     rows : int
         About so many remain.
     total : int

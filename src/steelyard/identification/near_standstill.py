@@ -49,7 +49,6 @@ def standstill_errors(
 
     Parameters
     ----------
-    model : Model
     information : Information
         In the base parameters of the model, with batch means.
     unconstrained : Estimate

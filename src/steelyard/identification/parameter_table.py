@@ -78,8 +78,6 @@ class ParameterRow:
         ``"m3"``, ``"Fvj2"``; ``"cx3"`` for a centre of mass, ``"J1_3"`` for a principal moment of inertia.
     meaning : str
         In words.
-    unit : str
-    value : float
     lower, upper : float
         Of the interval that holds the true value with a probability of 95 %, by data and physics; infinite where
         nothing bounds it, NaN where no interval is told. A value outside is one that the prior draws there.
@@ -128,8 +126,6 @@ class LinkRows:
 
     Attributes
     ----------
-    name : str
-    mass : ParameterRow
     center : tuple of ParameterRow
         x, y and z of the centre of mass in the frame of the link.
     moments : tuple of ParameterRow
@@ -157,7 +153,6 @@ class ParameterTable:
 
     Attributes
     ----------
-    rows : tuple of ParameterRow
     sentences : tuple of str
         Which numbers are known only together.
     """

@@ -558,9 +558,6 @@ def payload_mounting(
 
     Parameters
     ----------
-    file : RobotFile
-    model : Model
-    frame : str, optional
     placement : (4, 4) array_like, optional
         Both instead of what the section says.
 

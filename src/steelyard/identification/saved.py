@@ -272,7 +272,6 @@ def matching_estimate(model: Model, estimate: str | Path) -> Estimate:
 
     Parameters
     ----------
-    model : Model
     estimate : str or Path
         What :meth:`steelyard.Estimate.save` wrote.
 

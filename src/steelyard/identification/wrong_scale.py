@@ -246,7 +246,6 @@ def link_torques(model: Model, samples: Sequence[Samples]) -> LinkTorques:
 
     Parameters
     ----------
-    model : Model
     samples : sequence of Samples
         Of motions; some rows are used.
 

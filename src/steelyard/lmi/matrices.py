@@ -104,7 +104,6 @@ def block_of_expressions(matrix: ExpressionMatrix, names: Sequence[str], label: 
     ----------
     matrix : (d, d) array of LinearExpression
         Symmetric; all its names are among `names`.
-    names : sequence of str
     label : str
         Of the block.
     """
@@ -139,7 +138,6 @@ def block_from_coefficients(
 
     Parameters
     ----------
-    names : sequence of str
     constant : (d, d), optional
         D₀; zero where absent.
     coefficients : (c, d, d), or mapping from name to (d, d)

@@ -83,7 +83,6 @@ def starting_points(family: SegmentFamily, state: State) -> Array:
 
     Parameters
     ----------
-    family : SegmentFamily
     state : tuple of ndarray
         q, dq and ddq, (N,) each.
     """
@@ -158,8 +157,6 @@ class SegmentPlanner:
 
     Attributes
     ----------
-    regressor : RegressorInformation
-    criterion : Criterion
     limits : MotionLimits
         Positions, velocities and accelerations of the reference.
     constraints : sequence of MotionConstraint
@@ -172,7 +169,6 @@ class SegmentPlanner:
         Of the samples, Hz, less what their correlation takes away.
     starts : int
         Random starts of the search.
-    seed : int
     """
 
     regressor: RegressorInformation

@@ -359,7 +359,6 @@ class SeenRows:
 
     Attributes
     ----------
-    survey : LogSurvey
     masked : dict
         How many rows of each joint were masked, by the reason.
     """

@@ -51,8 +51,6 @@ class LogSample:
         (S,) the stamps of all rows, s; None where there are none.
     incomplete : int
         Rows outside of the middle in which a position or a torque is missing.
-    middle : Stretch
-    others : tuple of Stretch
     """
 
     count: int
@@ -73,7 +71,6 @@ def sample_of(files: LogFiles, layout: Layout) -> LogSample | None:
 
     Parameters
     ----------
-    files : LogFiles
     layout : Layout
         Of its columns.
     """

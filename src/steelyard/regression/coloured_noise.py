@@ -157,7 +157,6 @@ class ColouredNoise:
 
     Attributes
     ----------
-    joint_names : tuple of str
     reflections : tuple of ndarray
         (p_k,) of each joint, all below one in size, so that the noise is stationary.
     deviations : ndarray
@@ -231,7 +230,6 @@ class ColouredNoise:
 
         Parameters
         ----------
-        joint : int
         rows : (n, c)
         used : (n,)
 
@@ -329,8 +327,6 @@ class ColouredReduction(WhitenedReduction):
 
     Parameters
     ----------
-    model : Model
-    noise : ColouredNoise
     sums : BatchSums, optional
         Receives the rows, too.
     """
@@ -378,8 +374,6 @@ def residual_channels(model: Model, samples: Samples, base: Array, root: Array) 
 
     Parameters
     ----------
-    model : Model
-    samples : Samples
     base : (n_b,)
     root : (n_b, m)
         Of which root root' is the covariance of the base parameters.
@@ -419,7 +413,6 @@ class NoiseFromResiduals:
 
         Parameters
         ----------
-        joint_names : sequence of str
         floor : float
             Least standard deviation of an innovation.
         order, largest

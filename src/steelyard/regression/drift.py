@@ -103,10 +103,8 @@ def drift_sentence(log: str, drifts: Sequence[FrictionDrift], joint_names: Seque
 
     Parameters
     ----------
-    log : str
     drifts : sequence of FrictionDrift
         One at least, the largest change first.
-    joint_names : sequence of str
 
     Examples
     --------

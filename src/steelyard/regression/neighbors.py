@@ -86,7 +86,6 @@ class SmoothMotion:
     ----------
     q, dq, ddq : ndarray
         (S, N), C-contiguous.
-    columns : BaseColumns
     """
 
     q: Array
@@ -145,7 +144,6 @@ class NeighborCombinations:
 
         Parameters
         ----------
-        source : RegressorSource
         torque, mask : ndarray
             (S, N), S a multiple of `LENGTH`.
         """

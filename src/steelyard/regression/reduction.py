@@ -136,7 +136,6 @@ class JointReduction:
 
     Parameters
     ----------
-    model : Model
     sums : BatchSums, optional
         Receives the rows, too.
     blocks : TimeBlocks, optional
@@ -290,7 +289,6 @@ class WhitenedReduction:
 
     Parameters
     ----------
-    model : Model
     covariance : ndarray
         (N, N).
     with_batches : bool

@@ -80,7 +80,6 @@ class TimeBlocks:
     ----------
     empty : tuple of Factor
         The factors of no data, one for each joint.
-    most : int
     """
 
     def __init__(self, empty: tuple[Factor, ...], most: int = MOST) -> None:

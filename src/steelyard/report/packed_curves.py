@@ -62,7 +62,6 @@ def extreme_rows(curves: Sequence[Array], rows: int) -> NDArray[np.intp]:
     ----------
     curves : sequence of (S,)
         NaN is no extreme.
-    rows : int
 
     Examples
     --------

@@ -35,14 +35,12 @@ class Playback:
 
     Attributes
     ----------
-    name : str
     t : ndarray
         (S,) s, from 0.
     q : ndarray
         (S, N).
     torques : mapping from str to ndarray
         (S, N) each, N·m or N: ``"measured"``, ``"identified"`` and ``"CAD"``, those that there are.
-    remarks : tuple of str
     """
 
     name: str
@@ -84,7 +82,6 @@ def play_log(viewed: ViewedRobot, log: str | Path, progress: Callable[[str], Non
 
     Parameters
     ----------
-    viewed : ViewedRobot
     log : str or Path
         Files that were recorded side by side are joined by ``+``.
     progress : callable, optional
@@ -120,7 +117,6 @@ def play_trajectory(viewed: ViewedRobot, path: str | Path) -> Playback:
 
     Parameters
     ----------
-    viewed : ViewedRobot
     path : str or Path
         A trajectory, or the folder that ``steelyard excite`` wrote.
 
@@ -143,7 +139,6 @@ class NearPair:
 
     Attributes
     ----------
-    label : str
     distance : float
         m; negative where they overlap.
     too_near : bool
@@ -216,7 +211,6 @@ def watch_collisions(viewed: ViewedRobot, motion: Playback | None) -> tuple[Near
 
     Parameters
     ----------
-    viewed : ViewedRobot
     motion : Playback or None
         Without one, distances are measured in configurations alone.
     """

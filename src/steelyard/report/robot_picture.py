@@ -42,7 +42,6 @@ class DrawnLink:
     ----------
     number : int
         From 1, as in the names of parameters.
-    name : str
     rows : LinkRows or None
         What its numbers rest on.
     body, cad : LinkBody or None
@@ -156,7 +155,6 @@ def drawing_of_links(robot: Robot, links: list[DrawnLink], q: ArrayLike | None =
     ----------
     robot : Robot
         Its lengths are numbers.
-    links : list of DrawnLink
     q : (N,), optional
         rad or m; zeros by default.
     before : str

@@ -21,7 +21,6 @@ class PlacedLink:
 
     Attributes
     ----------
-    joint_name : str
     rotates : bool
         Whether the joint turns, and does not slide.
     parent : int
@@ -76,7 +75,6 @@ def robot_scene(robot: Robot, q: ArrayLike | None = None) -> RobotScene:
 
     Parameters
     ----------
-    robot : Robot
     q : (N,), optional
         rad or m; zeros by default.
 

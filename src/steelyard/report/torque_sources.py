@@ -23,7 +23,6 @@ def torque_sources(model: Model, parameters: Array, samples: Samples) -> dict[st
 
     Parameters
     ----------
-    model : Model
     parameters : (n,)
     samples : Samples
         Of the motion; the torque is not used.

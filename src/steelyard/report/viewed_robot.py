@@ -48,8 +48,6 @@ class ViewedRobot:
 
     Attributes
     ----------
-    file : RobotFile
-    model : Model
     result : SavedResult or None
         What was identified, where that is shown.
     identified, described : ndarray or None

@@ -309,7 +309,6 @@ def differing_joint(recorded: Sequence[Any], joints: Sequence[Joint]) -> str:
     ----------
     recorded : sequence of mapping
         What `joint_geometry` returned for joints of the same names.
-    joints : sequence of Joint
 
     Raises
     ------

@@ -133,7 +133,6 @@ class MjcfWriter:
 
     Parameters
     ----------
-    read : MjcfTree
     changes : DescriptionChanges
         Of links and joints.
     """

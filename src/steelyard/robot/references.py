@@ -102,7 +102,6 @@ def moved_reference(reference: str, description: Path, copy: Path) -> str | None
     ----------
     reference : str
         As in the description.
-    description, copy : Path
 
     Returns
     -------
@@ -127,7 +126,6 @@ def find_package(name: str, description: Path) -> Path:
 
     Parameters
     ----------
-    name : str
     description : Path
         The file that names it.
 

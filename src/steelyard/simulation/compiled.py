@@ -142,7 +142,6 @@ class MotionFunctions:
 
     Parameters
     ----------
-    model : Model
     base : bool
         Whether the parameters are base parameters.
     smooth : bool
@@ -358,7 +357,6 @@ def motion_functions(model: Model, *, base: bool, smooth: bool, each: bool) -> M
 
     Parameters
     ----------
-    model : Model
     base, smooth, each : bool
         See :class:`MotionFunctions`.
     """

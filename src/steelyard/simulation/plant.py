@@ -33,7 +33,6 @@ class Plant:
 
     Parameters
     ----------
-    functions : MotionFunctions
     parameters : ndarray
         (n,), or (R, n) with the parameters of each run.
     sign_width : float

@@ -178,7 +178,6 @@ class RatioProof:
 
     Parameters
     ----------
-    finder : BoundFinder
     row, mass : (n,)
         The ratio is (row · δ) / (mass · δ).
     floor : float
@@ -217,7 +216,6 @@ class BoundFinder:
 
     Parameters
     ----------
-    center : AnalyticCenter
     solver : str
         As in `steelyard.conic.solve`.
     """

@@ -28,10 +28,8 @@ class Quantity:
 
     Attributes
     ----------
-    name : str
     meaning : str
         Description for people.
-    unit : str
     row : (n,)
     mass : (n,) or None
     moments : tuple of (n,)
@@ -111,7 +109,6 @@ def standard_errors(feasible_set: FeasibleSet, covariance: ParameterCovariance, 
 
     Parameters
     ----------
-    feasible_set : FeasibleSet
     covariance : ParameterCovariance
         Of the base parameters.
     rows : (k, n)

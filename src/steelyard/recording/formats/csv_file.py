@@ -94,7 +94,6 @@ class CsvFile(LogFile):
 
     Parameters
     ----------
-    path : Path
     header : tuple of str, optional
         The names of all columns, for a file that has none.
     """

@@ -81,7 +81,6 @@ class DecodedColumns:
 
     Parameters
     ----------
-    names : sequence of str
     decode : callable
         Yields the columns, part by part.
 

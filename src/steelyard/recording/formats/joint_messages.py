@@ -341,7 +341,6 @@ class JointTable:
 
         Parameters
         ----------
-        names : sequence of str
         by_header : bool, optional
             Whether the stamps of headers count; by default where all messages have one.
         """
