@@ -707,8 +707,14 @@ class _Patient:
         cutoff = processing.cutoff
         if not isinstance(cutoff, float) or not cutoff < 0.5 * recording.rate:
             return
-        is_stated = self.stated.get("processing", {}).get("cutoff", "auto") != "auto"
-        self.facts["cutoff"] = f"{cutoff:.4g} Hz{'' if is_stated else ', chosen by the torques'}"
+        self.facts["cutoff"] = f"{cutoff:.4g} Hz{'' if self._states_cutoff else ', chosen by the torques'}"
+        self._share_of_noise(recording, cutoff)
+
+    @property
+    def _states_cutoff(self) -> bool:
+        return bool(self.stated.get("processing", {}).get("cutoff", "auto") != "auto")
+
+    def _share_of_noise(self, recording: Recording, cutoff: float) -> None:
         # What positions jump over a gap has power at all frequencies, as noise has.
         even = longest_part(recording)
         share = noise_share(even.q, even.rate, [cutoff], self.processing.order)[0]
@@ -722,7 +728,7 @@ class _Patient:
             f"At the cutoff of {cutoff:.4g} Hz noise of the positions makes up to {share[worst]:.0%} of the power of "
             f"the accelerations ({names}), and inertias become too small."
         )
-        if is_stated:
+        if self._states_cutoff:
             remedy: Settings = {"processing": {"cutoff": "auto"}}
             self.add(Finding("position noise", statement, "worse", float(share[worst]), remedy))
             return
