@@ -19,7 +19,6 @@ from steelyard.dynamics.threads import one_thread, serial
 from steelyard.errors import InputError
 from steelyard.files import listed
 from steelyard.files.advance import ahead, watched
-from steelyard.graph.extreme_rows import extreme_rows
 from steelyard.recording import (
     CutoffChoice,
     LogColumns,
@@ -779,7 +778,7 @@ class DrawnRows:
 
         def drawn(rows: slice, size: int) -> Array:
             """Return of each group of so many of these rows those that are an extreme of it, (G, 4 N, D)."""
-            places = extreme_rows(samples.torque[rows], predicted[rows], size)
+            places = _extreme_rows(samples.torque[rows], predicted[rows], size)
             chosen = rows.start + places + size * np.arange(len(places))[:, None]
             return _table_of(samples, number, chosen.ravel()).reshape(*chosen.shape, -1)
 
@@ -818,7 +817,7 @@ class DrawnRows:
     def _extremes(self, groups: Array) -> Array:
         """Return the rows of each group (G, R, D) at which torque or residual of a joint is least or greatest."""
         samples = self._samples(groups.reshape(-1, groups.shape[2]))
-        places = extreme_rows(samples.torque, self._predicted(samples), groups.shape[1])
+        places = _extreme_rows(samples.torque, self._predicted(samples), groups.shape[1])
         return np.asarray(groups[np.arange(len(groups))[:, None], places])
 
     def _predicted(self, samples: Samples) -> Array:
@@ -921,6 +920,13 @@ def _with_channels(samples: Samples, model: Model, name: str) -> Samples:
 
 def _with_model(samples: Samples, model: Model) -> Samples:
     return samples if samples.regressor is None else replace(samples, regressor_model=model)
+
+
+def _extreme_rows(torque: Array, predicted: Array, size: int) -> NDArray[np.intp]:
+    """Return which rows of each group of so many neighbours are those extremes, (G, 4 N)."""
+    from steelyard.graph.extreme_rows import extreme_rows  # only long logs need it
+
+    return extreme_rows(torque, predicted, size)
 
 
 def _table_of(samples: Samples, first: int, rows: slice | NDArray[np.intp] = slice(None)) -> Array:
