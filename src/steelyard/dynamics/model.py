@@ -809,10 +809,6 @@ class Model:
         substitute : mapping, optional
             Numbers or expressions for symbols by name, such as ``{"m1": 0, "lx2": "m2*c"}``.
 
-        Returns
-        -------
-        SymbolicFunction
-
         Raises
         ------
         InputError

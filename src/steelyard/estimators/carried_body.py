@@ -41,10 +41,6 @@ def changing_parameters(model: Model, changes: Changes = "friction") -> Indices:
     changes : {"nothing", "friction", "friction-and-offset"}
         Friction is what depends on velocities alone, whatever the terms are called; an offset is constant.
 
-    Returns
-    -------
-    ndarray of int
-
     Raises
     ------
     InputError

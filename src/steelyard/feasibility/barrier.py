@@ -232,7 +232,7 @@ def minimise(
     accuracy: float = 1e-3,
     problems: Indices | None = None,
 ) -> Matrix:
-    """Minimise a function from each of many points, by damped Newton steps.
+    """Minimise a function from each of many points, by damped Newton steps; (p, n).
 
     Parameters
     ----------
@@ -245,10 +245,6 @@ def minimise(
         A problem is solved where a Newton step promises a decrease of less.
     problems : (p,), optional
         Which of the problems of the function that of each point is; k for the k-th point where absent.
-
-    Returns
-    -------
-    (p, n)
     """
     points = np.array(start, dtype=float)
     active = np.arange(len(points))

@@ -346,10 +346,6 @@ def evaluate(outputs: Sequence[Node], values: Mapping[str, Any]) -> list[NDArray
     values : mapping
         Number or array (of one common shape) for every input name; complex numbers are allowed, and the sign is that
         of the real part, so that derivatives can be taken by complex steps.
-
-    Returns
-    -------
-    list of ndarray
     """
     operations: dict[str, Callable[..., Any]] = {
         "add": np.add,

@@ -564,10 +564,6 @@ def holm(probabilities: ArrayLike, level: float) -> NDArray[np.bool_]:
     probabilities : (m,)
         Of what was seen, or more, where a hypothesis is true.
 
-    Returns
-    -------
-    (m,) ndarray of bool
-
     Examples
     --------
     >>> holm([0.01, 0.04, 0.03, 0.005], 0.05).tolist()

@@ -35,7 +35,7 @@ _ROUNDING = 1e-12
 
 
 def read_matrix(matrix: Any, names: Iterable[str] | None, label: str) -> ExpressionMatrix:
-    """A square, symmetric matrix of expressions.
+    """A square, symmetric matrix of expressions, (d, d).
 
     Parameters
     ----------
@@ -45,10 +45,6 @@ def read_matrix(matrix: Any, names: Iterable[str] | None, label: str) -> Express
         The names that exist.
     label : str
         What the messages call the matrix.
-
-    Returns
-    -------
-    (d, d) array of LinearExpression
 
     Raises
     ------

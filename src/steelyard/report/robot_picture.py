@@ -109,10 +109,6 @@ def robot_svg(identification: Identification, q: ArrayLike | None = None) -> Mar
     identification : Identification
     q : (N,), optional
         The configuration, rad or m; zeros by default.
-
-    Returns
-    -------
-    str
     """
     rectangle = f'<rect width="{WIDTH:g}" height="{HEIGHT:g}" rx="8" fill="#fdfdfb"/>'
     card = f"<style>{package_text('drawing.css')}</style>{rectangle}"

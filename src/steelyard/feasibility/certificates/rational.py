@@ -141,7 +141,7 @@ def _smallness(value: Fraction) -> int:
 
 
 def zero_combination_basis(rows: SparseRows, preference: Sequence[int]) -> dict[int, dict[int, Fraction]]:
-    """Solve M u = 0 exactly: each pivot unknown as a combination of the free ones, which are all the others.
+    """Solve M u = 0 exactly: each pivot unknown by the coefficients of the free ones, all the others.
 
     Parameters
     ----------
@@ -149,10 +149,6 @@ def zero_combination_basis(rows: SparseRows, preference: Sequence[int]) -> dict[
     preference : sequence of int
         Rank of each unknown as a pivot, smallest first. Among equals those with a large coefficient are taken, so that
         errors of the free unknowns do not grow, and of these the one in the fewest rows.
-
-    Returns
-    -------
-    mapping from pivot unknown to mapping from free unknown to coefficient
 
     Examples
     --------

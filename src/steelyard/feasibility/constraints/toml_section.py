@@ -193,10 +193,6 @@ def read_rotation(value: Any, what: str) -> Rows:
     what : str
         Begins the message.
 
-    Returns
-    -------
-    tuple of three rows
-
     Raises
     ------
     InputError
@@ -218,10 +214,6 @@ def read_rotation(value: Any, what: str) -> Rows:
 
 def read_placement(value: Any, what: str) -> Rows:
     """A placement, from its four rows or from a table ``{xyz = ..., rpy = ...}`` as in URDF.
-
-    Returns
-    -------
-    tuple of four rows
 
     Raises
     ------
