@@ -176,7 +176,7 @@ class ModelPart:
         function = kernel.single_function if count == 1 else kernel.batch_function
         samples = ctypes.c_int64(count)
         pointers = (ctypes.c_void_p(address_of(array)) for array in (*arguments, out))
-        compute = partial(function, samples, *pointers, samples)
+        compute = partial(function, samples, *pointers, ctypes.c_int64(1))
 
         def call(*motion: Array) -> Array:
             for place, array in zip(places, motion, strict=True):

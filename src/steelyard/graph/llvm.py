@@ -179,9 +179,6 @@ class Program:
         return order
 
 
-# Writes a function as LLVM assembly: one loop over samples, several of them side by side.
-
-
 def kernel_source(arguments: Sequence[Argument], outputs: Sequence[Node], *, lanes: int, triple: str = "") -> str:
     """Return the LLVM assembly of a function ``kernel(count, argument pointers…, out, cached)``.
 
