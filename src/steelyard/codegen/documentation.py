@@ -205,10 +205,7 @@ def elements_lines(
 ) -> list[str]:
     """Return lines on the elements of the arguments that mean the same in all the functions; none where there are none.
 
-    Parameters
-    ----------
-    element : callable
-        As in :class:`~steelyard.codegen.Syntax`.
+    `element` is as in :class:`~steelyard.codegen.Syntax`.
     """
     lines = []
     for argument in shared_arguments(project):

@@ -42,10 +42,7 @@ class ReferenceValues(unittest.TestCase):
 def python_self_test(project: Project, module: str, functions: Sequence[NamedFunction], comparison: list[str]) -> str:
     """Return the file that compares the functions of a module with their reference values.
 
-    Parameters
-    ----------
-    comparison : list of str
-        Imports ``module`` and defines ``evaluated``.
+    The lines of `comparison` import ``module`` and define ``evaluated``.
     """
     lines = [
         f"# {marker(project.version)}",
@@ -190,13 +187,7 @@ class PythonProject(SourceWriter):
         return [*lines, f"    {leading}.broadcast_shapes({', '.join(f'{name}.shape[1:]' for name in names)})"]
 
     def documentation(self, named: NamedFunction, kind: str) -> list[str]:
-        """Return the docstring of a function that takes arrays.
-
-        Parameters
-        ----------
-        kind : str
-            Type of the outputs.
-        """
+        """Return the docstring of a function that takes arrays, and whose outputs are of some type."""
         function = named.function
         shared = shared_arguments(self.project)
         lines = [comment_text(function.description) or f"Compute {named.name}.", ""]

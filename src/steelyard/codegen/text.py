@@ -141,14 +141,9 @@ def markdown_text(text: str) -> str:
 
 
 def identifier(text: str) -> str:
-    """Return the letters, digits and underscores of `text` as an identifier.
+    """Return the letters, digits and underscores of any text as an identifier.
 
     It is ``robot`` where nothing is left, and begins with that word where a digit would come first.
-
-    Parameters
-    ----------
-    text : str
-        Any text.
 
     Examples
     --------

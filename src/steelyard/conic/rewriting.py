@@ -77,13 +77,7 @@ class Elimination:
     _factors: tuple[Matrix, Matrix] = field(repr=False)
 
     def multipliers(self, gradient: Vector) -> Vector:
-        """The y with Eᵀ y = -gradient on the columns that were eliminated.
-
-        Parameters
-        ----------
-        gradient : (n,)
-            Of what is minimised, without the equations.
-        """
+        """The y with Eᵀ y = -gradient, (n,) without the equations, on the columns that were eliminated."""
         y = np.zeros(self._equations.shape[0])
         columns = sparse.csc_array(self._equations)
         for row, column in self._single:
@@ -405,10 +399,7 @@ class Rewritten:
 def rewrite(problem: ConicProblem) -> Rewritten | Decided:
     """Rewrite a problem, or answer it where nothing is left to solve.
 
-    Parameters
-    ----------
-    problem : ConicProblem
-        Both triangles of P must be given; exponential cones are not supported.
+    Both triangles of P must be given; exponential cones are not supported.
     """
     kinds = np.repeat([cone.kind for cone in problem.cones], [cone.rows for cone in problem.cones])
     equations, coned = np.flatnonzero(kinds == "zero"), np.flatnonzero(kinds != "zero")

@@ -147,10 +147,7 @@ class ModelPart:
     def generate(self, language: str, directory: str | Path, *, fixed: bool = False) -> tuple[Path, ...]:
         """Write the functions as source; see :meth:`steelyard.Model.generate`.
 
-        Parameters
-        ----------
-        fixed : bool
-            Whether the parameters are written as numbers, instead of being an argument.
+        Where they are fixed, the parameters are written as numbers, instead of being an argument.
         """
         parameters = self.parameters if fixed else None
         return self.model.generate(

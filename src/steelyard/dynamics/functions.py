@@ -46,12 +46,8 @@ class SmoothSign:
     """The functions of an algebra of graph nodes, with ``x / sqrt(x² + w²)`` for the sign of x.
 
     At x = w the value is 0.707, at 10 w it is 0.995; the slope at zero is 1 / w. Thesis section 5.1.2 asks for a tight
-    sigmoid; this one needs no exponential, and friction stays passive, because x times it is never negative.
-
-    Parameters
-    ----------
-    width : Node
-        w, positive; rad/s or m/s, of the joint or of the motor.
+    sigmoid; this one needs no exponential, and friction stays passive, because x times it is never negative. The width
+    w is positive; rad/s or m/s, of the joint or of the motor.
 
     Examples
     --------

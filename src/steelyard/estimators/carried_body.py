@@ -222,10 +222,7 @@ class CarryingModel:
 class OfTheRobot:
     """A constraint on the robot alone, as one on the robot and what it carries.
 
-    Parameters
-    ----------
-    model : Model
-        Of the robot alone, whose parameters come first.
+    The parameters of the model, which is of the robot alone, come first.
     """
 
     constraint: Constraint

@@ -707,12 +707,8 @@ class WarmFit:
 
     A primal-dual interior-point method whose every iterate lies inside the set, so that it may be stopped at any time.
     Linear conditions have multipliers; matrices stay positive definite by a barrier as small as the complementarity,
-    and by the prior's own logarithm of determinants.
-
-    Parameters
-    ----------
-    margins : (rows,), optional
-        Stacked matrices that are subtracted from the blocks of the set; its margin in SI where absent.
+    and by the prior's own logarithm of determinants. The margins (rows,) are stacked matrices that are subtracted from
+    the blocks of the set; its margin in SI where absent.
     """
 
     def __init__(self, feasible_set: FeasibleSet, margins: Vector | None = None) -> None:

@@ -309,12 +309,7 @@ BY_GRAVITY = FrictionCandidate(
 
 
 def by_channel(name: str) -> FrictionCandidate:
-    """Friction that changes with what was logged beside the motion, such as a temperature.
-
-    Parameters
-    ----------
-    name : str
-        Of the channel.
+    """Friction that changes with a channel that was logged beside the motion, such as a temperature.
 
     Examples
     --------

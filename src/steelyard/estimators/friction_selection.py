@@ -633,12 +633,7 @@ class _Told:
 
 
 def falls_surely(before: Array, after: Array) -> bool:
-    """Return whether squared errors on stretches that are left out fall by more than chance lets them.
-
-    Parameters
-    ----------
-    before, after : ndarray
-        (folds,) squared errors of each stretch, without and with a law.
+    """Return whether squared errors (folds,) on stretches that are left out fall by more than chance lets them.
 
     Examples
     --------

@@ -208,13 +208,7 @@ class InstrumentedRegression:
         )
 
     def solution(self, weights: npt.ArrayLike | None = None) -> Vector:
-        """Return the base parameters (n_b,) of plain instrumental variables, of least norm where there are several.
-
-        Parameters
-        ----------
-        weights : (N,), optional
-            Of the joints.
-        """
+        """Return the base parameters (n_b,) of plain instrumental variables, of least norm where there are several."""
         plain = Information.empty(self.model)
         width = plain.base_count
         used = np.ones(len(self.factors)) if weights is None else np.asarray(weights, dtype=np.float64)
@@ -227,10 +221,7 @@ class InstrumentedRegression:
     def information(self, base: npt.ArrayLike) -> InstrumentalInformation:
         """Return the regression whose residuals at some base parameters are the structural ones.
 
-        Parameters
-        ----------
-        base : (n_b,)
-            Those of `solution`, for the estimate of instrumental variables.
+        For the estimate of instrumental variables these are those of `solution`.
         """
         beta, measured = np.asarray(base, dtype=np.float64), self.measured()
 

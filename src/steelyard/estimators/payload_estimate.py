@@ -292,12 +292,7 @@ def unexplained_with(
 ) -> tuple[float, float]:
     """Relative errors that least squares leave of the torques of a loaded log and of an unloaded one.
 
-    The latter is NaN where there is none. Such a payload may be impossible.
-
-    Parameters
-    ----------
-    body, loaded, unloaded, robot, weights
-        As in `estimate_payload`.
+    The latter is NaN where there is none. Such a payload may be impossible. All arguments are as in `estimate_payload`.
     """
     with one_thread():
         problem = _problem(body, loaded, unloaded, robot, "full", (), weights)

@@ -311,10 +311,7 @@ def torque_limits(
 ) -> tuple[MotionConstraint, ...]:
     """Return the constraints for the finite limits of torques and power.
 
-    Parameters
-    ----------
-    parameters : array_like, optional
-        Parameters with which torques are predicted, see `predicted_parameters`.
+    Torques are predicted with `parameters`, see `predicted_parameters`.
     """
     if not limits.needs_torque:
         return ()

@@ -356,10 +356,8 @@ class MinimalFace:
 def minimal_face(problem: NormalisedProblem, objective: Vector | None = None) -> MinimalFace:
     """The smallest face that holds every Z ⪰ 0 with Σ <B_j, Z> = t c_j, t ≥ 0; without c, those with 0.
 
-    Parameters
-    ----------
-    objective : (q,), optional
-        c, of length 1. It is unbounded if it is not constant along the lineality space of the face that is found.
+    The objective (q,) is c, of length 1. It is unbounded if it is not constant along the lineality space of the face
+    that is found.
     """
     matrices = problem.split(_proof_of_greatest_rank(problem, objective))
     bases = []

@@ -557,12 +557,7 @@ def holm(probabilities: ArrayLike, level: float) -> NDArray[np.bool_]:
 
     The least probability is held against the level over their number, the next against the level over one less, until
     one is not rejected (S. Holm, A simple sequentially rejective multiple test procedure, 1979). Nothing need be known
-    of how they hang together.
-
-    Parameters
-    ----------
-    probabilities : (m,)
-        Of what was seen, or more, where a hypothesis is true.
+    of how they hang together. The probabilities (m,) are of what was seen, or more, where a hypothesis is true.
 
     Examples
     --------

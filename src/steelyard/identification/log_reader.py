@@ -275,13 +275,7 @@ class LogReader:
             self.cutoff_choices.append(("all logs", decision.cutoff_choice))
 
     def reduced(self, task: LogTask, model: Model) -> ReducedLog:
-        """Reduce a log by itself, with its batch means; nothing is noted in this reader until it is told of it.
-
-        Parameters
-        ----------
-        model : Model
-            In whose base parameters the log is reduced.
-        """
+        """Reduce a log by itself in a model's base parameters, with its batch means; nothing is noted here."""
         log = self.opened(task, model)
         if log is None:
             with _told_where(task.log):
@@ -632,10 +626,7 @@ class ReducedSection:
 class JoinedSections:
     """Joins the sections of a log, in their order, to what the log as a whole comes to.
 
-    Parameters
-    ----------
-    model : Model
-        In whose base parameters the sections are reduced.
+    They were reduced in the model's base parameters.
     """
 
     def __init__(self, log: SectionedLog, model: Model) -> None:

@@ -359,13 +359,7 @@ def white_noise(info: Information, base: ArrayLike) -> tuple[Array, Array]:
 
 
 def said_of(few: Sequence[FewRows]) -> str:
-    """Say it of all of them in a sentence or two.
-
-    Parameters
-    ----------
-    few : sequence of FewRows
-        One at least.
-    """
+    """Say it of all of them, one at least, in a sentence or two."""
     more = f"; and {len(few) - MOST_SAID} more" if len(few) > MOST_SAID else ""
     return (
         f"Few rows hold much of the error: {'; '.join(map(str, few[:MOST_SAID]))}{more}. Noise is not "

@@ -79,13 +79,7 @@ class SegmentFamily(PointFamily):
 
 
 def starting_points(family: SegmentFamily, state: State) -> Array:
-    """Return the first three control points (N, 3) of a motion that begins in a state.
-
-    Parameters
-    ----------
-    state : tuple of ndarray
-        q, dq and ddq, (N,) each.
-    """
+    """Return the first three control points (N, 3) of a motion that begins with q, dq and ddq, (N,) each."""
     rows = np.array([part[0, :_FIXED] for part in family.basis(np.zeros(1))])
     return np.asarray(np.linalg.solve(rows, np.array(state)).T)
 

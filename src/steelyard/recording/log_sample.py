@@ -67,13 +67,7 @@ class LogSample:
 
 
 def sample_of(files: LogFiles, layout: Layout) -> LogSample | None:
-    """Read a long log once, and keep some stretches of it; None for a log that can be examined as a whole.
-
-    Parameters
-    ----------
-    layout : Layout
-        Of its columns.
-    """
+    """Read a long log once, and keep some stretches of it; None for a log that can be examined as a whole."""
     count = files.count()
     if count <= LONGEST_EXAMINED:
         return None

@@ -323,12 +323,7 @@ class ColouredReduction(WhitenedReduction):
     """Reduces rows whitened in time and across the joints, all joints together.
 
     Innovations of several joints in one sample are whitened by their correlation; the first rows behind a gap, and
-    those mixed at one, count as independent of the other joints.
-
-    Parameters
-    ----------
-    sums : BatchSums, optional
-        Receives the rows, too.
+    those mixed at one, count as independent of the other joints. The sums, where there are some, receive the rows, too.
     """
 
     def __init__(self, model: Model, noise: ColouredNoise, sums: BatchSums | None = None) -> None:

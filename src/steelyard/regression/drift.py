@@ -99,12 +99,7 @@ def friction_drifts(blocks: TimeBlocks, base_names: Sequence[str]) -> tuple[Fric
 
 
 def drift_sentence(log: str, drifts: Sequence[FrictionDrift], joint_names: Sequence[str]) -> str:
-    """Say it of the joints of a log.
-
-    Parameters
-    ----------
-    drifts : sequence of FrictionDrift
-        One at least, the largest change first.
+    """Say it of the joints of a log: drifts of one joint at least, the largest change first.
 
     Examples
     --------

@@ -140,13 +140,7 @@ class NeighborCombinations:
         self._work: _Work | None = None
 
     def combined(self, source: RegressorSource, torque: Array, mask: NDArray[np.bool_] | None) -> list[CombinedRows]:
-        """Combine the rows of each joint.
-
-        Parameters
-        ----------
-        torque, mask : ndarray
-            (S, N), S a multiple of `LENGTH`.
-        """
+        """Combine the rows of each joint: torque and mask are (S, N), S a multiple of `LENGTH`."""
         columns = None if source.motion is None else source.motion.columns
         if self._work is None or self._work.columns is not columns:
             self._work = _Work(self.starts, self.ends, columns, self._work)

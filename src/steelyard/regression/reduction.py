@@ -256,13 +256,7 @@ def as_covariance(covariance: ArrayLike, joints: int) -> Array:
 
 
 class MarginalWhitening:
-    """Whitens the rows of a sample across its joints; of those that are used, by their marginal covariance.
-
-    Parameters
-    ----------
-    covariance : ndarray
-        (N, N).
-    """
+    """Whitens the rows of a sample across its joints, by the marginal covariance of those that are used."""
 
     def __init__(self, covariance: Array) -> None:
         self.covariance = covariance

@@ -209,10 +209,7 @@ class Nearness:
 def watch_collisions(viewed: ViewedRobot, motion: Playback | None) -> tuple[Nearness | None, tuple[str, ...]]:
     """Measure the distances of links in a motion; return them, and sentences on what was not checked.
 
-    Parameters
-    ----------
-    motion : Playback or None
-        Without one, distances are measured in configurations alone.
+    Without a motion, distances are measured in configurations alone.
     """
     around = Surroundings.of(viewed.model.robot, (), {}, self_collision=True)
     if around.own is None:

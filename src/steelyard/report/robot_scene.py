@@ -71,12 +71,7 @@ LEAST_SIZE = 0.05
 
 
 def robot_scene(robot: Robot, q: ArrayLike | None = None) -> RobotScene:
-    """Place joints and links of a robot whose lengths are numbers.
-
-    Parameters
-    ----------
-    q : (N,), optional
-        rad or m; zeros by default.
+    """Place joints and links of a robot whose lengths are numbers, at q (N,), rad or m; zeros by default.
 
     Examples
     --------

@@ -82,10 +82,7 @@ PSEUDO_INERTIA.setflags(write=False)
 def moment_row(quadratic: Matrix) -> Matrix:
     """The moment ∫ (r, 1)ᵀ Q (r, 1) dm = tr(P Q) as a row (10,) over the ten parameters.
 
-    Parameters
-    ----------
-    quadratic : (4, 4)
-        Q, symmetric: a quadratic function of the place r.
+    Q (4, 4), symmetric, is a quadratic function of the place r.
 
     Examples
     --------
@@ -98,10 +95,7 @@ def moment_row(quadratic: Matrix) -> Matrix:
 def transformation(placement: Matrix) -> Matrix:
     """Return how the ten parameters change, (10, 10), where every point r goes to T (r, 1): P becomes T P Tᵀ.
 
-    Parameters
-    ----------
-    placement : (4, 4)
-        T: a rigid motion, or one with a reflection.
+    T (4, 4) is a rigid motion, or one with a reflection.
 
     Examples
     --------

@@ -355,10 +355,7 @@ _KNOWN: WeakKeyDictionary[Model, dict[tuple[bool, bool, bool], MotionFunctions]]
 def motion_functions(model: Model, *, base: bool, smooth: bool, each: bool) -> MotionFunctions:
     """Return the functions of a model, which are kept as long as the model exists.
 
-    Parameters
-    ----------
-    base, smooth, each : bool
-        See :class:`MotionFunctions`.
+    The flags are those of :class:`MotionFunctions`.
     """
     known = _KNOWN.setdefault(model, {})
     key = (base, smooth, each)

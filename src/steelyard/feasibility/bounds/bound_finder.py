@@ -212,13 +212,7 @@ class RatioProof:
 
 
 class BoundFinder:
-    """Least values of many quantities over one slice.
-
-    Parameters
-    ----------
-    solver : str
-        As in `steelyard.conic.solve`.
-    """
+    """Least values of many quantities over one slice, by a solver as in `steelyard.conic.solve`."""
 
     def __init__(self, center: AnalyticCenter, solver: str) -> None:
         self.center = center
@@ -237,12 +231,7 @@ class BoundFinder:
         return self.dual.trace_bound
 
     def least(self, row: Vector) -> Bound:
-        """The least value of row · δ.
-
-        Parameters
-        ----------
-        row : (n,)
-        """
+        """The least value of row · δ, for a row (n,)."""
         key = row.tobytes()
         if key not in self._found:
             self._found[key] = self._least(row)

@@ -25,12 +25,7 @@ _NUMBER = re.compile(r"[+-]?[0-9]{1,5000}(\.[0-9]{0,5000})?([eE][+-]?[0-9]{1,3})
 
 @lru_cache(maxsize=1024)
 def exact_number(value: float) -> Fraction:
-    """Return the decimal number that a float prints, such as 1/10 for 0.1.
-
-    Parameters
-    ----------
-    value : float
-        Finite.
+    """Return the decimal number that a finite float prints, such as 1/10 for 0.1.
 
     Examples
     --------

@@ -32,13 +32,9 @@ def with_chosen_friction(
     """Identify a robot with elastic joints whose friction the logs choose.
 
     Friction acts at the motors. So the robot is identified with the friction that is stated, laws are chosen by the
-    motion of the motors, and where laws were added all is identified anew with them. Where deflections matter, what
-    the links ask for by their own motion beside that of the motors is moved to the torques by which laws are chosen.
-
-    Parameters
-    ----------
-    identify, file, data, validate, progress, **options
-        See :func:`with_elastic_joints`.
+    motion of the motors, and where laws were added all is identified anew with them. Where deflections matter, what the
+    links ask for by their own motion beside that of the motors is moved to the torques by which laws are chosen. The
+    arguments are those of :func:`with_elastic_joints`.
     """
     say = progress or (lambda _: None)
     first, motions = identified_with_motions(identify, file, data, validate, progress=progress, **options)
