@@ -455,12 +455,11 @@ class LogReader:
 
     def _open(self, log: str | Path | LogFile) -> chunks.LogStream:
         """Open a log whose rows are counted and timed, once for all that is read of it; the last few stay open."""
-        found = self._streams.pop(id(log) if isinstance(log, LogFile) else str(log), None)
-        if found is None:
-            found = chunks.LogStream(log, self.columns, self.model.robot)
+        key = id(log) if isinstance(log, LogFile) else str(log)
+        found = self._streams.pop(key, None) or chunks.LogStream(log, self.columns, self.model.robot)
         while len(self._streams) >= _DECIDING_LOGS:
             del self._streams[next(iter(self._streams))]
-        self._streams[id(log) if isinstance(log, LogFile) else str(log)] = found
+        self._streams[key] = found
         return found
 
     def dense(self, log: GivenLog, rows: int) -> Samples | None:
