@@ -6,7 +6,7 @@ import contextlib
 import datetime
 import glob
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -71,27 +71,30 @@ class FleetEntry:
         return bool(self.informations) or any(is_information(path) for path in self.validate)
 
     def files(self, key: str) -> tuple[str, ...]:
-        """Return the files of `informations` or `validate`, those of a pattern in the order of their names.
+        """Return the files of `informations` or `validate`, see `files_named`."""
+        return files_named(getattr(self, key), f"correct {key} of {self.label} in the manifest")
 
-        Raises
-        ------
-        InputError
-            If a file is missing, or nothing has a name like a pattern.
-        """
-        found: list[str] = []
-        for pattern in getattr(self, key):
-            if "://" in pattern or not glob.has_magic(pattern) or os.path.exists(pattern):
-                if "://" not in pattern:
-                    require_file(pattern.split("+")[0], f"correct {key} of {self.label} in the manifest")
-                found.append(pattern)
-                continue
-            files = sorted(one for one in glob.glob(pattern, recursive=True) if os.path.isfile(one))
-            if not files:
-                raise InputError(
-                    f"{shown(pattern)}: no file has such a name; correct {key} of {self.label} in the manifest."
-                )
-            found += files
-        return tuple(dict.fromkeys(found))
+
+def files_named(patterns: Iterable[str], remedy: str) -> tuple[str, ...]:
+    """Return the files that paths and patterns stand for, those of a pattern in the order of their names.
+
+    Raises
+    ------
+    InputError
+        If a file is missing, or nothing has a name like a pattern; the message ends with the remedy.
+    """
+    found: list[str] = []
+    for pattern in patterns:
+        if "://" in pattern or not glob.has_magic(pattern) or os.path.exists(pattern):
+            if "://" not in pattern:
+                require_file(pattern.split("+")[0], remedy)
+            found.append(pattern)
+            continue
+        files = sorted(one for one in glob.glob(pattern, recursive=True) if os.path.isfile(one))
+        if not files:
+            raise InputError(f"{shown(pattern)}: no file has such a name; {remedy}.")
+        found += files
+    return tuple(dict.fromkeys(found))
 
 
 @dataclass(frozen=True)

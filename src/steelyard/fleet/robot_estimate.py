@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from steelyard.collision.robot_geometry import files_of_meshes
-from steelyard.display import shortened
 from steelyard.dynamics import Model
 from steelyard.errors import InputError, SteelyardError
 from steelyard.estimators.cross_validation import FEWEST_FOLDS
@@ -32,7 +31,7 @@ from steelyard.regression import Information, ParameterCovariance, least_squares
 from steelyard.robot import RobotFile
 
 from .checkpoints import checkpoint_key, robot_content
-from .data_sets import reduced_logs
+from .data_sets import other_model, reduced_logs
 from .manifest import FleetEntry, is_information
 from .packed import packed, unpacked
 
@@ -273,22 +272,12 @@ def _known_for(robot: Description, information: Information, path: str) -> Known
     for index, model in enumerate(models):
         if model.base_parameters().expressions == information.base_expressions:
             return known_of(robot, index > 0)
-    raise _other_model(path, models[0], information)
+    raise other_model(path, models[0], information)
 
 
 def _require_model(information: Information, model: Model, path: str) -> None:
     if model.base_parameters().expressions != information.base_expressions:
-        raise _other_model(path, model, information)
-
-
-def _other_model(path: str, model: Model, information: Information) -> InputError:
-    own, given = model.base_parameters().expressions, information.base_expressions
-    alone = next((one for one in given if one not in own), None)
-    told = f"; it alone has {shortened(alone, 60)}" if alone is not None else ""
-    return InputError(
-        f"{path}: is of another robot or of other terms than {model.robot.name}: {len(given)} base parameters where "
-        f"this has {len(own)}{told}; reduce the logs with the robot of the manifest."
-    )
+        raise other_model(path, model, information)
 
 
 def _reduced(

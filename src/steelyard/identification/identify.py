@@ -212,12 +212,7 @@ def identify(
             progress=progress,
         )
     reader = LogReader(file, model, chunk_rows)
-    if reader.columns.finds_gains:
-        raise InputError(
-            f"{file.path}, [log]: drive gains are to be found, and currents alone are no torques; state "
-            "`gain = [...]`, N·m per A of each joint, or find them with `steelyard payload ROBOT UNLOADED LOADED` and "
-            "a payload of known mass."
-        )
+    reader.require_torques()
     limits = given_constraints(file, constraints)
 
     say(f"{model.robot.name}: {model.dof} joints, {model.base_parameters().count} base parameters")

@@ -1,0 +1,99 @@
+"""``steelyard reduce``: logs become a file of sums, and the files of days add up."""
+
+import json
+import re
+
+import numpy as np
+import polars as pl
+import pytest
+
+import steelyard as sy
+from steelyard.recording import Processing, process_chunks
+
+
+@pytest.fixture
+def days(place):
+    """Return the folder with a second log, of other rows."""
+    rows = (place / "log.csv").read_text().splitlines(keepends=True)
+    (place / "second.csv").write_text("".join([rows[0], *rows[len(rows) // 2 :]]))
+    return place
+
+
+def test_days_add_up_to_the_regression_of_all_their_rows(days, run):
+    for name in ("log", "second"):
+        code, out, _ = run("reduce", days / "robot.toml", days / f"{name}.csv", "-o", days / f"{name}.json", "-q")
+        assert code == 0
+        assert out.startswith("1 log: ")
+        assert len(out.splitlines()) == 1
+    code, out, _ = run(
+        "reduce", days / "robot.toml", days / "log.json", days / "second.json", "-o", days / "both.json", "--json"
+    )
+    told = json.loads(out)
+    both = sy.Information.load(days / "both.json")
+    assert (code, told["rows"], told["not_shown"]) == (0, both.count, [])
+    model = sy.Model.load(days / "robot.toml")
+    Pb, rows, torques = model.base_parameters().Pb, [], []
+    for name in ("log", "second"):
+        for samples in process_chunks(days / f"{name}.csv", processing=Processing(cutoff=10.0), joints=2, model=model):
+            used = samples.used_rows.ravel()
+            rows.append((model.regressor(samples.q, samples.dq, samples.ddq) @ Pb).reshape(-1, Pb.shape[1])[used])
+            torques.append(samples.torque.ravel()[used])
+    assert sum(map(len, torques)) == both.count
+    base = np.linalg.lstsq(np.concatenate(rows), np.concatenate(torques), rcond=None)[0]
+    np.testing.assert_allclose(sy.least_squares(both, None).base, base, rtol=1e-8, atol=1e-10)
+
+
+def test_what_logs_decide_and_what_counts_twice_is_told(days, run):
+    (days / "robot.toml").write_text((days / "robot.toml").read_text().replace("cutoff = 10.0", ""))
+    code, out, _ = run("reduce", days / "robot.toml", days / "log.csv", "-o", days / "log.json")
+    assert code == 0
+    assert "These logs decided `cutoff`, `velocity_threshold`, and" in out
+    assert any("Positions were filtered at" in remark for remark in sy.Information.load(days / "log.json").remarks)
+    # The same rows under another name.
+    (days / "again.json").write_bytes((days / "log.json").read_bytes())
+    files = days / "log.json", days / "again.json"
+    assert "were given twice" in run("reduce", days / "robot.toml", *files, "-o", days / "two.json")[1]
+    assert "were given twice" in " ".join(sy.Information.load(days / "two.json").remarks)
+    # One name twice is one file, as one log is.
+    code, out, _ = run("reduce", days / "robot.toml", files[0], files[0], "-o", days / "one.json", "-q")
+    assert (code, out[:6]) == (0, "1 log:")
+
+
+def test_a_fleet_takes_the_files_in_the_place_of_logs(days, run):
+    # Terms that nobody stated: rotors belong to the model, as `fleet` reduces logs.
+    (days / "fleet.toml").write_text(
+        'robot = "pair.urdf"\n[[robots]]\nid = "A"\nlogs = ["log.csv"]\n'
+        '[[robots]]\nid = "B"\ninformations = ["B.json"]\n'
+    )
+    assert run("reduce", days / "pair.urdf", days / "log.csv", "-o", days / "B.json", "-q")[0] == 0
+    code, _, _ = run("fleet", days / "fleet.toml", "-o", days / "result", "--json")
+    assert code in (0, 1)
+    table = pl.read_parquet(days / "result" / "parameters.parquet").filter(pl.col("kind") == "base")
+    first, second = (table.filter(pl.col("robot") == name)["value"].to_numpy() for name in "AB")
+    assert len(first) == len(second) > 10
+    np.testing.assert_array_equal(first, second)
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        (["log.json", "-o", "log.json"], "would replace it"),
+        (["nothing.json", "-o", "x.json"], "correct its path"),
+        (["none*.json", "-o", "x.json"], "no file has such a name"),
+        (["robot.toml", "-o", "x.json"], "suffix"),
+        (["strange.json", "-o", "x.json"], "expected 'steelyard-information-"),
+        (["other.json", "-o", "x.json"], "of another robot or of other terms"),
+        (["log.csv", "--set", "elastic.joints=['elbow']", "-o", "x.json"], r"table \[elastic\]"),
+        (["log.csv", "--set", "log.gain='find'", "-o", "x.json"], "drive gains are to be found"),
+    ],
+)
+def test_what_cannot_be_reduced_or_added_is_one_sentence(days, run, given, told):
+    model = sy.Model(sy.Robot.from_dh([(0, 1.0, 0, "q")]))
+    sy.Information.empty(model).save(days / "other.json")
+    (days / "strange.json").write_text('{"format": "something"}')
+    assert run("reduce", days / "robot.toml", days / "log.csv", "-o", days / "log.json", "-q")[0] == 0
+    paths = [days / one if "." in one and "=" not in one else one for one in given]
+    code, _, err = run("reduce", days / "robot.toml", *paths, "-q")
+    assert (code, len(err.splitlines())) == (2, 1)
+    assert re.search(told, err), err
+    assert not (days / "x.json").exists()
