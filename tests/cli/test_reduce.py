@@ -2,6 +2,7 @@
 
 import json
 import re
+import shutil
 
 import numpy as np
 import polars as pl
@@ -43,20 +44,38 @@ def test_days_add_up_to_the_regression_of_all_their_rows(days, run):
     np.testing.assert_allclose(sy.least_squares(both, None).base, base, rtol=1e-8, atol=1e-10)
 
 
-def test_what_logs_decide_and_what_counts_twice_is_told(days, run):
+def test_what_logs_decide_is_told(days, run):
     (days / "robot.toml").write_text((days / "robot.toml").read_text().replace("cutoff = 10.0", ""))
     code, out, _ = run("reduce", days / "robot.toml", days / "log.csv", "-o", days / "log.json")
     assert code == 0
     assert "These logs decided `cutoff`, `velocity_threshold`, and" in out
     assert any("Positions were filtered at" in remark for remark in sy.Information.load(days / "log.json").remarks)
-    # The same rows under another name.
-    (days / "again.json").write_bytes((days / "log.json").read_bytes())
-    files = days / "log.json", days / "again.json"
-    assert "were given twice" in run("reduce", days / "robot.toml", *files, "-o", days / "two.json")[1]
-    assert "were given twice" in " ".join(sy.Information.load(days / "two.json").remarks)
+
+
+def test_no_log_counts_twice(days, run):
+    def reduce(*logs):
+        return run("reduce", days / "robot.toml", *(days / one for one in logs), "-o", days / f"{len(logs)}.json", "-q")
+
+    assert reduce("log.csv")[0] == 0
+    shutil.copy(days / "1.json", days / "day.json")
+    shutil.copy(days / "1.json", days / "copy.json")
     # One name twice is one file, as one log is.
-    code, out, _ = run("reduce", days / "robot.toml", files[0], files[0], "-o", days / "one.json", "-q")
-    assert (code, out[:6]) == (0, "1 log:")
+    assert reduce("day.json", "day.json")[1].startswith("1 log: ")
+    assert "copy.json: has rows that" in reduce("day.json", "copy.json")[2]
+    shutil.copy(days / "log.csv", days / "same.csv")
+    assert "same.csv: has rows that" in reduce("day.json", "same.csv")[2]
+    assert "same.csv: has rows that" in reduce("log.csv", "same.csv")[2]
+    assert "log.csv: has rows that" in reduce("log.csv", "log.csv")[2]
+    assert reduce("day.json", "second.csv")[0] == 0
+    shutil.copy(days / "2.json", days / "both.json")
+    assert "second.csv: has rows that" in reduce("both.json", "second.csv")[2]
+    assert len(sy.Information.load(days / "both.json").contents) == 2
+    with pytest.raises(sy.InputError, match="would count twice"):
+        sy.Information.load(days / "both.json") + sy.Information.load(days / "day.json")
+    # The same rows in another form are told by their sums.
+    sy.Recording.read(days / "log.csv", joints=2).save(days / "same.parquet")
+    assert reduce("day.json", "same.parquet")[0] == 0
+    assert "were given twice" in " ".join(sy.Information.load(days / "2.json").remarks)
 
 
 def test_a_fleet_takes_the_files_in_the_place_of_logs(days, run):

@@ -16,7 +16,7 @@ from steelyard.identification.given import GivenLog, given_logs, given_robot, gi
 from steelyard.identification.log_reader import LogReader, LogTask, ReducedLog, one_by_one
 from steelyard.identification.reduced_logs import copies_among
 from steelyard.identification.validation import DRAWN_ROWS
-from steelyard.recording.formats import contents_of, require_unwritten, unchanged, written_states
+from steelyard.recording.formats import content_hashes, contents_of, require_unwritten, unchanged, written_states
 from steelyard.recording.formats.hashes import LogContent
 from steelyard.regression import Information
 from steelyard.regression.batch_means import BatchMeansTree
@@ -190,8 +190,19 @@ def other_model(path: str, model: Model, information: Information) -> InputError
 
 
 def _reduced(common: Any, task: _Task) -> bytes:
+    given = [(path, Information.load(path).contents) for path in task.informations]
+    given += [(log, ("+".join(content_hashes(log)),)) for log in map(str, task.logs)]
+    holders: dict[str, str] = {}
+    for name, contents in given:
+        for content in contents:
+            if content in holders:
+                raise InputError(
+                    f"{name}: has rows that {holders[content]} has, which would count twice; leave one out."
+                )
+            holders[content] = name
     with unchanged(task.contents):
         found = reduced_logs(task.file, task.model(), task.logs, informations=task.informations)
+    found = replace(found, information=replace(found.information, contents=tuple(holders)))
     return packed([getattr(found, one.name) for one in fields(found)])
 
 
