@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+from pathlib import Path
 
 import numpy as np
 import polars as pl
@@ -76,6 +77,46 @@ def test_no_log_counts_twice(days, run):
     sy.Recording.read(days / "log.csv", joints=2).save(days / "same.parquet")
     assert reduce("day.json", "same.parquet")[0] == 0
     assert "were given twice" in " ".join(sy.Information.load(days / "2.json").remarks)
+
+
+def test_identify_adds_days_to_its_logs(days, run):
+    robot = days / "robot.toml"
+    assert run("reduce", robot, days / "second.csv", "-o", days / "day.json", "-q")[0] == 0
+    for name, beside in (("added", "day.json"), ("read", "second.csv")):
+        assert run("identify", robot, days / "log.csv", days / beside, "-o", days / name, "-q")[0] == 0
+    added, read = (sy.Estimate.load(days / name) for name in ("added", "read"))
+    np.testing.assert_allclose(added.unconstrained_base, read.unconstrained_base, rtol=1e-7, atol=1e-9)
+    # Stretches that are left out are others.
+    np.testing.assert_allclose(added.base, read.base, rtol=0.02, atol=0.02 * np.abs(read.base).max())
+    record = json.loads((days / "added" / "run.json").read_text())
+    assert [Path(one["path"]).name for one in record["informations"]] == ["day.json"]
+    assert "in the fit, and not looked at" in " ".join(record["remarks"])
+    assert f"{days / 'log.csv'} {days / 'day.json'} --" in (days / "added" / "report.html").read_text()
+    # What was reduced has been seen, whichever file it comes from.
+    told = run("validate", robot, days / "added", days / "second.csv")[1]
+    assert told.startswith("No log was predicted")
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        (["day.json"], "holds no rows that can be looked at"),
+        (["log.csv", "day.json", "--friction", "auto"], "holds no rows, which"),
+        (["log.csv", "day.json", "--estimator", "momentum"], "holds no rows, which"),
+        (["second.csv", "day.json"], "has rows that"),
+        (["log.csv", "day.json", "--validate", "second.csv"], "has rows that"),
+        (["log.csv", "other.json"], "of another robot or of other terms"),
+    ],
+)
+def test_what_identify_cannot_add_is_one_sentence(days, run, given, told):
+    robot = days / "robot.toml"
+    assert run("reduce", robot, days / "second.csv", "-o", days / "day.json", "-q")[0] == 0
+    sy.Information.empty(sy.Model(sy.Robot.from_dh([(0, 1.0, 0, "q")]))).save(days / "other.json")
+    paths = [days / one if "." in one else one for one in given]
+    code, _, err = run("identify", robot, *paths, "-o", days / "result", "-q")
+    assert (code, len(err.splitlines())) == (2, 1)
+    assert told in err
+    assert not (days / "result").exists()
 
 
 def test_a_fleet_takes_the_files_in_the_place_of_logs(days, run):

@@ -8,15 +8,21 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
-from steelyard.display import shortened
 from steelyard.dynamics import Model
 from steelyard.errors import InputError
 from steelyard.files import listed, plain
-from steelyard.identification.given import GivenLog, given_logs, given_robot, given_settings, wider_model
+from steelyard.identification.given import (
+    GivenLog,
+    given_logs,
+    given_robot,
+    given_settings,
+    wider_model,
+    without_informations,
+)
 from steelyard.identification.log_reader import LogReader, LogTask, ReducedLog, one_by_one
-from steelyard.identification.reduced_logs import copies_among
+from steelyard.identification.reduced_logs import copies_among, require_once
 from steelyard.identification.validation import DRAWN_ROWS
-from steelyard.recording.formats import content_hashes, contents_of, require_unwritten, unchanged, written_states
+from steelyard.recording.formats import contents_of, require_unwritten, unchanged, written_states
 from steelyard.recording.formats.hashes import LogContent
 from steelyard.regression import Information
 from steelyard.regression.batch_means import BatchMeansTree
@@ -27,10 +33,9 @@ from steelyard.robot import Robot, RobotFile
 from .checkpoints import Checkpoints, checkpoint_key, robot_content
 from .executors import Executor, Here
 from .log_reduction import first_of, run_in_order
-from .manifest import files_named, is_information
 from .packed import packed, unpacked
 
-__all__ = ["DataSet", "ReducedDataSet", "other_model", "reduce_data_sets", "reduced_logs"]
+__all__ = ["DataSet", "ReducedDataSet", "reduce_data_sets", "reduced_logs"]
 
 FEW = 100
 """Rows that are kept of a log to be drawn, where nobody draws them."""
@@ -149,8 +154,7 @@ def reduced_logs(
         )
     earlier = [Information.load(path) for path in informations]
     for path, information in zip(informations, earlier, strict=True):
-        if information.base_expressions != model.base_parameters().expressions:
-            raise other_model(path, model, information)
+        information.require_model(model, path)
     written = written_states(logs)
     reader = LogReader(file, model)
     reader.require_torques()
@@ -178,31 +182,11 @@ def reduced_logs(
     )
 
 
-def other_model(path: str, model: Model, information: Information) -> InputError:
-    """Return what says that an Information is not of a model."""
-    own, given = model.base_parameters().expressions, information.base_expressions
-    alone = next((one for one in given if one not in own), None)
-    told = f"; it alone has {shortened(alone, 60)}" if alone is not None else ""
-    return InputError(
-        f"{path}: is of another robot or of other terms than {model.robot.name}: {len(given)} base parameters where "
-        f"this has {len(own)}{told}; reduce the logs with this robot."
-    )
-
-
 def _reduced(common: Any, task: _Task) -> bytes:
-    given = [(path, Information.load(path).contents) for path in task.informations]
-    given += [(log, ("+".join(content_hashes(log)),)) for log in map(str, task.logs)]
-    holders: dict[str, str] = {}
-    for name, contents in given:
-        for content in contents:
-            if content in holders:
-                raise InputError(
-                    f"{name}: has rows that {holders[content]} has, which would count twice; leave one out."
-                )
-            holders[content] = name
+    contents = require_once(task.logs, [(path, Information.load(path)) for path in task.informations])
     with unchanged(task.contents):
         found = reduced_logs(task.file, task.model(), task.logs, informations=task.informations)
-    found = replace(found, information=replace(found.information, contents=tuple(holders)))
+    found = replace(found, information=replace(found.information, contents=contents))
     return packed([getattr(found, one.name) for one in fields(found)])
 
 
@@ -248,12 +232,10 @@ def reduce_data_sets(
     tasks = []
     for one in data_sets:
         file = given_settings(given_robot(one.robot)[0], one.columns, one.processing)
-        earlier = [os.fspath(log) for log in one.logs if is_information(os.fspath(log))]
-        logs = [log for log in one.logs if os.fspath(log) not in earlier]
         if not one.logs:
             raise InputError("A data set has no logs; give the path of one.")
-        given = given_logs(logs, None)[0] if logs else ()
-        tasks.append(_Task(file, given, files_named(earlier, "correct its path"), one.rotors))
+        logs, earlier = without_informations(list(one.logs))
+        tasks.append(_Task(file, given_logs(logs, None)[0], earlier, one.rotors))
     groups, keys = [[task] for task in tasks], None
     if checkpoints is not None:
         hashes = run_in_order(_hashed, first_of, None, groups, executor)

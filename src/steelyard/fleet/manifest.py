@@ -6,7 +6,7 @@ import contextlib
 import datetime
 import glob
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from typing import Any
 from steelyard.errors import InputError
 from steelyard.files import TomlTable, read_table, read_toml, require_file, shown
 from steelyard.files.arguments import LONGEST_NAME, is_name
+from steelyard.identification.given import files_named, is_information
 
 __all__ = ["FleetEntry", "FleetManifest"]
 
@@ -22,11 +23,6 @@ TOP_LEVEL = ("name", "robot", "table", "robots", "false_discovery_rate", "interv
 LISTS = ("logs", "informations", "validate")
 SEPARATOR = ";"
 """Between several paths in a cell of a table."""
-
-
-def is_information(path: str) -> bool:
-    """Whether a path is that of an Information, and not of a log."""
-    return path.lower().endswith(".json")
 
 
 @dataclass(frozen=True)
@@ -73,28 +69,6 @@ class FleetEntry:
     def files(self, key: str) -> tuple[str, ...]:
         """Return the files of `informations` or `validate`, see `files_named`."""
         return files_named(getattr(self, key), f"correct {key} of {self.label} in the manifest")
-
-
-def files_named(patterns: Iterable[str], remedy: str) -> tuple[str, ...]:
-    """Return the files that paths and patterns stand for, those of a pattern in the order of their names.
-
-    Raises
-    ------
-    InputError
-        If a file is missing, or nothing has a name like a pattern; the message ends with the remedy.
-    """
-    found: list[str] = []
-    for pattern in patterns:
-        if "://" in pattern or not glob.has_magic(pattern) or os.path.exists(pattern):
-            if "://" not in pattern:
-                require_file(pattern.split("+")[0], remedy)
-            found.append(pattern)
-            continue
-        files = sorted(one for one in glob.glob(pattern, recursive=True) if os.path.isfile(one))
-        if not files:
-            raise InputError(f"{shown(pattern)}: no file has such a name; {remedy}.")
-        found += files
-    return tuple(dict.fromkeys(found))
 
 
 @dataclass(frozen=True)

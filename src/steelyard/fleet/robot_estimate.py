@@ -21,7 +21,7 @@ from steelyard.estimators.physical_prior import PhysicalPrior, physical_prior
 from steelyard.estimators.plausible_fit import plausible_fit, tried_prior
 from steelyard.feasibility import FeasibleSet, check
 from steelyard.files import file_hash, plain
-from steelyard.identification.given import given_constraints, given_logs, wider_model
+from steelyard.identification.given import given_constraints, given_logs, is_information, wider_model
 from steelyard.identification.log_reader import ReducedLog
 from steelyard.identification.parameter_table import parameter_table
 from steelyard.identification.prediction_verdict import few_rows_of, prediction_verdict, said_of
@@ -31,8 +31,8 @@ from steelyard.regression import Information, ParameterCovariance, least_squares
 from steelyard.robot import RobotFile
 
 from .checkpoints import checkpoint_key, robot_content
-from .data_sets import other_model, reduced_logs
-from .manifest import FleetEntry, is_information
+from .data_sets import reduced_logs
+from .manifest import FleetEntry
 from .packed import packed, unpacked
 
 __all__ = [
@@ -184,7 +184,7 @@ def _estimate(task: dict[str, Any]) -> dict[str, Any]:
         parts = [Information.load(path) for path in task["informations"]]
         known = _known_for(robot, parts[0], task["informations"][0])
         for path, part in zip(task["informations"], parts, strict=True):
-            _require_model(part, known.model, path)
+            part.require_model(known.model, path)
         information, stretches, remarks = Information.total(parts), tuple(parts), list(parts[0].remarks)
         if len(parts) < FEWEST_FOLDS:
             stretches = ()
@@ -269,15 +269,10 @@ def _estimate(task: dict[str, Any]) -> dict[str, Any]:
 def _known_for(robot: Description, information: Information, path: str) -> Known:
     """What is known of the model of which an Information is; with rotors where it has them and nothing states terms."""
     _, models = _file_and_models(robot)
-    for index, model in enumerate(models):
-        if model.base_parameters().expressions == information.base_expressions:
-            return known_of(robot, index > 0)
-    raise other_model(path, models[0], information)
-
-
-def _require_model(information: Information, model: Model, path: str) -> None:
-    if model.base_parameters().expressions != information.base_expressions:
-        raise other_model(path, model, information)
+    known = [model.base_parameters().expressions for model in models]
+    index = known.index(information.base_expressions) if information.base_expressions in known else 0
+    information.require_model(models[index], path)
+    return known_of(robot, index > 0)
 
 
 def _reduced(
@@ -299,7 +294,7 @@ def _validation(known: Known, paths: Sequence[str]) -> tuple[list[Information], 
             information = Information.load(path)
         else:
             information = reduced_logs(known.file, known.model, given_logs([path], None)[0], each.append).information
-        _require_model(information, known.model, path)
+        information.require_model(known.model, path)
         found.append(information)
     return found, each
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from steelyard.display import html_table
+from steelyard.display import html_table, shortened
 from steelyard.errors import InputError
 from steelyard.files import listed, plain, read_json, require_format, shown, write_json
 from steelyard.once import cached_property
@@ -322,6 +322,18 @@ class Information:
             batch_means=means,
             filtered_torque=self.filtered_torque or other.filtered_torque,
             contents=(*self.contents, *other.contents),
+        )
+
+    def require_model(self, model: Model, path: str) -> None:
+        """Refuse an Information from a file that is not of a model."""
+        base, own = model.base_parameters(), set(model.base_parameters().expressions)
+        if self.base_expressions == base.expressions:
+            return
+        alone = next((one for one in self.base_expressions if one not in own), None)
+        told = f"; it alone has {shortened(alone, 60)}" if alone is not None else ""
+        raise InputError(
+            f"{path}: is of another robot or of other terms than {model.robot.name}: {self.base_count} base parameters "
+            f"where this has {base.count}{told}; reduce the logs with this robot."
         )
 
     def stretches(self, blocks: TimeBlocks, count: int = FOLDS) -> tuple[Information, ...]:
