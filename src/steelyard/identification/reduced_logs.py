@@ -13,7 +13,6 @@ import numpy as np
 from steelyard.dynamics import Model
 from steelyard.errors import InputError
 from steelyard.recording import Samples
-from steelyard.recording.formats import content_hashes
 from steelyard.regression import Information
 from steelyard.regression.batch_means import BatchMeansTree
 from steelyard.regression.body_change import BodyChange, body_change
@@ -194,6 +193,8 @@ def copies_among(
 
 def require_once(logs: Iterable[GivenLog], informations: Iterable[tuple[str, Information]]) -> tuple[str, ...]:
     """Return the hashes of logs in files, and of the logs that Informations hold; refuse those that are there twice."""
+    from steelyard.recording.formats import content_hashes  # what is not asked for is not loaded
+
     given = [(name, one.contents) for name, one in informations]
     for log in logs:
         hashes = content_hashes(str(log)) if isinstance(log, str | Path) else ()  # none where there is no such file
