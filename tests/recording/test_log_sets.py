@@ -269,6 +269,29 @@ def test_an_object_that_changes_is_read_again(store: str) -> None:
         assert sy.Recording.read(address).count == rows
 
 
+@pytest.mark.parametrize("broken", ["shorter", "changed"])
+def test_an_object_that_is_not_read_whole_is_refused(store: str, monkeypatch: pytest.MonkeyPatch, broken: str) -> None:
+    # A connection that ends early gives a text of fewer rows, which is a log as well.
+    fsspec = pytest.importorskip("fsspec")
+    system, address = fsspec.filesystem("memory"), f"{store}/long.csv"
+    system.pipe(address, LOG.encode())
+    opened = type(system).open
+
+    def read(self: Any, path: str, *arguments: Any, **options: Any) -> Any:
+        content = opened(self, path, *arguments, **options).read()
+        if broken == "changed":
+            monkeypatch.undo()
+            system.pipe(address, content + b"0.6,0,1\n")
+            return io.BytesIO(content)
+        return io.BytesIO(content[:-40])
+
+    monkeypatch.setattr(type(system), "open", read)
+    with pytest.raises(sy.InputError, match=r"^memory://.*long\.csv was not read whole, or was changed meanwhile"):
+        sy.Recording.read(address, joints=1)
+    monkeypatch.undo()
+    assert sy.Recording.read(address, joints=1).count == 60 + (broken == "changed")
+
+
 def test_what_an_open_log_reads_stays_however_many_are_open(store: str) -> None:
     fsspec = pytest.importorskip("fsspec")
     addresses = [f"{store}/{number}.csv" for number in range(remote.MOST_COPIES + 3)]

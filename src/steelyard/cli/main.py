@@ -115,6 +115,7 @@ COMMANDS: Extensions[Any] = Extensions(
             "validate",
             "deflections",
             "compare",
+            "reduce",
             "fleet",
             "check",
             "correct",

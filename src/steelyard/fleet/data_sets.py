@@ -5,12 +5,22 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Generator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from pathlib import Path
 from typing import Any
 
 from steelyard.dynamics import Model
-from steelyard.files import plain
-from steelyard.identification.given import GivenLog, given_logs, given_robot, given_settings, wider_model
+from steelyard.errors import InputError
+from steelyard.files import listed, plain
+from steelyard.identification.given import (
+    GivenLog,
+    given_logs,
+    given_robot,
+    given_settings,
+    wider_model,
+    without_informations,
+)
 from steelyard.identification.log_reader import LogReader, LogTask, ReducedLog, one_by_one
+from steelyard.identification.reduced_logs import copies_among, require_once
 from steelyard.identification.validation import DRAWN_ROWS
 from steelyard.recording.formats import contents_of, require_unwritten, unchanged, written_states
 from steelyard.recording.formats.hashes import LogContent
@@ -39,7 +49,8 @@ class DataSet:
     ----------
     robot : str, Path, RobotFile or Robot
     logs : sequence of str or Path
-        Paths, folders, patterns, or addresses of objects, as :func:`steelyard.identify` takes them.
+        Paths, folders, patterns, or addresses of objects, as :func:`steelyard.identify` takes them; ``.json`` is an
+        Information of logs that were reduced before, and is added.
     columns, processing : mapping, optional
         Keys of ``[log]`` and ``[processing]``, in place of those of the robot file.
     rotors : bool
@@ -63,7 +74,7 @@ class ReducedDataSet:
     information : Information
         Of all the logs together, with batch means.
     stretches : tuple of Information
-        Contiguous parts of all the logs, for cross-validation.
+        Contiguous parts of all the logs, for cross-validation; of what was reduced before each is a part.
     logs : tuple of str
     remarks : tuple of str
     decided : dict
@@ -76,28 +87,77 @@ class ReducedDataSet:
     remarks: tuple[str, ...]
     decided: dict[str, Any]
 
+    def __str__(self) -> str:
+        total, logs = self.information, len(self.logs)
+        hidden = f"; they do not show {listed(total.unidentifiable, 3)}" if total.unidentifiable else ""
+        lines = [
+            f"{logs} log{'s' * (logs > 1)}: {total.count} rows of {len(total.joint_names)} joints for "
+            f"{total.base_count} base parameters, condition number {total.condition_number:.3g}{hidden}."
+        ]
+        if self.decided:
+            options = listed([f"`{name}`" for name in self.decided])
+            lines.append(f"These logs decided {options}, and those of another day may decide otherwise; state it.")
+        return "\n".join([*lines, *(f"Note: {remark}" for remark in self.remarks)])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what is known of it as plain data, without the numbers of the Information."""
+        total = self.information
+        return {
+            "logs": self.logs,
+            "rows": total.count,
+            "base_parameters": total.base_names,
+            "condition_number": total.condition_number,
+            "not_shown": total.unidentifiable,
+            "decided": self.decided,
+            "remarks": self.remarks,
+        }
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the Information with its remarks; the file appears whole or not at all."""
+        remarks = dict.fromkeys((*self.information.remarks, *self.remarks))
+        replace(self.information, remarks=tuple(remarks)).save(Path(path))
+
 
 @dataclass(frozen=True, eq=False)
 class _Task:
     file: RobotFile
     logs: tuple[GivenLog, ...]
+    informations: tuple[str, ...]
     rotors: bool
     contents: tuple[LogContent, ...] = ()
 
     def model(self) -> Model:
+        """The model of what was reduced before, which may have been with the rotors or without; else as is asked."""
         model = Model.from_file(self.file)
-        return (wider_model(self.file, model) or model) if self.rotors else model
+        wider = wider_model(self.file, model) or model
+        for path in self.informations[:1]:
+            expressions = Information.load(path).base_expressions
+            return next((one for one in (model, wider) if one.base_parameters().expressions == expressions), wider)
+        return wider if self.rotors else model
 
 
 def reduced_logs(
-    file: RobotFile, model: Model, logs: Sequence[GivenLog], each: Callable[[ReducedLog], None] | None = None
+    file: RobotFile,
+    model: Model,
+    logs: Sequence[GivenLog],
+    each: Callable[[ReducedLog], None] | None = None,
+    informations: Sequence[str] = (),
 ) -> ReducedDataSet:
-    """Reduce the logs of one robot in this process, in the base parameters of a model.
+    """Reduce the logs of one robot in this process, in the base parameters of a model, and add what was reduced before.
 
     `each` is given each log by itself, with the rows in which short events show.
     """
+    if file.section("elastic"):
+        raise InputError(
+            f"{file.path}: joints give way, as the table [elastic] says, and the sums of logs are those of a rigid "
+            "robot; use `steelyard identify` for each, or take a robot file without this table."
+        )
+    earlier = [Information.load(path) for path in informations]
+    for path, information in zip(informations, earlier, strict=True):
+        information.require_model(model, path)
     written = written_states(logs)
     reader = LogReader(file, model)
+    reader.require_torques()
     reader.decide(logs, lambda _: None)
     tree, blocks, parts = BatchMeansTree(), TimeBlocks(empty_factors(model)), []
     tasks = [LogTask(log, FEW, FEW if each is None else DRAWN_ROWS, len(logs), True) for log in logs]
@@ -109,20 +169,29 @@ def reduced_logs(
         blocks.append(TimeBlocks.of_held(blocks.empty, one.blocks))
         parts.append(one.information)
     require_unwritten(written)
-    total = replace(Information.total(parts), batch_means=tree.total())
-    names, remarks = tuple(map(str, logs)), tuple(dict.fromkeys(reader.remarks))
-    decided = {name: plain(value) for name, value in reader.decided.items()}
-    return ReducedDataSet(total, total.stretches(blocks), names, remarks, decided)
+    own = [replace(Information.total(parts), batch_means=tree.total())] if parts else []
+    names = (*map(str, logs), *informations)
+    copies = copies_among([(name, "identification", one) for name, one in zip(names, [*parts, *earlier], strict=True)])
+    stretches = [part for one in own for part in one.stretches(blocks)]
+    return ReducedDataSet(
+        Information.total([*own, *earlier]),
+        (*stretches, *(replace(one, batch_means=()) for one in earlier)),
+        names,
+        tuple(dict.fromkeys((*reader.remarks, *copies.values()))),
+        {name: plain(value) for name, value in reader.decided.items()},
+    )
 
 
 def _reduced(common: Any, task: _Task) -> bytes:
+    contents = require_once(task.logs, [(path, Information.load(path)) for path in task.informations])
     with unchanged(task.contents):
-        found = reduced_logs(task.file, task.model(), task.logs)
+        found = reduced_logs(task.file, task.model(), task.logs, informations=task.informations)
+    found = replace(found, information=replace(found.information, contents=contents))
     return packed([getattr(found, one.name) for one in fields(found)])
 
 
 def _hashed(common: Any, task: _Task) -> bytes:
-    return packed(list(map(tuple, contents_of(map(str, task.logs)))))
+    return packed(list(map(tuple, contents_of(map(str, (*task.logs, *task.informations))))))
 
 
 def reduce_data_sets(
@@ -163,7 +232,10 @@ def reduce_data_sets(
     tasks = []
     for one in data_sets:
         file = given_settings(given_robot(one.robot)[0], one.columns, one.processing)
-        tasks.append(_Task(file, given_logs(list(one.logs), None)[0], one.rotors))
+        if not one.logs:
+            raise InputError("A data set has no logs; give the path of one.")
+        logs, earlier = without_informations(list(one.logs))
+        tasks.append(_Task(file, given_logs(logs, None)[0], earlier, one.rotors))
     groups, keys = [[task] for task in tasks], None
     if checkpoints is not None:
         hashes = run_in_order(_hashed, first_of, None, groups, executor)

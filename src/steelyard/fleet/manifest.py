@@ -14,6 +14,7 @@ from typing import Any
 from steelyard.errors import InputError
 from steelyard.files import TomlTable, read_table, read_toml, require_file, shown
 from steelyard.files.arguments import LONGEST_NAME, is_name
+from steelyard.identification.given import files_named, is_information
 
 __all__ = ["FleetEntry", "FleetManifest"]
 
@@ -22,11 +23,6 @@ TOP_LEVEL = ("name", "robot", "table", "robots", "false_discovery_rate", "interv
 LISTS = ("logs", "informations", "validate")
 SEPARATOR = ";"
 """Between several paths in a cell of a table."""
-
-
-def is_information(path: str) -> bool:
-    """Whether a path is that of an Information, and not of a log."""
-    return path.lower().endswith(".json")
 
 
 @dataclass(frozen=True)
@@ -71,27 +67,8 @@ class FleetEntry:
         return bool(self.informations) or any(is_information(path) for path in self.validate)
 
     def files(self, key: str) -> tuple[str, ...]:
-        """Return the files of `informations` or `validate`, those of a pattern in the order of their names.
-
-        Raises
-        ------
-        InputError
-            If a file is missing, or nothing has a name like a pattern.
-        """
-        found: list[str] = []
-        for pattern in getattr(self, key):
-            if "://" in pattern or not glob.has_magic(pattern) or os.path.exists(pattern):
-                if "://" not in pattern:
-                    require_file(pattern.split("+")[0], f"correct {key} of {self.label} in the manifest")
-                found.append(pattern)
-                continue
-            files = sorted(one for one in glob.glob(pattern, recursive=True) if os.path.isfile(one))
-            if not files:
-                raise InputError(
-                    f"{shown(pattern)}: no file has such a name; correct {key} of {self.label} in the manifest."
-                )
-            found += files
-        return tuple(dict.fromkeys(found))
+        """Return the files of `informations` or `validate`, see `files_named`."""
+        return files_named(getattr(self, key), f"correct {key} of {self.label} in the manifest")
 
 
 @dataclass(frozen=True)

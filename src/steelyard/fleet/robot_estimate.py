@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from steelyard.collision.robot_geometry import files_of_meshes
-from steelyard.display import shortened
 from steelyard.dynamics import Model
 from steelyard.errors import InputError, SteelyardError
 from steelyard.estimators.cross_validation import FEWEST_FOLDS
@@ -22,7 +21,7 @@ from steelyard.estimators.physical_prior import PhysicalPrior, physical_prior
 from steelyard.estimators.plausible_fit import plausible_fit, tried_prior
 from steelyard.feasibility import FeasibleSet, check
 from steelyard.files import file_hash, plain
-from steelyard.identification.given import given_constraints, given_logs, wider_model
+from steelyard.identification.given import given_constraints, given_logs, is_information, wider_model
 from steelyard.identification.log_reader import ReducedLog
 from steelyard.identification.parameter_table import parameter_table
 from steelyard.identification.prediction_verdict import few_rows_of, prediction_verdict, said_of
@@ -33,7 +32,7 @@ from steelyard.robot import RobotFile
 
 from .checkpoints import checkpoint_key, robot_content
 from .data_sets import reduced_logs
-from .manifest import FleetEntry, is_information
+from .manifest import FleetEntry
 from .packed import packed, unpacked
 
 __all__ = [
@@ -185,7 +184,7 @@ def _estimate(task: dict[str, Any]) -> dict[str, Any]:
         parts = [Information.load(path) for path in task["informations"]]
         known = _known_for(robot, parts[0], task["informations"][0])
         for path, part in zip(task["informations"], parts, strict=True):
-            _require_model(part, known.model, path)
+            part.require_model(known.model, path)
         information, stretches, remarks = Information.total(parts), tuple(parts), list(parts[0].remarks)
         if len(parts) < FEWEST_FOLDS:
             stretches = ()
@@ -270,25 +269,10 @@ def _estimate(task: dict[str, Any]) -> dict[str, Any]:
 def _known_for(robot: Description, information: Information, path: str) -> Known:
     """What is known of the model of which an Information is; with rotors where it has them and nothing states terms."""
     _, models = _file_and_models(robot)
-    for index, model in enumerate(models):
-        if model.base_parameters().expressions == information.base_expressions:
-            return known_of(robot, index > 0)
-    raise _other_model(path, models[0], information)
-
-
-def _require_model(information: Information, model: Model, path: str) -> None:
-    if model.base_parameters().expressions != information.base_expressions:
-        raise _other_model(path, model, information)
-
-
-def _other_model(path: str, model: Model, information: Information) -> InputError:
-    own, given = model.base_parameters().expressions, information.base_expressions
-    alone = next((one for one in given if one not in own), None)
-    told = f"; it alone has {shortened(alone, 60)}" if alone is not None else ""
-    return InputError(
-        f"{path}: is of another robot or of other terms than {model.robot.name}: {len(given)} base parameters where "
-        f"this has {len(own)}{told}; reduce the logs with the robot of the manifest."
-    )
+    known = [model.base_parameters().expressions for model in models]
+    index = known.index(information.base_expressions) if information.base_expressions in known else 0
+    information.require_model(models[index], path)
+    return known_of(robot, index > 0)
 
 
 def _reduced(
@@ -310,7 +294,7 @@ def _validation(known: Known, paths: Sequence[str]) -> tuple[list[Information], 
             information = Information.load(path)
         else:
             information = reduced_logs(known.file, known.model, given_logs([path], None)[0], each.append).information
-        _require_model(information, known.model, path)
+        information.require_model(known.model, path)
         found.append(information)
     return found, each
 

@@ -50,15 +50,14 @@ def extreme_rows(values: Array, others: Array, size: int) -> NDArray[np.intp]:
     if others.shape != values.shape or size < 1 or count % size:
         raise ValueError("rows whose extremes are looked for must be whole groups of both arrays")
     groups, beyond = count // size, max(batch_lanes() - width, 0)
-    # Of few columns a register reaches into the rows that follow, and the last groups have none: those are widened.
+    # Of few columns a register reaches into the rows that follow, and the last groups have none: those are copied.
     whole = groups - min(groups, -(-beyond // max(size * width, 1)))
     found = np.empty(groups * 4 * width + beyond)
-    _compiled()(*map(address_of, (values, others, found)), whole, size, width, max(width - batch_lanes(), 0))
-    places = found[: groups * 4 * width].reshape(groups, 4, width)
-    if whole < groups:
-        wide, other = (np.pad(one[whole * size :], ((0, 0), (0, beyond))) for one in (values, others))
-        places[whole:] = extreme_rows(wide, other, size).reshape(groups - whole, 4, -1)[:, :, :width]
-    return places.reshape(groups, 4 * width).astype(np.intp)
+    last = [np.concatenate([one[whole * size :].ravel(), np.zeros(beyond)]) for one in (values, others)]
+    for first, arrays, many in ((0, (values, others), whole), (whole, last, groups - whole)):
+        places = found[first * 4 * width :]
+        _compiled()(*map(address_of, (*arrays, places)), many, size, width, max(width - batch_lanes(), 0))
+    return found[: groups * 4 * width].reshape(groups, 4 * width).astype(np.intp)
 
 
 @cache

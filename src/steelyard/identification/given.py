@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import glob
 import hashlib
 import os
 from collections import Counter
@@ -15,6 +16,7 @@ import numpy as np
 from steelyard.dynamics import Model, RotorInertia
 from steelyard.errors import InputError
 from steelyard.feasibility.constraints import Constraint, constraints_from_dict
+from steelyard.files import require_file, shown
 from steelyard.recording import LogFile, Measurements, Processing, Samples
 from steelyard.recording.columns import LogColumns
 from steelyard.recording.formats.registry import Table
@@ -28,12 +30,15 @@ __all__ = [
     "One",
     "describes_masses",
     "digests",
+    "files_named",
     "given_constraints",
     "given_logs",
     "given_robot",
     "given_settings",
+    "is_information",
     "may_be_several",
     "wider_model",
+    "without_informations",
 ]
 
 
@@ -167,6 +172,46 @@ def _listed(data: object, name: str) -> list[tuple[str, Any]]:
                 "these."
             )
     return [(_own_name(one), one) for one in found]
+
+
+def is_information(path: str) -> bool:
+    """Whether a path is that of an Information, and not of a log."""
+    return path.lower().endswith(".json")
+
+
+def files_named(patterns: Iterable[str], remedy: str) -> tuple[str, ...]:
+    """Return the files that paths and patterns stand for, those of a pattern in the order of their names.
+
+    Raises
+    ------
+    InputError
+        If a file is missing, or nothing has a name like a pattern; the message ends with the remedy.
+    """
+    found: list[str] = []
+    for pattern in patterns:
+        if "://" in pattern or not glob.has_magic(pattern) or os.path.exists(pattern):
+            if "://" not in pattern:
+                require_file(pattern.split("+")[0], remedy)
+            found.append(pattern)
+            continue
+        files = sorted(one for one in glob.glob(pattern, recursive=True) if os.path.isfile(one))
+        if not files:
+            raise InputError(f"{shown(pattern)}: no file has such a name; {remedy}.")
+        found += files
+    return tuple(dict.fromkeys(found))
+
+
+def without_informations(data: Data) -> tuple[Data, tuple[str, ...]]:
+    """Return the logs of some data, and the files of Informations among them."""
+    given = [data] if isinstance(data, (str, os.PathLike)) else data
+    if not isinstance(given, (list, tuple)):
+        return data, ()
+    named = [isinstance(one, (str, os.PathLike)) and is_information(os.fspath(one)) for one in given]
+    logs = [one for one, apart in zip(given, named, strict=True) if not apart]
+    return (
+        logs if any(named) else data,
+        files_named([os.fspath(one) for one, apart in zip(given, named, strict=True) if apart], "correct its path"),
+    )
 
 
 def may_be_several(text: str) -> bool:

@@ -40,13 +40,14 @@ from .given import (
     given_robot,
     given_settings,
     wider_model,
+    without_informations,
 )
 from .late_logs import LateLog, late_hypotheses, late_logs
 from .log_reader import LogReader, LogReduction, Progress, ReducedLog
 from .near_standstill import standstill_errors
 from .parameter_table import parameter_table
 from .prediction_verdict import FewRows, few_rows_of, prediction_verdict
-from .reduced_logs import reduced_logs
+from .reduced_logs import reduced_logs, require_once
 from .result import Identification, Prediction, Trace
 
 if TYPE_CHECKING:
@@ -95,6 +96,7 @@ def identify(
     data : path, Recording, Samples, data frame, mapping of arrays, structured array, or sequence of these
         Each is one log. Paths: files recorded side by side are joined by ``+``. Columns of data frames (pandas, Polars,
         PyArrow) and of arrays are found by their names as those of a file are; an array (S, N) stands for N columns.
+        A ``.json`` is an Information of logs that were reduced before, which is added to that of the logs.
         A Recording is in SI units already, and Samples need no processing either.
     validate : the same, optional
         Logs on which both estimates are tried without refitting.
@@ -163,7 +165,13 @@ def identify(
     ('good', 'lx1 + 0.3*m1', 0.51)
     """
     say = progress or (lambda _: None)
-    logs, validation = given_logs(data, validate)
+    data_of_logs, earlier = without_informations(data)
+    logs, validation = given_logs(data_of_logs, validate)
+    if not logs and earlier:
+        raise InputError(
+            f"{earlier[0]}: holds no rows that can be looked at; give one log at least beside it, or name it in a "
+            "manifest of `steelyard fleet`."
+        )
     if not logs:
         raise InputError(
             "At least one log is needed to identify a robot; give the path of one, such as a CSV or a bag."
@@ -182,6 +190,15 @@ def identify(
     takes_prior = _takes_prior(estimator, own_prior, own_rows or motion_rows, prior, prior_weight, prefer)
     if friction not in ("auto", None):
         raise InputError(f'friction must be "auto" or None, got {shown(friction)}.')
+    if earlier and (friction == "auto" or own_rows is not None or motion_rows is not None or file.section("elastic")):
+        raise InputError(
+            f"{earlier[0]}: holds no rows, which elastic joints, a choice of friction and most estimators need; give "
+            "logs alone, or leave these out."
+        )
+    informations = [(path, Information.load(path)) for path in earlier]
+    if earlier:
+        require_once(logs, informations)
+        require_once(validation, informations)
     if file.section("elastic"):
         model.refuse_presliding("identified together with the stiffness of [elastic]")
         if motion_rows is not None:
@@ -213,12 +230,7 @@ def identify(
             progress=progress,
         )
     reader = LogReader(file, model, chunk_rows)
-    if reader.columns.finds_gains:
-        raise InputError(
-            f"{file.path}, [log]: drive gains are to be found, and currents alone are no torques; state "
-            "`gain = [...]`, N·m per A of each joint, or find them with `steelyard payload ROBOT UNLOADED LOADED` and "
-            "a payload of known mass."
-        )
+    reader.require_torques()
     limits = given_constraints(file, constraints)
 
     say(f"{model.robot.name}: {model.dof} joints, {model.base_parameters().count} base parameters")
@@ -233,10 +245,14 @@ def identify(
         reader.remarks.extend(friction_choice.remarks)
     feasible_set = FeasibleSet(model, consistency, limits)
     wider = wider_model(file, model)
-    read = reduced_logs(reader, logs, validation, wider or model, reduction, say)
+    if any(one.base_expressions == model.base_parameters().expressions for _, one in informations):
+        wider = None  # they were reduced without rotors
+    for path, one in informations:
+        one.require_model(wider or model, path)
+    read = reduced_logs(reader, logs, validation, wider or model, reduction, say, informations)
     information = read.information
     folds = FEWEST_FOLDS if model.parameter_count > MANY_PARAMETERS else FOLDS
-    stretches = information.stretches(read.blocks, folds)
+    stretches = (*information.stretches(read.blocks, folds), *_stretches(read.earlier, folds))
     rotors: RotorDecision | None = None
     why_no_rotors = ""
     if wider is not None:
@@ -377,6 +393,7 @@ def identify(
         robot_file=file.path if file.path.is_file() else None,
         logs=tuple(map(str, logs)),
         validation_logs=tuple(map(str, validation)),
+        informations=earlier,
         in_memory=digests((*logs, *validation)),
         options={
             "weights": weights,
@@ -425,6 +442,13 @@ def _takes_prior(
             "packages leave out; leave out one of them."
         )
     return takes_prior
+
+
+def _stretches(informations: Sequence[Information], most: int) -> list[Information]:
+    """Return at most so many parts of what was reduced before, each of which is left out in turn."""
+    groups = [group for group in np.array_split(np.arange(len(informations)), most) if len(group)]
+    parts = [Information.total([informations[index] for index in group]) for group in groups]
+    return [replace(part, batch_means=(), contents=()) for part in parts]
 
 
 def _require_excitation(information: Information, model: Model, what: str = "rows") -> None:

@@ -243,6 +243,15 @@ class LogReader:
         self.layouts: dict[str, Layout] = {}
         self._streams: dict[str | int, chunks.LogStream] = {}
 
+    def require_torques(self) -> None:
+        """Refuse logs of currents whose gains are to be found."""
+        if self.columns.finds_gains:
+            raise InputError(
+                f"{self.file.path}, [log]: drive gains are to be found, and currents alone are no torques; state "
+                "`gain = [...]`, N·m per A of each joint, or find them with `steelyard payload ROBOT UNLOADED LOADED` "
+                "and a payload of known mass."
+            )
+
     def decide(self, given: Sequence[GivenLog], say: Progress) -> None:
         """Decide what [processing] leaves to the data, once for all logs, so that all have the same filter."""
         logs = [log for log in given if not isinstance(log, GivenSamples)]

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from steelyard.dynamics import Model
+from steelyard.errors import InputError
 from steelyard.recording import Samples
 from steelyard.regression import Information
 from steelyard.regression.batch_means import BatchMeansTree
@@ -24,7 +26,7 @@ from .parameter_table import MANY_PARAMETERS
 if TYPE_CHECKING:
     from steelyard.regression.drift import FrictionDrift
 
-__all__ = ["ReducedLogs", "change_in_log", "copies_among", "reduced_logs", "told_by_rows"]
+__all__ = ["ReducedLogs", "change_in_log", "copies_among", "reduced_logs", "require_once", "told_by_rows"]
 
 SHORTEST_DRIFT = 60.0
 """s of a log below which no drift of friction is looked for: gears warm up in minutes, and what changes in seconds is
@@ -47,9 +49,11 @@ class ReducedLogs:
     logs : tuple of ReducedLog
         Those of the fit first, then those of the validation.
     information : Information
-        Of those of the fit, together.
+        Of those of the fit, together, and of what was reduced before.
+    earlier : tuple of Information
+        What was reduced before.
     blocks : TimeBlocks
-        Their stretches.
+        The stretches of the logs of the fit.
     copies : dict from int to str
         Which logs hold the rows of one before them, see `copies_among`.
     changes : dict from str to BodyChange
@@ -63,6 +67,7 @@ class ReducedLogs:
     given: dict[str, GivenLog]
     logs: tuple[ReducedLog, ...]
     information: Information
+    earlier: tuple[Information, ...]
     blocks: TimeBlocks
     copies: dict[int, str]
     changes: dict[str, BodyChange]
@@ -81,6 +86,7 @@ def reduced_logs(
     model: Model,
     reduction: LogReduction | None,
     say: Progress,
+    informations: Sequence[tuple[str, Information]] = (),
 ) -> ReducedLogs:
     """Reduce the logs for a model, and look at each for what changes within it.
 
@@ -93,6 +99,8 @@ def reduced_logs(
     reduction : callable, optional
         See :func:`steelyard.identify`.
     say : callable
+    informations : sequence of (str, Information)
+        Of further logs of the fit that were reduced before, and their names.
     """
     tasks = [
         _task(log, number, len(group), group is logs)
@@ -124,12 +132,19 @@ def reduced_logs(
                     drifts[log.name] = found
                     sentences.append(drift_sentence(log.name, found, model.robot.joint_names))
             blocks.append(own)
-    copies = copies_among([(log.name, log.role, log.information) for log in kept])
+    earlier = [one for _, one in informations]
+    copies = copies_among(
+        [(log.name, log.role, log.information) for log in kept]
+        + [(name, "identification", one) for name, one in informations]
+    )
     reader.remarks.extend(copies.values())
+    for name, one in informations:
+        reader.remarks.append(f"{name}: {one.count} rows that were reduced before are in the fit, and not looked at.")
     information = Information.total([log.information for log in kept if log.fitted])
-    information = replace(information, batch_means=means.total())
+    information = Information.total([replace(information, batch_means=means.total()), *earlier])
     given = {str(log): log for log in (*validation, *logs)}
-    return ReducedLogs(given, tuple(kept), information, blocks, copies, changes, drifts, tuple(sentences))
+    told = tuple(sentences)
+    return ReducedLogs(given, tuple(kept), information, tuple(earlier), blocks, copies, changes, drifts, told)
 
 
 def _task(log: GivenLog, number: int, count: int, fitted: bool) -> LogTask:
@@ -174,6 +189,23 @@ def copies_among(
             harm = "twice, so that intervals are too narrow" if role == "identification" else "once"
             found[index] = f"{name}: {same} were given twice, and count {harm}."
     return found
+
+
+def require_once(logs: Iterable[GivenLog], informations: Iterable[tuple[str, Information]]) -> tuple[str, ...]:
+    """Return the hashes of logs in files, and of the logs that Informations hold; refuse those that are there twice."""
+    from steelyard.recording.formats import content_hashes  # what is not asked for is not loaded
+
+    given = [(name, one.contents) for name, one in informations]
+    for log in logs:
+        hashes = content_hashes(str(log)) if isinstance(log, str | Path) else ()  # none where there is no such file
+        given.append((str(log), ("+".join(hashes),) if hashes else ()))
+    holders: dict[str, str] = {}
+    for name, contents in given:
+        for content in contents:
+            if content in holders:
+                raise InputError(f"{name}: has rows that {holders[content]} has, too; leave one of them out.")
+            holders[content] = name
+    return tuple(holders)
 
 
 def told_by_rows(information: Information) -> Hashable:

@@ -135,8 +135,8 @@ class Identification:
     remarks : tuple of str
         What the user should know about the data, a sentence each.
     robot_file : Path or None
-    logs, validation_logs : tuple of str
-        As they were given.
+    logs, validation_logs, informations : tuple of str
+        As they were given; the last are files of what was reduced before, which the fit counts as well.
     options : dict
         All the choices, as plain data.
     mistakes : dict from str to tuple of Hypothesis
@@ -194,6 +194,7 @@ class Identification:
     elastic_joints: tuple[JointStiffness, ...] = ()
     elastic_model: ElasticModel | None = None
     friction: FrictionChoice | None = None
+    informations: tuple[str, ...] = ()
     why_no_rotors: str = ""
     missed_by_description: str = ""
 

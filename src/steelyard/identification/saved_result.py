@@ -174,6 +174,7 @@ class SavedResult:
         if self.record is None:
             return False
         used = {content_hash(entry) for log in self.record["logs"] for entry in log}
+        used.update(one for content in self.record.get("contents", ()) for one in content.split("+"))
         hashes = digests([log]).values() or content_hashes(str(log))
         return not used.isdisjoint(hashes)
 

@@ -293,11 +293,7 @@ def read_as_fitted(
     """Reduce logs, processed as those of a saved estimate were."""
     say = progress or (lambda _: None)
     reader = LogReader(file, model, chunk_rows)
-    if reader.columns.finds_gains:
-        raise InputError(
-            f"{file.path}, [log]: drive gains are to be found, and currents alone are no torques to be predicted; "
-            "write the gains as `gain`."
-        )
+    reader.require_torques()
     remarks = []
     used = result.processing
     if used is None:

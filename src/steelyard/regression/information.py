@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from steelyard.display import html_table
+from steelyard.display import html_table, shortened
 from steelyard.errors import InputError
 from steelyard.files import listed, plain, read_json, require_format, shown, write_json
 from steelyard.once import cached_property
@@ -76,6 +76,8 @@ class Information:
     filtered_torque : bool
         Whether torques were filtered and the dynamics were not, see `Samples`; no interval of a base parameter holds
         then.
+    contents : tuple of str
+        Hashes of the logs whose rows it holds, where these are known: it is not added to another one of any of them.
 
     Examples
     --------
@@ -101,6 +103,7 @@ class Information:
     remarks: tuple[str, ...] = ()
     batch_means: BatchMeans = field(default=(), kw_only=True, repr=False)
     filtered_torque: bool = field(default=False, kw_only=True)
+    contents: tuple[str, ...] = field(default=(), kw_only=True, repr=False)
 
     def __repr__(self) -> str:
         return (
@@ -297,6 +300,8 @@ class Information:
                 "Only one of two Informations was whitened by the noise of its rows, so that they cannot be added; "
                 "whiten both, each by its own noise, or neither."
             )
+        if set(self.contents) & set(other.contents):
+            raise InputError("Two Informations that are added hold the rows of one log, which would count twice.")
         remarks = tuple(dict.fromkeys((*self.remarks, *other.remarks)))
         if self.count and other.count:
             means = added(self.batch_means, other.batch_means)
@@ -312,6 +317,19 @@ class Information:
             remarks,
             batch_means=means,
             filtered_torque=self.filtered_torque or other.filtered_torque,
+            contents=(*self.contents, *other.contents),
+        )
+
+    def require_model(self, model: Model, path: str) -> None:
+        """Refuse an Information from a file that is not of a model."""
+        base, own = model.base_parameters(), set(model.base_parameters().expressions)
+        if self.base_expressions == base.expressions:
+            return
+        alone = next((one for one in self.base_expressions if one not in own), None)
+        told = f"; it alone has {shortened(alone, 60)}" if alone is not None else ""
+        raise InputError(
+            f"{path}: is of another robot or of other terms than {model.robot.name}: {self.base_count} base parameters "
+            f"where this has {base.count}{told}; reduce the logs with this robot."
         )
 
     def stretches(self, blocks: TimeBlocks, count: int = FOLDS) -> tuple[Information, ...]:
@@ -325,7 +343,7 @@ class Information:
             How many, at most; fewer where the data is short.
         """
         return tuple(
-            replace(self, factors=factors, torque_factors=(), covariance=None, batch_means=())
+            replace(self, factors=factors, torque_factors=(), covariance=None, batch_means=(), contents=())
             for factors in blocks.folds(count)
         )
 
@@ -545,7 +563,8 @@ class Information:
             values: dict[str, Any] = {
                 name: tuple(document[name]) for name in ("base_names", "base_expressions", "joint_names")
             }
-            values["remarks"] = tuple(document.get("remarks", ()))
+            for name in ("remarks", "contents"):
+                values[name] = tuple(document.get(name, ()))
             for name, texts in values.items():
                 if not all(isinstance(text, str) for text in texts):
                     raise ValueError(f"{name!r} must be texts")

@@ -195,6 +195,8 @@ def run_record(identification: Identification) -> dict[str, Any]:
         "robot": [hashed_file(path) for path in dict.fromkeys(description)],
         "logs": [_log(text, identification.in_memory) for text in identification.logs],
         "validation_logs": [_log(text, identification.in_memory) for text in identification.validation_logs],
+        "informations": [hashed_file(Path(path)) for path in identification.informations],
+        "contents": identification.information.contents,
         "options": identification.options,
         "columns": identification.columns_to_list(),
         "prediction": identification.prediction.to_dict(),

@@ -132,6 +132,7 @@ def provenance(identification: Identification) -> Markup:
         rows += [(f"Log for {what}", _with_hashes(log, identification)) for log in logs[:MOST_LOGS]]
         if len(logs) > MOST_LOGS:
             rows.append((f"Logs for {what}", f"{len(logs) - MOST_LOGS} more, which run.json names with their hashes"))
+    rows += [("Reduced before", _hashed(Path(path))) for path in identification.informations[:MOST_LOGS]]
     rows.append(("Least squares", identification.unconstrained.method))
     rows.append(("Answer", identification.estimate.method))
     rows += _flat("Option", identification.options)
@@ -171,7 +172,7 @@ def _again(identification: Identification) -> str:
     logs = (*identification.logs, *identification.validation_logs)
     if robot is None or any(log in identification.in_memory for log in logs):
         return "steelyard.identify(robot, data, ...)  # the inputs were in memory; the options are below"
-    words = ["steelyard", "identify", str(robot), *identification.logs[:MOST_LOGS]]
+    words = ["steelyard", "identify", str(robot), *identification.logs[:MOST_LOGS], *identification.informations]
     more = len(identification.logs) > MOST_LOGS or len(identification.validation_logs) > MOST_LOGS
     for log in identification.validation_logs[:MOST_LOGS]:
         words += ["--validate", log]

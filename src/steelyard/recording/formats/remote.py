@@ -76,10 +76,11 @@ def local_copy(address: str, holder: object = None) -> Path:
     Raises
     ------
     InputError
-        If it does not exist or cannot be read.
+        If it does not exist, cannot be read whole, or changes meanwhile.
     """
     system, path = object_store(address)
-    key = address, str(sorted(_known(system, path, address).items()))
+    known = _known(system, path, address)
+    key = address, str(sorted(known.items()))
     with _Copies.lock:
         if key in _Copies.paths:
             _Copies.paths[key] = found = _Copies.paths.pop(key)
@@ -95,9 +96,12 @@ def local_copy(address: str, holder: object = None) -> Path:
     try:
         with system.open(path, "rb") as source, copy.open("wb") as target:
             shutil.copyfileobj(source, target, 1 << 20)
+        size = str(copy.stat().st_size)
+        if size != known.get("size", size) or known != _known(system, path, address):
+            raise InputError(f"{address} was not read whole, or was changed meanwhile; read it again.")
     except Exception as error:
         shutil.rmtree(copy.parent, ignore_errors=True)
-        raise _unreadable(address, error) from None
+        raise error if isinstance(error, InputError) else _unreadable(address, error) from None
     with _Copies.lock:
         return _held(_Copies.paths.setdefault(key, copy), holder)
 
