@@ -10,7 +10,7 @@ from steelyard.dynamics.algorithms.regressor import momentum_balance_with_numpy
 from steelyard.dynamics.layout import ParameterLayout
 from steelyard.errors import InputError
 from steelyard.estimators import ESTIMATORS, energy, energy_information, momentum, momentum_information
-from steelyard.estimators.energy_and_momentum import energy_parts, momentum_parts
+from steelyard.estimators.energy_and_momentum import balance_parts
 from steelyard.feasibility import verify_document
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
@@ -172,8 +172,8 @@ def test_errors_of_parts_are_those_of_the_rows_as_measured(elbow, moved):
     noisy = sy.Samples(q=moved.q, dq=moved.dq, ddq=noise, torque=moved.torque + noise, t=moved.t)
     plain = sy.Information.from_samples(elbow, noisy)
     base = elbow.base_parameters().values(TRUTH)
-    for make in (momentum_parts, energy_parts):
-        whole, parts = make(elbow, noisy)
+    for kept in ("momentum", "energy"):
+        whole, parts = balance_parts(kept, elbow, noisy)
         assert len(parts) == 5
         assert np.allclose(whole.joint_relative_error(base), plain.joint_relative_error(base), rtol=1e-9)
         rows = [[factor.count for factor in part.torque_factors] for part in parts]

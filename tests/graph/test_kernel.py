@@ -10,19 +10,17 @@ from steelyard.errors import InputError
 from steelyard.graph import Argument, Graph, cos, evaluate, sin
 
 
-@pytest.mark.parametrize("layout", ["rows", "columns"])
 @pytest.mark.parametrize("width", [1, 7, 8, 12, 16, 25])
 @pytest.mark.parametrize("count", [0, 1, 2, 7, 8, 9, 100])
-def test_every_size_and_layout_agrees_with_numpy(layout, width, count):
+def test_every_size_agrees_with_numpy(width, count):
     graph = Graph()
     outputs = outputs_of(graph, width)
-    kernel = kernel_of([Argument("x", 3), Argument("p", 2, uniform=True)], outputs, layout=layout)
+    kernel = kernel_of([Argument("x", 3), Argument("p", 2, uniform=True)], outputs)
     random = np.random.default_rng(count)
     x, p = random.normal(size=(count, 3)), random.normal(size=2)
     names = {f"x[{k}]": x[:, k] for k in range(3)} | {f"p[{k}]": p[k] for k in range(2)}
     expected = np.array([np.broadcast_to(v, (count,)) for v in evaluate(outputs, names)])
-    result = kernel(x, p)
-    np.testing.assert_allclose(result if layout == "columns" else result.T, expected, rtol=1e-14, atol=1e-15)
+    np.testing.assert_allclose(kernel(x, p).T, expected, rtol=1e-14, atol=1e-15)
 
 
 def sine_kernel():

@@ -27,18 +27,17 @@ def kernel():
     return Kernel(pendulum(), cache=NO_CACHE)
 
 
-@pytest.mark.parametrize("layout", ["rows", "columns"])
 @pytest.mark.parametrize("threads", [2, 3, 7])
 @pytest.mark.parametrize("count", [1, 9, 511, 512, 1000, 4099])
-def test_threads_compute_the_same(layout, threads, count, monkeypatch):
+def test_threads_compute_the_same(threads, count, monkeypatch):
     monkeypatch.setattr(kernel_module, "_WORTHWHILE", 1.0)
-    shared = Kernel(pendulum(), layout=layout, cache=NO_CACHE)
+    shared = Kernel(pendulum(), cache=NO_CACHE)
     motion = motions(count)
     alone = shared(motion, PARAMETERS)
     out = np.full_like(alone, np.nan)
     assert shared(motion, PARAMETERS, out=out, threads=threads) is out
     assert out.tolist() == alone.tolist()
-    np.testing.assert_allclose(alone if layout == "rows" else alone.T, expected(motion), rtol=1e-12, atol=1e-13)
+    np.testing.assert_allclose(alone, expected(motion), rtol=1e-12, atol=1e-13)
 
 
 @pytest.mark.usefixtures("other_objects_aside")
@@ -203,8 +202,6 @@ def test_arrays_that_do_not_fit(kernel):
         kernel(motion, PARAMETERS[None])
     with pytest.raises(InputError, match=r"out must be .* shape \(4, 2\), got float32"):
         kernel(motion, PARAMETERS, out=np.empty((4, 2), dtype=np.float32))
-    with pytest.raises(InputError, match="layout must be 'rows' or 'columns', got 'diagonal'"):
-        Kernel(pendulum(), layout="diagonal")
 
 
 def test_batches_of_different_sizes_are_refused():

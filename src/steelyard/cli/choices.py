@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 import typer
 
 __all__ = [
+    "CHUNK_ROWS",
     "LOG",
     "AllowExtensions",
     "ChunkRows",
@@ -35,6 +36,7 @@ Logs = Annotated[list[str], typer.Argument(metavar="LOG...", help=LOG)]
 
 EstimateArgument = Annotated[Path, typer.Argument(help="Folder of results, or estimate.json.")]
 
+CHUNK_ROWS = 200_000  # that of the package, which takes long to load
 ChunkRows = Annotated[int, typer.Option(help="Rows of a log that stand in memory together.", min=1000)]
 
 Workers = Annotated[int, typer.Option("--workers", help="Processes of this machine.", min=1, max=1024)]

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from .choices import (
+    CHUNK_ROWS,
     AllowExtensions,
     ChunkRows,
     ClusterAddress,
@@ -76,7 +77,7 @@ def identify(
         Literal["stated", "auto"],
         typer.Option(help="Friction: that of the terms, or with the laws that the logs call for."),
     ] = "stated",
-    chunk_rows: ChunkRows = 200_000,
+    chunk_rows: ChunkRows = CHUNK_ROWS,
     workers: Workers = 1,
     cluster: ClusterAddress = None,
     tls: Tls = None,
@@ -117,7 +118,7 @@ def identify(
             "--workers": workers != 1,
             "--cluster": cluster is not None,
             "--tls": bool(tls),
-            "--chunk-rows": chunk_rows != 200_000,
+            "--chunk-rows": chunk_rows != CHUNK_ROWS,
             "--force": force,
             "--table": table,
             "--verbose": verbose,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from .choices import (
+    CHUNK_ROWS,
     AllowExtensions,
     ChunkRows,
     ConsistencyOption,
@@ -51,7 +52,7 @@ def payload(
     output: JsonFile = None,
     consistency: ConsistencyOption = "full",
     weights: WeightsOption = "joint",
-    chunk_rows: ChunkRows = 200_000,
+    chunk_rows: ChunkRows = CHUNK_ROWS,
     topic: Topic = None,
     lines: SetLines = None,
     json: Json = False,

@@ -76,11 +76,7 @@ def _value(text: str) -> Any:
 def lines_told(message: str, arguments: Sequence[str]) -> str:
     """Return a message that names lines of robot.toml, with what to do where the robot is a plain description.
 
-    Parameters
-    ----------
-    message : str
-    arguments : sequence of str
-        The command line, from the name of the command.
+    The arguments are the command line, from the name of the command.
 
     Examples
     --------

@@ -267,10 +267,8 @@ def how_far(what: str, done: float, total: float | None, unit: str, seconds: flo
 
     Parameters
     ----------
-    what : str
     done, total : float
         How much of how much; None where the whole is not known.
-    unit : str
     seconds : float
         Since it is watched.
     since : float
@@ -345,7 +343,6 @@ def show_identification(result: Identification, *, whole_table: bool = False, ve
 
     Parameters
     ----------
-    result : Identification
     whole_table : bool
         Print the table of all the parameters as well.
     verbose : bool

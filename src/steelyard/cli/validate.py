@@ -4,7 +4,18 @@ from __future__ import annotations
 
 import typer
 
-from .choices import AllowExtensions, ChunkRows, EstimateArgument, Json, JsonFile, Logs, Quiet, RobotArgument, Topic
+from .choices import (
+    CHUNK_ROWS,
+    AllowExtensions,
+    ChunkRows,
+    EstimateArgument,
+    Json,
+    JsonFile,
+    Logs,
+    Quiet,
+    RobotArgument,
+    Topic,
+)
 from .robot_argument import SetLines, load_robot
 from .terminal import progress, show
 
@@ -16,7 +27,7 @@ def validate(
     estimate: EstimateArgument,
     logs: Logs,
     output: JsonFile = None,
-    chunk_rows: ChunkRows = 200_000,
+    chunk_rows: ChunkRows = CHUNK_ROWS,
     topic: Topic = None,
     lines: SetLines = None,
     json: Json = False,

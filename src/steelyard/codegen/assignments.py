@@ -137,10 +137,6 @@ def listing(
     scope : Names, optional
         Names that local variables must differ from; the arguments' are added.
 
-    Returns
-    -------
-    Listing
-
     Raises
     ------
     InputError
@@ -295,7 +291,6 @@ class Part:
     ----------
     reads : tuple of (str, int)
         Local variables of earlier parts, and the places where they are kept.
-    statements : tuple of Assignment or Store
     keeps : tuple of (str, int)
         Local variables that later parts read, and the places for them.
     """
@@ -331,7 +326,6 @@ def partition(listing: Listing, largest: int = _LARGEST, size: int = _PART) -> P
 
     Parameters
     ----------
-    listing : Listing
     largest : int
         Assignments up to which a listing is left whole.
     size : int

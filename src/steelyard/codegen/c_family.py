@@ -27,11 +27,7 @@ SIGN = "steelyard_sign"
 class CFamily(SourceWriter):
     """Writes the functions of a project in C or C++.
 
-    Parameters
-    ----------
-    project : Project
-    reserved : frozenset of str
-        Names that neither functions nor their arguments may have.
+    Neither functions nor their arguments may have `reserved` names.
     """
 
     ending: ClassVar[str]  # behind the parameters of a function
@@ -259,12 +255,7 @@ int differences(const char* what, std::size_t sample, std::size_t size, const do
 def c_self_test(project: Project, header: str, functions: Sequence[NamedFunction]) -> str:
     """Return the C99 program that compares the functions with their reference values.
 
-    Parameters
-    ----------
-    project : Project
-    header : str
-        File name of the functions' declarations.
-    functions : sequence of NamedFunction
+    The functions are declared in the file `header`.
     """
     lines = [f"/* {marker(project.version)} */", f'#include "{header}"', *_C_HEAD.splitlines(), ""]
     for k, named in enumerate(functions):
@@ -280,12 +271,10 @@ def cpp_self_test(project: Project, header: str, namespace: str, functions: Sequ
 
     Parameters
     ----------
-    project : Project
     header : str
         File name of the functions' declarations.
     namespace : str
         Of the functions.
-    functions : sequence of NamedFunction
     """
     lines = [f"// {marker(project.version)}", f'#include "{header}"', *_CPP_HEAD.splitlines(), ""]
     for k, named in enumerate(functions):

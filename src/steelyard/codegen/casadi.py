@@ -31,10 +31,6 @@ def casadi_function(function: Function) -> casadi.Function:
 
     Derivatives of a sign are 0.
 
-    Parameters
-    ----------
-    function : Function
-
     Returns
     -------
     casadi.Function
@@ -117,7 +113,7 @@ class _CasadiProject(PythonProject):
     def definition(self, index: int, named: NamedFunction) -> list[str]:
         function, names = named.function, named.names
         found = self.listing(named)
-        lines = [f"def {named.name}() -> casadi.Function:", *self.documented_builder(named, "casadi.Function")]
+        lines = [f"def {named.name}() -> casadi.Function:", *self.documented_builder(named)]
         for argument in function.arguments:
             name = names[argument.name]
             lines.append(f'    {name} = casadi.SX.sym("{name}", {self.size(named, argument.name)})')

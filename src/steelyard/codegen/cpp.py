@@ -8,15 +8,7 @@ from typing import TYPE_CHECKING
 from .assignments import Listing, Syntax
 from .c_family import SIGN, CFamily, cmake, cpp_self_test
 from .documentation import readme
-from .naming import (
-    C_RESERVED,
-    PROJECT_RESERVED,
-    NamedFunction,
-    Naming,
-    naming,
-    project_name,
-    shadowing,
-)
+from .naming import C_RESERVED, PROJECT_RESERVED, NamedFunction, Naming, naming, project_name, shadowing
 from .text import comment_lines, marker
 
 if TYPE_CHECKING:

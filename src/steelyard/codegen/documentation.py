@@ -109,14 +109,12 @@ def argument_lines(
 
     Parameters
     ----------
-    argument : Argument
     name : str
         What the language calls it.
     element : callable
         As in :class:`~steelyard.codegen.Syntax`.
     elements : bool
         Whether to list the elements.
-    prose : Prose
 
     Examples
     --------
@@ -138,14 +136,12 @@ def output_lines(
 
     Parameters
     ----------
-    output : Output
     name : str
         What the language calls it.
     element : callable
         As in :class:`~steelyard.codegen.Syntax`.
     row_major : bool
         False for languages with arrays of several dimensions.
-    prose : Prose
     """
     lines = [_entry(name, shape_text(output), output.description, prose)]
     if row_major and len(output.shape) == 2:
@@ -177,7 +173,6 @@ def function_lines(
 
     Parameters
     ----------
-    function : Function
     names : mapping
         What the language calls each argument and output.
     element : callable
@@ -186,7 +181,6 @@ def function_lines(
         Their elements are documented elsewhere.
     row_major : bool
         See :func:`output_lines`.
-    prose : Prose
     """
     known = {argument.name for argument in shared}
     lines = []
@@ -211,13 +205,7 @@ def elements_lines(
 ) -> list[str]:
     """Return lines on the elements of the arguments that mean the same in all the functions; none where there are none.
 
-    Parameters
-    ----------
-    project : Project
-    functions : sequence of NamedFunction
-    element : callable
-        As in :class:`~steelyard.codegen.Syntax`.
-    prose : Prose
+    `element` is as in :class:`~steelyard.codegen.Syntax`.
     """
     lines = []
     for argument in shared_arguments(project):
@@ -243,14 +231,12 @@ def readme(
 
     Parameters
     ----------
-    project : Project
     language : str
         Its name for people.
     files : mapping
         What each file is, by path.
     use : sequence of str
         Markdown lines: how to build, test and call.
-    functions : sequence of NamedFunction
     element : callable
         As in :class:`~steelyard.codegen.Syntax`.
     layout : str

@@ -435,7 +435,6 @@ class Schedule:
     ----------
     constants : ndarray
         (c,).
-    steps : tuple of Step
     size : int
         Length of the vector.
     outputs : tuple of ndarray

@@ -75,8 +75,6 @@ class NamedFunction:
 
     Attributes
     ----------
-    function : Function
-    name : str
     names : dict
         From the names of arguments and outputs to those in the language.
     scope : Names
@@ -102,11 +100,7 @@ class NamedFunction:
 def project_name(project: Project, reserved: frozenset[str]) -> str:
     """Return the name of a project in lower case, as the prefix, namespace or package that holds all the others.
 
-    Parameters
-    ----------
-    project : Project
-    reserved : frozenset of str
-        Names that get ``_robot`` behind them.
+    Names that are reserved get ``_robot`` behind them.
     """
     name = identifier(project.name).lower()
     return f"{name}_robot" if name in reserved else name
@@ -243,13 +237,8 @@ def _meaning(argument: Argument) -> tuple[object, ...]:
 def shadowing(found: Naming, reserved: Iterable[str]) -> tuple[NamedFunction, ...]:
     """Name arguments and outputs anew: they may have names of functions, but not of sizes or reserved words.
 
-    So ``gravity`` is the argument of ``inverse_dynamics`` also where there is a function ``gravity``.
-
-    Parameters
-    ----------
-    found : Naming
-    reserved : iterable of str
-        What the bodies of the functions use.
+    So ``gravity`` is the argument of ``inverse_dynamics`` also where there is a function ``gravity``. What the bodies
+    of the functions use is `reserved`.
 
     Examples
     --------

@@ -42,13 +42,7 @@ class ReferenceValues(unittest.TestCase):
 def python_self_test(project: Project, module: str, functions: Sequence[NamedFunction], comparison: list[str]) -> str:
     """Return the file that compares the functions of a module with their reference values.
 
-    Parameters
-    ----------
-    project : Project
-    module : str
-    functions : sequence of NamedFunction
-    comparison : list of str
-        Imports ``module`` and defines ``evaluated``.
+    The lines of `comparison` import ``module`` and define ``evaluated``.
     """
     lines = [
         f"# {marker(project.version)}",
@@ -193,14 +187,7 @@ class PythonProject(SourceWriter):
         return [*lines, f"    {leading}.broadcast_shapes({', '.join(f'{name}.shape[1:]' for name in names)})"]
 
     def documentation(self, named: NamedFunction, kind: str) -> list[str]:
-        """Return the docstring of a function that takes arrays.
-
-        Parameters
-        ----------
-        named : NamedFunction
-        kind : str
-            Type of the outputs.
-        """
+        """Return the docstring of a function that takes arrays, and whose outputs are of some type."""
         function = named.function
         shared = shared_arguments(self.project)
         lines = [comment_text(function.description) or f"Compute {named.name}.", ""]
@@ -228,12 +215,12 @@ class PythonProject(SourceWriter):
         texts = [comment_text(text) for text in argument.elements]
         return ["", *(f"    * ``{self.element(name, k)}``: {text}" for k, text in enumerate(texts))]
 
-    def documented_builder(self, named: NamedFunction, kind: str) -> list[str]:
-        """Return the docstring of a function that takes nothing and returns an object to call."""
+    def documented_builder(self, named: NamedFunction) -> list[str]:
+        """Return the docstring of a function that takes nothing and returns a `casadi.Function`."""
         function, names = named.function, named.names
         shared = shared_arguments(self.project)
-        lines = [comment_text(function.description) or f"Compute {named.name}.", "", "Returns", "-------", kind]
-        lines.append("    Inputs:" if function.arguments else "    It has no inputs.")
+        lines = [comment_text(function.description) or f"Compute {named.name}.", "", "Returns", "-------"]
+        lines += ["casadi.Function", "    Inputs:" if function.arguments else "    It has no inputs."]
         for argument in function.arguments:
             name, text = names[argument.name], comment_text(argument.description)
             lines += ["", f"    * ``{name}`` ({argument.width}): {text}"]

@@ -49,7 +49,6 @@ def reference_of(function: Function, values: Mapping[str, NDArray[np.float64]]) 
 
     Parameters
     ----------
-    function : Function
     values : mapping
         For each argument rows (S, width); S is the same for all. Only the first rows are used where the function
         has very many outputs.

@@ -287,10 +287,6 @@ def sympy_function(
         Numbers, SymPy expressions or texts such as ``"m2*c"`` for symbols by name; zeros vanish before
         expressions grow.
 
-    Returns
-    -------
-    SymbolicFunction
-
     Raises
     ------
     InputError

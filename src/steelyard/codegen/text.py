@@ -87,8 +87,8 @@ def _in_pieces(text: str) -> str:
     return _BROKEN.sub(lambda found: f"{found[0]} ", " ".join(text.split()))
 
 
-def comment_lines(lines: Iterable[str], prefix: str, *, width: int = _WIDTH) -> list[str]:
-    """Return lines of any text as comment lines of at most `width` columns.
+def comment_lines(lines: Iterable[str], prefix: str) -> list[str]:
+    """Return lines of any text as comment lines of at most 100 columns.
 
     Parameters
     ----------
@@ -96,7 +96,6 @@ def comment_lines(lines: Iterable[str], prefix: str, *, width: int = _WIDTH) -> 
         Any text; leading spaces indent a line and what is wrapped from it. An empty line separates paragraphs.
     prefix : str
         What opens each line, such as ``"// "``.
-    width : int
 
     Returns
     -------
@@ -105,14 +104,14 @@ def comment_lines(lines: Iterable[str], prefix: str, *, width: int = _WIDTH) -> 
 
     Examples
     --------
-    >>> comment_lines(["Arguments:", "  q: position of the first joint", ""], "// ", width=24)
-    ['// Arguments:', '//   q: position of the', '//     first joint', '//']
+    >>> comment_lines(["Arguments:", "  q: position of the first joint", ""], "// ")
+    ['// Arguments:', '//   q: position of the first joint', '//']
     """
     cleaned = (" " * (len(line) - len(line.lstrip(" "))) + comment_text(line) for line in lines)
-    return wrapped_lines(cleaned, prefix, width=width)
+    return wrapped_lines(cleaned, prefix)
 
 
-def wrapped_lines(lines: Iterable[str], prefix: str, *, width: int = _WIDTH) -> list[str]:
+def wrapped_lines(lines: Iterable[str], prefix: str) -> list[str]:
     """Return lines of harmless text as comment lines, as :func:`comment_lines` does with any text."""
     result = []
     for line in lines:
@@ -120,7 +119,7 @@ def wrapped_lines(lines: Iterable[str], prefix: str, *, width: int = _WIDTH) -> 
         indent = prefix + " " * spaces
         wrapped = textwrap.wrap(
             line.lstrip(" "),
-            width=max(width, len(indent) + 20),
+            width=max(_WIDTH, len(indent) + 20),
             initial_indent=indent,
             subsequent_indent=f"{indent}  " if spaces else indent,
             break_on_hyphens=False,
@@ -142,14 +141,9 @@ def markdown_text(text: str) -> str:
 
 
 def identifier(text: str) -> str:
-    """Return the letters, digits and underscores of `text` as an identifier.
+    """Return the letters, digits and underscores of any text as an identifier.
 
     It is ``robot`` where nothing is left, and begins with that word where a digit would come first.
-
-    Parameters
-    ----------
-    text : str
-        Any text.
 
     Examples
     --------

@@ -32,7 +32,6 @@ class ConfigurationConstraint(ABC):
 
     Attributes
     ----------
-    robot : Robot
     name : str
         Name in messages.
     labels : tuple of str
@@ -185,13 +184,7 @@ class DistanceConstraint(ConfigurationConstraint):
         self._pairs = pairs
 
     def distances(self, q: ArrayLike) -> Array:
-        """Return the signed distances (S, m), m, without a horizon; negative values are penetration depths.
-
-        Parameters
-        ----------
-        q : array_like
-            (S, N) configurations, rad or m.
-        """
+        """Return signed distances (S, m) in m at configurations (S, N), without a horizon; inside is negative."""
         configurations = self._configurations(q)
         result = self._pairs.distances(self._places(configurations), np.inf)
         result[~np.isfinite(configurations).all(axis=1)] = np.nan

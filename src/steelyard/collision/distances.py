@@ -29,12 +29,7 @@ def segment_distance_bound(first: tuple[Array, Array], second: tuple[Array, Arra
     """Return lower bounds (...) of the distances of segments, tight to 1e-4 of the lengths of the segments.
 
     They come from the closest points of two lines, clamped to the segments (Ericson, Real-Time Collision Detection,
-    2005, section 5.1.9).
-
-    Parameters
-    ----------
-    first, second : tuple of ndarray
-        The two ends of the segment, (..., 3) each, m.
+    2005, section 5.1.9). A segment is given by its two ends, (..., 3) each, m.
 
     Examples
     --------
@@ -93,7 +88,6 @@ class PairDistances:
 
     Parameters
     ----------
-    shapes : sequence of PlacedShape
     groups : sequence of sequence of (int, int)
         The pairs of each of the m groups, as indices of shapes.
 

@@ -190,7 +190,6 @@ class WatchedPairs:
         Pairs of links of the description in each group.
     margins : tuple of float
         Margin of each group, m.
-    left_out : tuple of LeftOut
     """
 
     labels: tuple[str, ...]

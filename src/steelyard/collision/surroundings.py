@@ -34,7 +34,6 @@ class Surroundings:
 
     Attributes
     ----------
-    robot : Robot
     own : SelfCollision or None
         The constraint that is added by default; None where self-collision was specified, or cannot be checked.
     geometry : RobotGeometry or None
@@ -65,7 +64,6 @@ class Surroundings:
 
         Parameters
         ----------
-        robot : Robot
         constraints : sequence
             The constraints that the user gave.
         sections : mapping

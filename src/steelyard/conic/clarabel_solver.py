@@ -83,7 +83,6 @@ def solve_with_clarabel(problem: ConicProblem, accuracy: float = 1e-8, iteration
 
     Parameters
     ----------
-    problem : ConicProblem
     accuracy : float
         Tolerance on the duality gap (absolute and relative) and on both feasibilities.
     iterations : int

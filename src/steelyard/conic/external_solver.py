@@ -95,8 +95,6 @@ class Answer:
         For `Outcome.UNBOUNDED` a direction.
     dual : (rows,)
         Y stacked as in `SemidefiniteProgram.to_conic`; for `Outcome.INFEASIBLE` a direction.
-    iterations : int
-    seconds : float
     """
 
     outcome: Outcome
@@ -113,8 +111,6 @@ class ExternalSolver:
 
     Attributes
     ----------
-    title : str
-    executable : str
     method : str
         The algorithm, in a few words.
     remedy : str
@@ -179,10 +175,6 @@ def run_program(
 
     Parameters
     ----------
-    program : ExternalSolver
-    problem : SemidefiniteProgram
-    accuracy : float
-    iterations : int
     attempt : int
         How many attempts went before, so that other settings may be taken.
 
@@ -234,12 +226,7 @@ def _read_solution_file(output: ProgramOutput, problem: SemidefiniteProgram) -> 
     """Read x and the stacked Y from a solution file of CSDP or DSDP.
 
     Its first line is x; then come entries (matrix, block, row, column, value), where matrix 1 is F(x) and matrix 2
-    is Y.
-
-    Raises
-    ------
-    ValueError, OSError
-        If it is not of that form.
+    is Y. A file of another form is a ValueError or an OSError.
     """
     first, _, rest = (output.folder / SOLUTION).read_text(encoding="ascii").partition("\n")
     x = np.array(first.split(), dtype=float)
@@ -494,12 +481,10 @@ def solve_with_program(
 
     Parameters
     ----------
-    program : ExternalSolver
     problem : ConicProblem
         Without exponential cones.
     accuracy : float
         Tolerance that the program is asked for.
-    iterations : int
 
     Raises
     ------

@@ -77,13 +77,7 @@ class Elimination:
     _factors: tuple[Matrix, Matrix] = field(repr=False)
 
     def multipliers(self, gradient: Vector) -> Vector:
-        """The y with Eᵀ y = -gradient on the columns that were eliminated.
-
-        Parameters
-        ----------
-        gradient : (n,)
-            Of what is minimised, without the equations.
-        """
+        """The y with Eᵀ y = -gradient, (n,) without the equations, on the columns that were eliminated."""
         y = np.zeros(self._equations.shape[0])
         columns = sparse.csc_array(self._equations)
         for row, column in self._single:
@@ -108,10 +102,6 @@ def eliminate(E: sparse.csr_array, f: Vector) -> Elimination | Contradiction:
     ----------
     E : (rows, n) sparse
     f : (rows,)
-
-    Returns
-    -------
-    Elimination or Contradiction
 
     Examples
     --------
@@ -339,12 +329,9 @@ def squares_of(P: sparse.csc_array, offset: Vector, directions: sparse.csc_array
 
 
 def _arrow(diagonal: Indices, border: Indices) -> tuple[int, Indices, Indices, Indices, Vector]:
-    """Elements of an arrow matrix: rows `diagonal` stand on its diagonal, rows `border` in its first row and column.
+    """Order of an arrow matrix, and row, column, source and factor of each element.
 
-    Returns
-    -------
-    int, (elements,), (elements,), (elements,), (elements,)
-        Order, row, column, source and factor.
+    Rows `diagonal` stand on its diagonal, rows `border` in its first row and column.
     """
     order = len(diagonal)
     own = np.arange(order)
@@ -362,7 +349,6 @@ class Decided:
         A solution or, if `unbounded`, a direction along which the objective falls without bound.
     dual : (rows,) or None
         A direction that proves that no point satisfies the constraints.
-    unbounded : bool
     multipliers : (rows,)
         The dual solution that belongs to `primal`.
     """
@@ -375,13 +361,7 @@ class Decided:
 
 @dataclass(frozen=True, eq=False)
 class Rewritten:
-    """A problem rewritten as minimising qᵀv over nonnegative and semidefinite cones, and the map back.
-
-    Attributes
-    ----------
-    source : ConicProblem
-    problem : ConicProblem
-    """
+    """A problem rewritten as minimising qᵀv over nonnegative and semidefinite cones, and the map back."""
 
     source: ConicProblem = field(repr=False)
     problem: ConicProblem
@@ -419,10 +399,7 @@ class Rewritten:
 def rewrite(problem: ConicProblem) -> Rewritten | Decided:
     """Rewrite a problem, or answer it where nothing is left to solve.
 
-    Parameters
-    ----------
-    problem : ConicProblem
-        Both triangles of P must be given; exponential cones are not supported.
+    Both triangles of P must be given; exponential cones are not supported.
     """
     kinds = np.repeat([cone.kind for cone in problem.cones], [cone.rows for cone in problem.cones])
     equations, coned = np.flatnonzero(kinds == "zero"), np.flatnonzero(kinds != "zero")

@@ -31,7 +31,6 @@ class Scaling:
     ----------
     rows : (rows,)
     columns : (n,)
-    objective : float
     """
 
     rows: Vector = field(repr=False)
@@ -170,7 +169,6 @@ def scaling_around(problem: ConicProblem, slack: Vector, floor: float) -> Scalin
 
     Parameters
     ----------
-    problem : ConicProblem
     slack : (rows,)
     floor : float
         Diagonal elements below this part of the largest one are raised to it.

@@ -61,7 +61,6 @@ def solve_with_scs(problem: ConicProblem, accuracy: float = 1e-8, iterations: in
 
     Parameters
     ----------
-    problem : ConicProblem
     accuracy : float
         Tolerance, absolute and relative, on the residuals and on the duality gap.
     iterations : int

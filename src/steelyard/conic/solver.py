@@ -13,15 +13,7 @@ from steelyard.files import shown, suggestion
 
 from .problem import CONE_KINDS, ConicProblem, ConicSolution
 
-__all__ = [
-    "FEATURES",
-    "SOLVERS",
-    "Solver",
-    "SolverTable",
-    "find_solver",
-    "solve",
-    "solver_table",
-]
+__all__ = ["FEATURES", "SOLVERS", "Solver", "SolverTable", "find_solver", "solve", "solver_table"]
 
 FEATURES = ("quadratic", *CONE_KINDS)
 """What a problem may hold that a solver must know: a quadratic objective, and the kinds of cones."""

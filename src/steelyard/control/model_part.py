@@ -100,19 +100,9 @@ class ModelPart:
         self._calls: dict[tuple[str, tuple[int, ...]], Callable[..., Array]] = {}
 
     def __call__(self, name: str, *motion: Array) -> Array:
-        """Return all outputs of a function, flattened and concatenated, (..., elements).
+        """Return all outputs of one of `functions`, flattened and concatenated, (..., elements), as a new array.
 
-        Parameters
-        ----------
-        name : str
-            One of `functions`.
-        *motion : ndarray
-            Positions, velocities and so on, (..., N) and all of one shape.
-
-        Returns
-        -------
-        ndarray
-            A new array.
+        Its motion is positions, velocities and so on, (..., N) and all of one shape.
         """
         shape = motion[0].shape[:-1]
         call = self._calls.get((name, shape))
@@ -157,16 +147,7 @@ class ModelPart:
     def generate(self, language: str, directory: str | Path, *, fixed: bool = False) -> tuple[Path, ...]:
         """Write the functions as source; see :meth:`steelyard.Model.generate`.
 
-        Parameters
-        ----------
-        language : str
-        directory : str or Path
-        fixed : bool
-            Whether the parameters are written as numbers, instead of being an argument.
-
-        Returns
-        -------
-        tuple of Path
+        Where they are fixed, the parameters are written as numbers, instead of being an argument.
         """
         parameters = self.parameters if fixed else None
         return self.model.generate(
@@ -192,7 +173,7 @@ class ModelPart:
         function = kernel.single_function if count == 1 else kernel.batch_function
         samples = ctypes.c_int64(count)
         pointers = (ctypes.c_void_p(address_of(array)) for array in (*arguments, out))
-        compute = partial(function, samples, *pointers, samples)
+        compute = partial(function, samples, *pointers, ctypes.c_int64(1))
 
         def call(*motion: Array) -> Array:
             for place, array in zip(places, motion, strict=True):

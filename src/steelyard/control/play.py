@@ -100,10 +100,6 @@ def play(
     seed : int
         Of the sensors' noise.
 
-    Returns
-    -------
-    Recording
-
     Raises
     ------
     InputError

@@ -168,12 +168,7 @@ def model_base_parameters(layout: ParameterLayout, sampled: Callable[[ParameterL
 
     Angles such as 1.5708 count as right angles only where the rank depends on it, because nobody means parameters that
     appear through such a rounding. Elsewhere the robot is taken as it is written, so that K is right to rounding.
-
-    Parameters
-    ----------
-    layout : ParameterLayout
-    sampled : callable
-        Returns the regressor (rows, n) at random motions, stacked; rows well above n.
+    `sampled` returns the regressor (rows, n) at random motions, stacked; rows well above n.
     """
     written = _base_parameters(layout, layout.robot, sampled)
     meant = robot_with_right_angles(layout.robot)
@@ -379,13 +374,8 @@ def base_parameters_of(regressor: Matrix, parameter_names: tuple[str, ...]) -> B
 
     Each column is independent or not by its distance from the span of those left of it, relative to its own length or
     to that of a typical column, whichever is longer: what the motion hardly shows does not count. Where to draw the
-    line is decided by a gap between these distances, the lowest one that is clear.
-
-    Parameters
-    ----------
-    regressor : ndarray
-        (rows, n), many random motions stacked; rows well above n.
-    parameter_names : tuple of str
+    line is decided by a gap between these distances, the lowest one that is clear. The regressor (rows, n) is that of
+    many random motions, stacked; rows well above n.
     """
     lengths = np.linalg.norm(regressor, axis=0)
     present = np.flatnonzero(lengths > 0.0)

@@ -15,6 +15,7 @@ from steelyard.errors import InputError
 from steelyard.files import shown
 from steelyard.once import cached_property
 from steelyard.robot import Condition, Joint, Robot, Term, TermParameter
+from steelyard.robot.robot import Channels, Columns, Scalars
 
 from .layout import columns_of
 from .terms import term_from_dict
@@ -128,20 +129,14 @@ class ByJoint(Term):
         return tuple(found)
 
     def columns(
-        self,
-        k: int,
-        q: Sequence[Any],
-        dq: Sequence[Any],
-        ddq: Sequence[Any],
-        algebra: Any,
-        channels: Mapping[str, Sequence[Any]] | None = None,
-    ) -> tuple[dict[int, Any], ...]:
+        self, k: int, q: Scalars, dq: Scalars, ddq: Scalars, algebra: Any, channels: Channels | None = None
+    ) -> Columns:
         """Return the columns of the laws that act at the joint."""
         return self._of_first(
             self.at_joint(k), lambda law: columns_of(law, k, (q, dq, ddq), algebra, channels), dict[int, Any]()
         )
 
-    def potential(self, k: int, q: Sequence[Any], algebra: Any) -> tuple[Any, ...]:
+    def potential(self, k: int, q: Scalars, algebra: Any) -> tuple[Any, ...]:
         """Return the energies of the laws that act at the joint."""
         return self._of_first(self.at_joint(k), lambda law: law.potential(k, q, algebra), 0.0)
 

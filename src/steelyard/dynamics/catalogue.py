@@ -16,6 +16,7 @@ from steelyard.errors import InputError
 from steelyard.graph import Node
 from steelyard.once import cached_property
 from steelyard.robot import Robot, Term
+from steelyard.robot.robot import Scalars
 
 from . import algorithms
 from .algorithms.kinematics import ZERO, JointFrame, Matrix3, Vector3, add, joint_frames, link_poses, product, times
@@ -99,7 +100,7 @@ class Scene:
         """Number N of coordinates."""
         return self.robot.dof
 
-    def term_torques(self, q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any]) -> list[Any]:
+    def term_torques(self, q: Scalars, dq: Scalars, ddq: Scalars) -> list[Any]:
         """Return the N torques of the terms."""
         torques: list[Any] = [0.0] * self.count
         for row, column, value in self.layout.terms(q, dq, ddq, self.algebra, self.term, self.scalars.get("channels")):
@@ -363,7 +364,6 @@ class Entry:
     ----------
     arguments : tuple of str
         What it reads, in this order.
-    description : str
     build : callable
         From a scene to what it computes.
     subject : str
@@ -489,7 +489,6 @@ def forward_dynamics_function(robot: Robot, method: str) -> str:
 
     Parameters
     ----------
-    robot : Robot
     method : {"automatic", "inertia_matrix", "articulated_body"}
 
     Raises

@@ -49,7 +49,6 @@ def body_conditions(link_names: Sequence[str], columns: Sequence[int], consisten
 
     Parameters
     ----------
-    link_names : sequence of str
     columns : sequence of int
         Where the ten parameters ``Lxx Lxy Lxz Lyy Lyz Lzz lx ly lz m`` of each link begin.
     consistency : {"full", "inertia"}
@@ -78,7 +77,6 @@ def model_conditions(robot: Robot, consistency: str) -> tuple[AffineBlock, ...]:
 
     Parameters
     ----------
-    robot : Robot
     consistency : {"full", "inertia"}
         ``"inertia"``: positive mass and positive definite inertia about the centre of mass (thesis eq. 3.20).
         ``"full"``: a positive mass density exists, so that the triangle inequality holds too (Traversaro et al. 2016;

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from steelyard.errors import InputError
 from steelyard.files import shown, suggestion
 from steelyard.robot import Condition, Joint, Link, Robot, Term, TermParameter
+from steelyard.robot.robot import Channels, Columns, Scalars
 
 from .by_joint import ByJoint
 from .layout import columns_of
@@ -86,16 +87,14 @@ class Transmission(Term):
         """Return the coordinate, from 0, of the motor of the elastic joint `k`."""
         return self.motors[self.joints.index(k + 1)] - 1
 
-    def columns(
-        self, k: int, q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any], algebra: Any
-    ) -> tuple[dict[int, Any], ...]:
+    def columns(self, k: int, q: Scalars, dq: Scalars, ddq: Scalars, algebra: Any) -> Columns:
         """Return what spring and damper exert on motor and link."""
         if not self.acts_at(k):
             return ({}, {})
         motor = self.motor(k)
         return tuple({k: values[k] - values[motor], motor: values[motor] - values[k]} for values in (q, dq))
 
-    def potential(self, k: int, q: Sequence[Any], algebra: Any) -> tuple[Any, ...]:
+    def potential(self, k: int, q: Scalars, algebra: Any) -> tuple[Any, ...]:
         """Return half of the square of the deflection."""
         if not self.acts_at(k):
             return (0.0, 0.0)
@@ -190,14 +189,8 @@ class AtCoordinates(Term):
         return k in self.coordinates and self.term.acts_at(self.coordinates.index(k))
 
     def columns(
-        self,
-        k: int,
-        q: Sequence[Any],
-        dq: Sequence[Any],
-        ddq: Sequence[Any],
-        algebra: Any,
-        channels: Mapping[str, Sequence[Any]] | None = None,
-    ) -> tuple[dict[int, Any], ...]:
+        self, k: int, q: Scalars, dq: Scalars, ddq: Scalars, algebra: Any, channels: Channels | None = None
+    ) -> Columns:
         """Return the columns of the term at its own coordinates."""
         if k not in self.coordinates:
             return tuple({} for _ in self.parameters)
@@ -206,7 +199,7 @@ class AtCoordinates(Term):
         found = columns_of(self.term, self.coordinates.index(k), (motion[0], motion[1], motion[2]), algebra, logged)
         return tuple({self.coordinates[row]: value for row, value in column.items()} for column in found)
 
-    def potential(self, k: int, q: Sequence[Any], algebra: Any) -> tuple[Any, ...]:
+    def potential(self, k: int, q: Scalars, algebra: Any) -> tuple[Any, ...]:
         """Return the potential energy of the term."""
         if k not in self.coordinates:
             return (0.0,) * len(self.parameters)

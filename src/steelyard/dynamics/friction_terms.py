@@ -22,7 +22,7 @@ from steelyard.files import shown
 from steelyard.graph.expression import is_zero
 from steelyard.once import cached_property
 from steelyard.robot import Condition, Robot, TermParameter
-from steelyard.robot.robot import PRESLIDING
+from steelyard.robot.robot import PRESLIDING, Channels, Columns, Scalars
 
 from .terms import JointNumbers, PerJoint, ShapedTerm, described_values
 
@@ -53,7 +53,7 @@ class _ByDirection(ShapedTerm):
     def __init__(self, joints: JointNumbers = None) -> None:
         super().__init__(joints=joints)
 
-    def values(self, k: int, q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any], algebra: Any) -> tuple[Any, ...]:
+    def values(self, k: int, q: Scalars, dq: Scalars, ddq: Scalars, algebra: Any) -> tuple[Any, ...]:
         """Return the law where the speed is positive, and where it is negative."""
         sign = algebra.sign(dq[k])
         law = sign if self.parameters[0].described_as == "friction" else dq[k]
@@ -164,7 +164,7 @@ class Stribeck(ShapedTerm):
         """The speeds at which the curve falls."""
         return self.every("velocity")
 
-    def values(self, k: int, q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any], algebra: Any) -> tuple[Any, ...]:
+    def values(self, k: int, q: Scalars, dq: Scalars, ddq: Scalars, algebra: Any) -> tuple[Any, ...]:
         """Return the sign of the speed, and that sign times the curve."""
         sign, x, exponent = algebra.sign(dq[k]), dq[k] / self.at("velocity", k), self.at("exponent", k)
         if exponent == 2.0:
@@ -215,7 +215,7 @@ class SmoothCoulomb(ShapedTerm):
         """The speeds at which the sign turns."""
         return self.every("velocity")
 
-    def values(self, k: int, q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any], algebra: Any) -> tuple[Any, ...]:
+    def values(self, k: int, q: Scalars, dq: Scalars, ddq: Scalars, algebra: Any) -> tuple[Any, ...]:
         """Return the smooth sign.
 
         It is (1 - e) / (1 + e) with e = exp(-2 |x|), which neither overflows nor has a kink at rest, as x + |x| has.
@@ -291,7 +291,7 @@ class PolynomialFriction(ShapedTerm):
             )
         return (*result, *(TermParameter(s, *_units(self.powers[0]), _SLACK, nonnegative=False) for s in self._slack))
 
-    def values(self, k: int, q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any], algebra: Any) -> tuple[Any, ...]:
+    def values(self, k: int, q: Scalars, dq: Scalars, ddq: Scalars, algebra: Any) -> tuple[Any, ...]:
         """Return the odd powers of the speed, and the even ones with its sign."""
         x, result = dq[k], []
         for power in self.powers:
@@ -373,7 +373,7 @@ class PiecewiseFriction(ShapedTerm):
         """Viscous friction, and from a first speed of 0 on Coulomb friction, too."""
         return frozenset({"damping", "friction"} if self.speeds[0] == 0.0 else {"damping"})
 
-    def values(self, k: int, q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any], algebra: Any) -> tuple[Any, ...]:
+    def values(self, k: int, q: Scalars, dq: Scalars, ddq: Scalars, algebra: Any) -> tuple[Any, ...]:
         """Return the share of each torque in the friction, with the sign of the speed."""
         sign = algebra.sign(dq[k])
         size, nodes = dq[k] * sign, [0.0, *(node for node in self.speeds if node > 0.0)]
@@ -484,7 +484,7 @@ class LoadFriction(ShapedTerm):
         )
         return {**self.to_dict(), "inertias": inertias}
 
-    def load(self, k: int, q: Sequence[Any], algebra: Any) -> Any:
+    def load(self, k: int, q: Scalars, algebra: Any) -> Any:
         """Return the load of a joint."""
         from .algorithms.kinematics import joint_frames
         from .algorithms.newton_euler import inverse_dynamics
@@ -504,7 +504,7 @@ class LoadFriction(ShapedTerm):
             return 0.0 * q[k]
         return torque * (torque if self.shape["power"] == 2.0 else algebra.sign(torque))
 
-    def values(self, k: int, q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any], algebra: Any) -> tuple[Any, ...]:
+    def values(self, k: int, q: Scalars, dq: Scalars, ddq: Scalars, algebra: Any) -> tuple[Any, ...]:
         """Return sign and speed, each without the load and times the load."""
         load, sign = self.load(k, q, algebra), algebra.sign(dq[k])
         return (sign, load * sign, dq[k], load * dq[k])
@@ -604,14 +604,8 @@ class ChannelFriction(ShapedTerm):
         return self if self.shape["held"] is not None else self.with_shape(held=self.shape["reference"])
 
     def columns(
-        self,
-        k: int,
-        q: Sequence[Any],
-        dq: Sequence[Any],
-        ddq: Sequence[Any],
-        algebra: Any,
-        channels: Mapping[str, Sequence[Any]] | None = None,
-    ) -> tuple[dict[int, Any], ...]:
+        self, k: int, q: Scalars, dq: Scalars, ddq: Scalars, algebra: Any, channels: Channels | None = None
+    ) -> Columns:
         """Return sign and speed, each without the signal and times what it is beyond its reference."""
         if not self.acts_at(k):
             return ({}, {}, {}, {})
@@ -622,7 +616,7 @@ class ChannelFriction(ShapedTerm):
         sign = algebra.sign(dq[k])
         return ({k: sign}, {k: beyond * sign}, {k: dq[k]}, {k: beyond * dq[k]})
 
-    def values(self, k: int, q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any], algebra: Any) -> tuple[Any, ...]:
+    def values(self, k: int, q: Scalars, dq: Scalars, ddq: Scalars, algebra: Any) -> tuple[Any, ...]:
         """Return the columns at the held signal."""
         return tuple(column.get(k) for column in self.columns(k, q, dq, ddq, algebra))
 

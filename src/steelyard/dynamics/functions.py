@@ -46,12 +46,8 @@ class SmoothSign:
     """The functions of an algebra of graph nodes, with ``x / sqrt(x² + w²)`` for the sign of x.
 
     At x = w the value is 0.707, at 10 w it is 0.995; the slope at zero is 1 / w. Thesis section 5.1.2 asks for a tight
-    sigmoid; this one needs no exponential, and friction stays passive, because x times it is never negative.
-
-    Parameters
-    ----------
-    width : Node
-        w, positive; rad/s or m/s, of the joint or of the motor.
+    sigmoid; this one needs no exponential, and friction stays passive, because x times it is never negative. The width
+    w is positive; rad/s or m/s, of the joint or of the motor.
 
     Examples
     --------
@@ -229,10 +225,6 @@ class ModelFunctions:
             The sign of Coulomb friction, see :class:`SmoothSign`; its width is then an argument.
         parameters : array_like, optional
             (n,), or (n_b,) with `base`: numbers in the place of the argument.
-
-        Returns
-        -------
-        Function
 
         Raises
         ------
@@ -533,7 +525,6 @@ class Call:
 
     Attributes
     ----------
-    kernel : Kernel
     shape : tuple of int
         Of what one sample gives; several outputs of one shape are stacked.
     direct : callable
@@ -588,7 +579,6 @@ class Evaluator:
 
     Parameters
     ----------
-    functions : ModelFunctions
     threads : int
         How many share a large batch.
     called_often : callable, optional
@@ -596,10 +586,7 @@ class Evaluator:
     """
 
     def __init__(
-        self,
-        functions: ModelFunctions,
-        threads: int = 1,
-        called_often: Callable[[str, Call], None] = _nothing,
+        self, functions: ModelFunctions, threads: int = 1, called_often: Callable[[str, Call], None] = _nothing
     ) -> None:
         if not isinstance(threads, int) or threads < 1:
             raise InputError(f"threads must be a positive integer, got {threads!r}.")
@@ -621,7 +608,6 @@ class Evaluator:
 
         Parameters
         ----------
-        function : str
         given : tuple of array_like
             The arguments of the function in its order: motions (..., N) each, then parameters (n,) or a point (3,).
         gravity : array_like, optional

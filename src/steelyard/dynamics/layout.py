@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from steelyard.graph.expression import is_zero
 from steelyard.once import cached_property
 from steelyard.robot import INERTIA_SYMBOLS, Robot, Term
+from steelyard.robot.robot import Channels, Columns, Scalars
 
 __all__ = ["ParameterLayout", "columns_of"]
 
@@ -18,10 +19,10 @@ __all__ = ["ParameterLayout", "columns_of"]
 def columns_of(
     term: Term,
     k: int,
-    motion: tuple[Sequence[Any], Sequence[Any], Sequence[Any]],
+    motion: tuple[Scalars, Scalars, Scalars],
     algebra: Any,
-    channels: Mapping[str, Sequence[Any]] | None,
-) -> tuple[dict[int, Any], ...]:
+    channels: Channels | None,
+) -> Columns:
     """Return the columns of a term, which is given the channels that it names."""
     if not term.channels:
         return term.columns(k, *motion, algebra)
@@ -38,12 +39,7 @@ _INERTIAL = {
 
 
 class ParameterLayout:
-    """The order of a robot's parameters: for each link ten, then those of the terms at its joint (thesis eq. 4.13).
-
-    Parameters
-    ----------
-    robot : Robot
-    """
+    """The order of a robot's parameters: for each link ten, then those of the terms at its joint (thesis eq. 4.13)."""
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
@@ -80,9 +76,9 @@ class ParameterLayout:
 
     def terms(
         self,
-        q: Sequence[Any],
-        dq: Sequence[Any],
-        ddq: Sequence[Any],
+        q: Scalars,
+        dq: Scalars,
+        ddq: Scalars,
         algebra: Any,
         kind: str | None = None,
         channels: Sequence[Any] | None = None,
@@ -102,7 +98,7 @@ class ParameterLayout:
                     column += 1
         return entries
 
-    def _by_name(self, q: Sequence[Any], channels: Sequence[Any] | None) -> Mapping[str, Sequence[Any]]:
+    def _by_name(self, q: Scalars, channels: Sequence[Any] | None) -> Channels:
         if not self.robot.channels:
             return {}
         given = [0.0 * x for _ in self.robot.channels for x in q] if channels is None else channels
@@ -123,20 +119,20 @@ class ParameterLayout:
         own = {speed for term in self.robot.terms for speed in term.speeds if speed > 0.0}
         return (1.5, *sorted(own))
 
-    def term_momenta(self, q: Sequence[Any], dq: Sequence[Any], algebra: Any) -> Entries:
+    def term_momenta(self, q: Scalars, dq: Scalars, algebra: Any) -> Entries:
         """Return what the terms add to the momentum regressor: their torques, linear in ddq, with dq in its place."""
         still = [0.0 * x for x in q]
         at_rest = {(row, column): value for row, column, value in self.terms(q, still, still, algebra)}
         moving = {(row, column): value for row, column, value in self.terms(q, still, dq, algebra)}
         return {key: value - at_rest[key] if key in at_rest else value for key, value in moving.items()}
 
-    def term_inertias(self, q: Sequence[Any], k: int, algebra: Any) -> list[tuple[int, int, Any]]:
+    def term_inertias(self, q: Scalars, k: int, algebra: Any) -> list[tuple[int, int, Any]]:
         """Return what the terms add to column k of the inertia matrix, as (row, column of the parameter, scalar)."""
         unit = [0.0 * x + (1.0 if i == k else 0.0) for i, x in enumerate(q)]
         momenta = self.term_momenta(q, unit, algebra)
         return [(row, column, value) for (row, column), value in momenta.items() if not is_zero(value)]
 
-    def term_potentials(self, q: Sequence[Any], algebra: Any) -> list[tuple[int, Any]]:
+    def term_potentials(self, q: Scalars, algebra: Any) -> list[tuple[int, Any]]:
         """Return the potential energy of the terms by their parameters, as (column, scalar)."""
         entries: list[tuple[int, Any]] = []
         for k, first in enumerate(self._columns[1]):

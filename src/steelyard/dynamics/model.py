@@ -113,10 +113,6 @@ class Model:
         allow_extensions : bool
             See :meth:`steelyard.RobotFile.load`.
 
-        Returns
-        -------
-        Model
-
         Raises
         ------
         InputError
@@ -183,10 +179,6 @@ class Model:
             What the result is written into and which is then returned; also in the functions below. It must have the
             shape of the result and be C-contiguous, of float64, and not in the memory of another argument. Large
             results take less time so, because new memory has to be fetched from the system and cleared first.
-
-        Returns
-        -------
-        ndarray
 
         Examples
         --------
@@ -273,10 +265,6 @@ class Model:
             Kind of the term, such as ``"viscous"``.
         out : ndarray, optional
             See `inverse_dynamics`.
-
-        Returns
-        -------
-        ndarray
         """
         name = "drive_torque" if term is None else f"drive_torque({term})"
         q = np.zeros_like(dq) if q is None else q
@@ -396,10 +384,6 @@ class Model:
             Name, of a link that is fixed to a moving one too ("tool0"), or index of a moving link.
         out : ndarray, optional
             See `inverse_dynamics`.
-
-        Returns
-        -------
-        ndarray
         """
         return self._call(f"pose({self._link_name(link)})", (q,), None, out)
 
@@ -584,21 +568,15 @@ class Model:
                 "or model.without_channels in Python."
             )
 
-    def refuse_channels(self, what: str) -> None:
-        """Raise InputError where a term needs more than the motion, which what is to be done with the model has not.
-
-        Parameters
-        ----------
-        what : str
-            What is not done with such models, such as ``"identified while they move"``.
-        """
-        self.refuse_presliding(what)
+    def refuse_channels(self) -> None:
+        """Raise InputError where a term needs more than the motion, which is all that is known while a robot moves."""
+        self.refuse_presliding("identified while they move")
         if self.robot.channels:
             kinds = " and ".join(term.kind for term in self.robot.terms if term.channels)
             names = " and ".join(repr(name) for name in self.robot.channels)
             raise InputError(
                 f"The term {kinds} of {self.robot.name} needs the channel {names} of a log, and models with such terms "
-                f"are not {what}; hold it at one value (`held` in [[terms]]), or leave the term out."
+                "are not identified while they move; hold it at one value (`held` in [[terms]]), or leave the term out."
             )
 
     def _logged(self, channels: Mapping[str, ArrayLike], motion: ArrayLike) -> tuple[Array, ...]:
@@ -759,10 +737,6 @@ class Model:
         parameters : array_like, optional
             (n,), or (n_b,) with `base`: numbers that stand in the function instead of an argument.
 
-        Returns
-        -------
-        Function
-
         Raises
         ------
         InputError
@@ -834,10 +808,6 @@ class Model:
             See `function`.
         substitute : mapping, optional
             Numbers or expressions for symbols by name, such as ``{"m1": 0, "lx2": "m2*c"}``.
-
-        Returns
-        -------
-        SymbolicFunction
 
         Raises
         ------

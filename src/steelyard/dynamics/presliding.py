@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 from steelyard.errors import InputError
 from steelyard.files import shown
 from steelyard.robot import Condition, TermParameter
-from steelyard.robot.robot import PRESLIDING
+from steelyard.robot.robot import PRESLIDING, Channels, Columns, Scalars
 
 from .friction_terms import linear
 from .terms import JointNumbers, PerJoint, ShapedTerm, described_values
@@ -67,14 +66,8 @@ class _BristleFriction(ShapedTerm):
             )
 
     def columns(
-        self,
-        k: int,
-        q: Sequence[Any],
-        dq: Sequence[Any],
-        ddq: Sequence[Any],
-        algebra: Any,
-        channels: Mapping[str, Sequence[Any]] | None = None,
-    ) -> tuple[dict[int, Any], ...]:
+        self, k: int, q: Scalars, dq: Scalars, ddq: Scalars, algebra: Any, channels: Channels | None = None
+    ) -> Columns:
         """Return the torque of each parameter, by the state of the bristles."""
         if not self.acts_at(k):
             return tuple({} for _ in self.parameters)
@@ -87,7 +80,7 @@ class _BristleFriction(ShapedTerm):
     def _torques(self, k: int, speed: Any, state: Any, algebra: Any) -> tuple[Any, ...]:
         raise NotImplementedError
 
-    def values(self, k: int, q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any], algebra: Any) -> tuple[Any, ...]:
+    def values(self, k: int, q: Scalars, dq: Scalars, ddq: Scalars, algebra: Any) -> tuple[Any, ...]:
         """Return the columns in steady sliding."""
         return self._torques(k, dq[k], None, algebra)
 

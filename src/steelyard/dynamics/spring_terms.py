@@ -16,6 +16,7 @@ from steelyard.errors import InputError
 from steelyard.files import shown
 from steelyard.once import cached_property
 from steelyard.robot import Robot, Term, TermParameter
+from steelyard.robot.robot import Columns, Scalars
 
 from .terms import JointNumbers, PerJoint, ShapedTerm, weighted_sum
 
@@ -50,11 +51,11 @@ class Spring(ShapedTerm):
     def __init__(self, rest: PerJoint = 0.0, joints: JointNumbers = None) -> None:
         super().__init__(rest=rest, joints=joints)
 
-    def values(self, k: int, q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any], algebra: Any) -> tuple[Any, ...]:
+    def values(self, k: int, q: Scalars, dq: Scalars, ddq: Scalars, algebra: Any) -> tuple[Any, ...]:
         """Return the deflection."""
         return (q[k] - self.at("rest", k),)
 
-    def energies(self, k: int, q: Sequence[Any], algebra: Any) -> tuple[Any, ...]:
+    def energies(self, k: int, q: Scalars, algebra: Any) -> tuple[Any, ...]:
         """Return half of the square of the deflection."""
         deflection = q[k] - self.at("rest", k)
         return (0.5 * deflection * deflection,)
@@ -129,7 +130,7 @@ class Counterbalance(ShapedTerm):
                 "area of the piston."
             )
 
-    def _length(self, k: int, q: Sequence[Any], algebra: Any) -> tuple[Any, Any]:
+    def _length(self, k: int, q: Scalars, algebra: Any) -> tuple[Any, Any]:
         """Return the length of the spring, and its product with the derivative of the length by the position."""
         fixed, moving = float(self.shape["fixed"]), float(self.shape["moving"])
         angle = q[k] - float(self.shape["aligned"])
@@ -142,14 +143,14 @@ class Counterbalance(ShapedTerm):
         given = self.shape["length"]
         return abs(self.shape["fixed"] - self.shape["moving"]) if given is None else float(given)
 
-    def values(self, k: int, q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any], algebra: Any) -> tuple[Any, ...]:
+    def values(self, k: int, q: Scalars, dq: Scalars, ddq: Scalars, algebra: Any) -> tuple[Any, ...]:
         """Return the lever arm, with the growth of the pull of a gas, and the lever arm times the extension."""
         length, product = self._length(k, q, algebra)
         arm, extension, gas = product / length, length - self.reference, self.shape["gas"]
         pull = arm if gas is None else arm / (1.0 - extension / float(gas))
         return (pull, arm * extension)
 
-    def energies(self, k: int, q: Sequence[Any], algebra: Any) -> tuple[Any, ...]:
+    def energies(self, k: int, q: Scalars, algebra: Any) -> tuple[Any, ...]:
         """Return the work of a pull of 1 N, and half of the square of the extension."""
         extension, gas = self._length(k, q, algebra)[0] - self.reference, self.shape["gas"]
         work = extension if gas is None else -float(gas) * algebra.log(1.0 - extension / float(gas))
@@ -207,12 +208,12 @@ class Cogging(ShapedTerm):
             for letter, name in (("s", "sine"), ("c", "cosine"))
         )
 
-    def values(self, k: int, q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any], algebra: Any) -> tuple[Any, ...]:
+    def values(self, k: int, q: Scalars, dq: Scalars, ddq: Scalars, algebra: Any) -> tuple[Any, ...]:
         """Return sines and cosines."""
         angles = [float(n) * q[k] for n in self.shape["harmonics"]]
         return tuple(function(angle) for angle in angles for function in (algebra.sin, algebra.cos))
 
-    def energies(self, k: int, q: Sequence[Any], algebra: Any) -> tuple[Any, ...]:
+    def energies(self, k: int, q: Scalars, algebra: Any) -> tuple[Any, ...]:
         """Return the integrals of sines and cosines."""
         result = []
         for n in map(float, self.shape["harmonics"]):
@@ -284,12 +285,10 @@ class Tendon(Term):
         row = self.arms[k] if k < len(self.arms) else ()
         return [(joint, float(arm)) for joint, arm in enumerate(row) if arm]
 
-    def _deflection(self, k: int, q: Sequence[Any]) -> Any:
+    def _deflection(self, k: int, q: Scalars) -> Any:
         return weighted_sum(self._arms(k), q) - float(np.broadcast_to(self.rest, (len(self.arms),))[k])
 
-    def columns(
-        self, k: int, q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any], algebra: Any
-    ) -> tuple[dict[int, Any], ...]:
+    def columns(self, k: int, q: Scalars, dq: Scalars, ddq: Scalars, algebra: Any) -> Columns:
         """Return the four columns of tendon `k`."""
         arms = self._arms(k)
         if not arms:
@@ -298,7 +297,7 @@ class Tendon(Term):
         pulls = (speed, algebra.sign(speed), self._deflection(k, q), 1.0)
         return tuple({joint: arm * pull for joint, arm in arms} for pull in pulls)
 
-    def potential(self, k: int, q: Sequence[Any], algebra: Any) -> tuple[Any, ...]:
+    def potential(self, k: int, q: Scalars, algebra: Any) -> tuple[Any, ...]:
         """Return the energy of elasticity and tension."""
         if not self._arms(k):
             return (0.0, 0.0, 0.0, 0.0)
@@ -356,7 +355,7 @@ class Screw(ShapedTerm):
         if 0.0 in self.every("pitch"):
             raise InputError("The pitch of a screw must not be 0; give the metres that the joint moves in one turn.")
 
-    def values(self, k: int, q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any], algebra: Any) -> tuple[Any, ...]:
+    def values(self, k: int, q: Scalars, dq: Scalars, ddq: Scalars, algebra: Any) -> tuple[Any, ...]:
         """Return the torque of the screw by each parameter, as a force at the joint."""
         ratio = 2.0 * math.pi / self.at("pitch", k)
         return (ratio * (ratio * dq[k]), ratio * algebra.sign(ratio * dq[k]), ratio, ratio * (ratio * ddq[k]))

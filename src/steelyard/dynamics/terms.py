@@ -15,6 +15,7 @@ from steelyard.errors import InputError, faults_told
 from steelyard.extensions import Extensions
 from steelyard.files import made_from_table, shown, suggestion
 from steelyard.robot import Joint, Robot, Term, TermParameter
+from steelyard.robot.robot import Channels, Columns, Scalars
 
 from .layout import columns_of
 
@@ -72,9 +73,7 @@ class Viscous(_JointTerm):
         TermParameter("Fvj", "N·m·s/rad", "N·s/m", "viscous friction", nonnegative=True, described_as="damping"),
     )
 
-    def columns(
-        self, k: int, q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any], algebra: Any
-    ) -> tuple[dict[int, Any], ...]:
+    def columns(self, k: int, q: Scalars, dq: Scalars, ddq: Scalars, algebra: Any) -> Columns:
         """Return the velocity of the joint."""
         return ({k: dq[k]},)
 
@@ -92,9 +91,7 @@ class Coulomb(_JointTerm):
     kind = "coulomb"
     parameters = (TermParameter("Fcj", "N·m", "N", "Coulomb friction", nonnegative=True, described_as="friction"),)
 
-    def columns(
-        self, k: int, q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any], algebra: Any
-    ) -> tuple[dict[int, Any], ...]:
+    def columns(self, k: int, q: Scalars, dq: Scalars, ddq: Scalars, algebra: Any) -> Columns:
         """Return the sign of the velocity of the joint."""
         return ({k: algebra.sign(dq[k])},)
 
@@ -111,9 +108,7 @@ class Offset(_JointTerm):
     kind = "offset"
     parameters = (TermParameter("Foj", "N·m", "N", "torque offset", nonnegative=False, described_as="offset"),)
 
-    def columns(
-        self, k: int, q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any], algebra: Any
-    ) -> tuple[dict[int, Any], ...]:
+    def columns(self, k: int, q: Scalars, dq: Scalars, ddq: Scalars, algebra: Any) -> Columns:
         """Return the column of ones at the joint."""
         return ({k: 1.0},)
 
@@ -130,9 +125,7 @@ class RotorInertia(_JointTerm):
     kind = "rotor_inertia"
     parameters = (TermParameter("Ia", "kg·m²", "kg", "rotor inertia", nonnegative=True, described_as="rotor_inertia"),)
 
-    def columns(
-        self, k: int, q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any], algebra: Any
-    ) -> tuple[dict[int, Any], ...]:
+    def columns(self, k: int, q: Scalars, dq: Scalars, ddq: Scalars, algebra: Any) -> Columns:
         """Return the acceleration of the joint."""
         return ({k: ddq[k]},)
 
@@ -195,9 +188,7 @@ class MotorSide(Term):
     def __hash__(self) -> int:
         return hash(self.coupling.tobytes())
 
-    def columns(
-        self, k: int, q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any], algebra: Any
-    ) -> tuple[dict[int, Any], ...]:
+    def columns(self, k: int, q: Scalars, dq: Scalars, ddq: Scalars, algebra: Any) -> Columns:
         """Return the four columns of motor `k`."""
         ratios = [(joint, float(ratio)) for joint, ratio in enumerate(self.coupling[:, k]) if ratio != 0.0]
         velocity, acceleration = weighted_sum(ratios, dq), weighted_sum(ratios, ddq)
@@ -335,18 +326,16 @@ class ShapedTerm(Term):
         return self.joints is None or k + 1 in self.joints
 
     @abstractmethod
-    def values(self, k: int, q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any], algebra: Any) -> tuple[Any, ...]:
+    def values(self, k: int, q: Scalars, dq: Scalars, ddq: Scalars, algebra: Any) -> tuple[Any, ...]:
         """Torque at joint `k` for each parameter at the value 1; None where it is 0."""
 
-    def columns(
-        self, k: int, q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any], algebra: Any
-    ) -> tuple[dict[int, Any], ...]:
+    def columns(self, k: int, q: Scalars, dq: Scalars, ddq: Scalars, algebra: Any) -> Columns:
         """Return the torque of each parameter at the joint itself."""
         if not self.acts_at(k):
             return tuple({} for _ in self.parameters)
         return tuple({} if value is None else {k: value} for value in self.values(k, q, dq, ddq, algebra))
 
-    def logged_at(self, k: int, name: str, channels: Mapping[str, Sequence[Any]] | None, otherwise: str) -> Any:
+    def logged_at(self, k: int, name: str, channels: Channels | None, otherwise: str) -> Any:
         """Return what a channel holds for joint `k`; raise InputError, with what else helps, where it is not given."""
         if channels is None or name not in channels:
             raise InputError(
@@ -355,11 +344,11 @@ class ShapedTerm(Term):
             )
         return channels[name][k]
 
-    def energies(self, k: int, q: Sequence[Any], algebra: Any) -> tuple[Any, ...]:
+    def energies(self, k: int, q: Scalars, algebra: Any) -> tuple[Any, ...]:
         """Potential energy of joint `k` for each parameter at the value 1; 0 where it stores no energy."""
         return (0.0,) * len(self.parameters)
 
-    def potential(self, k: int, q: Sequence[Any], algebra: Any) -> tuple[Any, ...]:
+    def potential(self, k: int, q: Scalars, algebra: Any) -> tuple[Any, ...]:
         """Return the potential energy where the term acts."""
         if not self.acts_at(k):
             return (0.0,) * len(self.parameters)
@@ -439,10 +428,6 @@ def term_from_dict(section: Mapping[str, Any], where: str = "[[terms]]", *, allo
         Named in messages.
     allow_extensions : bool
         Whether a class that the table names by its import path may be imported.
-
-    Returns
-    -------
-    Term
 
     Raises
     ------

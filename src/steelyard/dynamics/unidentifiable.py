@@ -154,7 +154,6 @@ class Unidentifiable:
 
     Attributes
     ----------
-    links : tuple of LinkFreedom
     terms : tuple of Row
         Combinations of term parameters that no torque shows, together with `answers` of the links.
     befores, afters : tuple of ExactMatrix

@@ -38,13 +38,8 @@ def changing_parameters(model: Model, changes: Changes = "friction") -> Indices:
 
     Parameters
     ----------
-    model : Model
     changes : {"nothing", "friction", "friction-and-offset"}
         Friction is what depends on velocities alone, whatever the terms are called; an offset is constant.
-
-    Returns
-    -------
-    ndarray of int
 
     Raises
     ------
@@ -227,11 +222,7 @@ class CarryingModel:
 class OfTheRobot:
     """A constraint on the robot alone, as one on the robot and what it carries.
 
-    Parameters
-    ----------
-    constraint : Constraint
-    model : Model
-        Of the robot alone, whose parameters come first.
+    The parameters of the model, which is of the robot alone, come first.
     """
 
     constraint: Constraint

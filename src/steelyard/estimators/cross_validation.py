@@ -109,11 +109,6 @@ def term_deviations(info: Information, feasible_set: FeasibleSet) -> Vector:
     motions for identification are no faster than what follows), makes three tenths of the root mean square of the
     torque of its joint. So joints that hardly move get no friction that nothing speaks for. Infinite for the
     parameters of links.
-
-    Parameters
-    ----------
-    info : Information
-    feasible_set : FeasibleSet
     """
     count = feasible_set.parameter_count
     terms = np.setdiff1d(np.arange(count), feasible_set.link_columns)
@@ -165,10 +160,6 @@ def cross_validation(
         Of the joints, as in `fit`.
     prior_weights : (k,), optional
         From where the data alone decides to where the prior alone does, where absent.
-
-    Returns
-    -------
-    CrossValidation
 
     Raises
     ------

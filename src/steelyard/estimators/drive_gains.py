@@ -195,10 +195,6 @@ def estimate_drive_gains(
         set the scale.
     solver : str
 
-    Returns
-    -------
-    DriveGains
-
     Raises
     ------
     InputError
@@ -258,10 +254,6 @@ def gains_from_equations(
     find, solver
         As in `estimate_drive_gains`.
 
-    Returns
-    -------
-    DriveGains
-
     Raises
     ------
     InputError
@@ -285,12 +277,7 @@ def gains_from_equations(
 class _Search:
     """The currents ``ρ_k = h_k R_k x`` of all joints, with x = origin + directions ξ and h = 1 / g.
 
-    Parameters
-    ----------
-    currents : Information
-    feasible_set : FeasibleSet
-    asked : (N,)
-        Which h are unknown; the others are 1.
+    The h of the joints that are `asked`, (N,), are unknown; the others are 1.
     """
 
     def __init__(self, currents: Information, feasible_set: FeasibleSet, asked: NDArray[np.bool_]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -26,12 +27,11 @@ from .fit import fit
 
 __all__ = [
     "BalanceInformation",
+    "balance_parts",
     "energy",
     "energy_information",
-    "energy_parts",
     "momentum",
     "momentum_information",
-    "momentum_parts",
 ]
 
 Array = npt.NDArray[np.float64]
@@ -162,7 +162,7 @@ def momentum_information(model: Model, samples: Given, *, window: float | None =
     >>> bool(np.allclose(estimate.base, model.base_parameters().values(body)))
     True
     """
-    return momentum_parts(model, samples, window=window, count=0)[0].told()
+    return balance_parts("momentum", model, samples, window=window, count=0)[0].told()
 
 
 def energy_information(model: Model, samples: Given, *, window: float | None = None) -> Information:
@@ -211,29 +211,7 @@ def energy_information(model: Model, samples: Given, *, window: float | None = N
     >>> bool(np.allclose(estimate.base, model.base_parameters().values(body)))
     True
     """
-    return energy_parts(model, samples, window=window, count=0)[0].told()
-
-
-def momentum_parts(
-    model: Model, samples: Given, *, window: float | None = None, count: int = 5
-) -> tuple[BalanceInformation, tuple[Information, ...]]:
-    """Return the Information of `momentum_information`, and those of so many contiguous parts of the data.
-
-    With parts, all errors are those of the rows as measured, with their accelerations: so predictions are judged alike,
-    whatever made the estimate. Without, they are those of the averages over windows.
-    """
-    return _reduced(model, samples, window, count, "momentum")
-
-
-def energy_parts(
-    model: Model, samples: Given, *, window: float | None = None, count: int = 5
-) -> tuple[BalanceInformation, tuple[Information, ...]]:
-    """Return the Information of `energy_information`, and those of so many contiguous parts of the data.
-
-    With parts, all errors are those of the rows as measured, with their accelerations: so predictions are judged alike,
-    whatever made the estimate. Without, they are those of the averages over windows.
-    """
-    return _reduced(model, samples, window, count, "energy")
+    return balance_parts("energy", model, samples, window=window, count=0)[0].told()
 
 
 def momentum(info: Information, feasible_set: FeasibleSet, weights: Any = "joint", **options: Any) -> Estimate:
@@ -247,10 +225,6 @@ def momentum(info: Information, feasible_set: FeasibleSet, weights: Any = "joint
     weights : "joint", None or (N,)
     **options
         Both as in :func:`steelyard.fit`.
-
-    Returns
-    -------
-    Estimate
 
     Raises
     ------
@@ -285,10 +259,6 @@ def energy(info: Information, feasible_set: FeasibleSet, weights: Any = "joint",
     **options
         Those of :func:`steelyard.fit`.
 
-    Returns
-    -------
-    Estimate
-
     Raises
     ------
     InputError
@@ -315,10 +285,6 @@ def _require_balances(info: Information, kept: str) -> None:
             f"{kept} needs rows of balances; make the Information with steelyard.estimators.{kept}_information(model, "
             "samples)."
         )
-
-
-momentum.rows = momentum_parts  # type: ignore[attr-defined]
-energy.rows = energy_parts  # type: ignore[attr-defined]
 
 
 def _balances(model: Model, samples: Samples, smooth: Array, kinds: Sequence[str]) -> list[tuple[Array, Array, Array]]:
@@ -377,9 +343,14 @@ def _used(samples: Samples, of_energy: bool) -> tuple[npt.NDArray[np.bool_], Arr
     return held, still
 
 
-def _reduced(
-    model: Model, samples: Given, window: float | None, count: int, kept: str
+def balance_parts(
+    kept: str, model: Model, samples: Given, *, window: float | None = None, count: int = 5
 ) -> tuple[BalanceInformation, tuple[Information, ...]]:
+    """Return the Information of balances of momentum or energy, and those of so many contiguous parts of the data.
+
+    With parts, all errors are those of the rows as measured, with their accelerations: so predictions are judged alike,
+    whatever made the estimate. Without, they are those of the averages over windows.
+    """
     if window is not None:
         read_number(window, "window", "a positive number of seconds, such as 0.2", above=0)
     _require_constant_inertias(model)
@@ -441,6 +412,10 @@ def _reduced(
         for own in parts
         if any(factor.count for factor in own[:fitted])
     )
+
+
+momentum.rows = partial(balance_parts, "momentum")  # type: ignore[attr-defined]
+energy.rows = partial(balance_parts, "energy")  # type: ignore[attr-defined]
 
 
 def _add_beside_measured(

@@ -67,7 +67,6 @@ class Optimum:
     ----------
     parameters : (n,)
     base : (n_b,)
-    squared_residual : float
     attained : bool
         Whether the optimum lies below the mass bound, rather than at it.
     bound : float
@@ -187,11 +186,6 @@ class Fitting:
 
     Attributes
     ----------
-    feasible_set : FeasibleSet
-    regression : ReducedRegression
-    units : Units
-    solver : str
-    prior : PreparedPrior, optional
     prior_weight : float
         Factor of the prior's distance beside half the squared residual, in units of its variance.
     gap : float
@@ -698,8 +692,6 @@ class WarmAnswer:
         Of each condition, where the search was last close to the central path; infinite where it never was.
     converged : bool
         Whether the optimum was reached to the accuracy that was asked for, before the time or the steps ran out.
-    steps : int
-    seconds : float
     """
 
     parameters: Vector = field(repr=False)
@@ -715,13 +707,8 @@ class WarmFit:
 
     A primal-dual interior-point method whose every iterate lies inside the set, so that it may be stopped at any time.
     Linear conditions have multipliers; matrices stay positive definite by a barrier as small as the complementarity,
-    and by the prior's own logarithm of determinants.
-
-    Parameters
-    ----------
-    feasible_set : FeasibleSet
-    margins : (rows,), optional
-        Stacked matrices that are subtracted from the blocks of the set; its margin in SI where absent.
+    and by the prior's own logarithm of determinants. The margins (rows,) are stacked matrices that are subtracted from
+    the blocks of the set; its margin in SI where absent.
     """
 
     def __init__(self, feasible_set: FeasibleSet, margins: Vector | None = None) -> None:
@@ -788,18 +775,12 @@ class WarmFit:
             The reduced regression, weighted.
         variance : float
             Of its rows.
-        prior : PreparedPrior
-        weight : float
         accuracy : float
             Complementarity at which the search ends.
         seconds : float
             After which it is stopped where it is.
         most_steps : int
             After which it is stopped where it is, too.
-
-        Returns
-        -------
-        WarmAnswer
         """
         begun = perf_counter()
         assert self.start is not None
@@ -898,8 +879,6 @@ def start_near(
 
     Parameters
     ----------
-    prior : PreparedPrior
-    weight : float
     curvature, slope : (n, n), (n,)
         Of the data: the objective is ½ δᵀ curvature δ - slope · δ beside the prior.
     sizes : (n,)

@@ -11,15 +11,7 @@ from numpy.typing import NDArray
 
 from steelyard.dynamics.bristles import BristleStates, bristle_states
 
-__all__ = [
-    "BY_GRAVITY",
-    "CANDIDATES",
-    "FrictionCandidate",
-    "JointMotion",
-    "Shape",
-    "by_channel",
-    "lugre_is_passive",
-]
+__all__ = ["BY_GRAVITY", "CANDIDATES", "FrictionCandidate", "JointMotion", "Shape", "by_channel", "lugre_is_passive"]
 
 Array = NDArray[np.float64]
 Shape = tuple[float, ...]
@@ -72,7 +64,6 @@ class FrictionCandidate:
 
     Attributes
     ----------
-    kind : str
     words : str
         What it is.
     shape_names : tuple of str
@@ -318,12 +309,7 @@ BY_GRAVITY = FrictionCandidate(
 
 
 def by_channel(name: str) -> FrictionCandidate:
-    """Friction that changes with what was logged beside the motion, such as a temperature.
-
-    Parameters
-    ----------
-    name : str
-        Of the channel.
+    """Friction that changes with a channel that was logged beside the motion, such as a temperature.
 
     Examples
     --------

@@ -117,13 +117,7 @@ def numbers_together(joints: Sequence[NumberedJoint], width: int) -> FrictionNum
 
     A link moves several joints, so that all their torques tell its parameters, and with them what is friction of each;
     and where noise lasts, fast changes tell more than slow ones. Steps are those of Gauss and Newton in the logarithms
-    of the shapes.
-
-    Parameters
-    ----------
-    joints : sequence of NumberedJoint
-    width : int
-        Base parameters.
+    of the shapes. The width is the number of base parameters.
 
     Examples
     --------

@@ -90,7 +90,6 @@ class FrictionData:
 
     Attributes
     ----------
-    model : Model
     rows : tuple of ndarray
         For each joint ``[W omega]``, (S, c + 1).
     used : ndarray of bool
@@ -395,8 +394,6 @@ def select_friction(
     samples: Samples | Sequence[Samples] | FrictionData,
     *,
     candidates: Sequence[FrictionCandidate] = CANDIDATES,
-    significance: float = SIGNIFICANCE,
-    least_gain: float = LEAST_GAIN,
 ) -> FrictionSelection:
     """Choose which laws of friction are added to those of a model, joint by joint.
 
@@ -407,15 +404,15 @@ def select_friction(
     - it is significant: the test leaves out contiguous blocks in turn (a jackknife), so that it holds where residuals
       are correlated in time, counts every shape that was tried, and is corrected for the number of joints and laws
       (Holm);
-    - the error on contiguous stretches that are left out in turn falls by `least_gain`, and its logarithm by more than
+    - the error on contiguous stretches that are left out in turn falls by 2 %, and its logarithm by more than
       two standard errors, so that it falls on most stretches and not on a few only;
     - and its velocities, displacements and harmonics are within those that are tried: one at their end says that
       another law is meant, or that a few rows decide.
 
     Of several the one that lowers this error most is taken, unless beside a simpler one it lowers it by less than that;
     of equally simple ones that are so near, the one of the greatest likelihood with noise that lasts. A law that is
-    there for sure at one joint is added at others where it is likely (5 %, uncorrected) and lowers the error by twice
-    `least_gain`. Laws with a state are judged by the rows at which it is known, and so is what they are compared with;
+    there for sure at one joint is added at others where it is likely (5 %, uncorrected) and lowers the error by 4 %.
+    Laws with a state are judged by the rows at which it is known, and so is what they are compared with;
     they are added only where no other law lowers the error of the joint more. In the end each law is taken back that
     the others make needless, and the numbers of the others are found by all joints together, with the rows of each made
     white (`numbers_together`).
@@ -428,12 +425,6 @@ def select_friction(
         Each Samples one log, with its rows in the order of time.
     candidates : sequence of FrictionCandidate
         Simple ones first.
-    significance : float
-    least_gain : float
-
-    Returns
-    -------
-    FrictionSelection
 
     Raises
     ------
@@ -472,8 +463,8 @@ def select_friction(
     for step in range(MOST_LAWS):
         tell("laws of friction that are tried", step, MOST_LAWS, "steps")
         left = [one for one in candidates if one.kind not in accepted]
-        told = _judged(left, joints, moved, significance, least_gain)
-        best = _best_of(told, moved, least_gain)
+        told = _judged(left, joints, moved)
+        best = _best_of(told, moved)
         for one in sorted(told, key=lambda one: (one is not best, -one.total)):
             trials.append(one.trial(step, names, one is best))
         if best is None:
@@ -488,7 +479,7 @@ def select_friction(
             trial.joint.laws.append(trial)
     for joint in joints:
         for trial in tuple(joint.laws):
-            if not joint.needs(trial, least_gain):
+            if not joint.needs(trial):
                 joint.laws.remove(trial)
     for joint in joints:
         joint.refine()
@@ -559,23 +550,17 @@ class _Trial:
         return falls_surely(self.before, self.losses)
 
 
-def _judged(
-    candidates: Sequence[FrictionCandidate],
-    joints: Sequence[_Joint],
-    moved: Sequence[_Joint],
-    significance: float,
-    least_gain: float,
-) -> list[_Told]:
+def _judged(candidates: Sequence[FrictionCandidate], joints: Sequence[_Joint], moved: Sequence[_Joint]) -> list[_Told]:
     """Try laws at all the joints: by all rows, and those with a state by the rows at which it is known."""
     tried = [
         (candidate, [joint.tried(candidate) for joint in (moved if candidate.has_state else joints)])
         for candidate in candidates
     ]
     _correct([trial for _, of_joints in tried for trial in of_joints if trial is not None])
-    return [_Told(candidate, of_joints, significance, least_gain) for candidate, of_joints in tried]
+    return [_Told(candidate, of_joints) for candidate, of_joints in tried]
 
 
-def _best_of(told: Sequence[_Told], moved: Sequence[_Joint], least_gain: float) -> _Told | None:
+def _best_of(told: Sequence[_Told], moved: Sequence[_Joint]) -> _Told | None:
     """The best law; one with a state where it is the best by the rows at which its state is known.
 
     It leaves those joints to other laws at which they gain more: what gains little there would hide them, since two
@@ -587,27 +572,25 @@ def _best_of(told: Sequence[_Told], moved: Sequence[_Joint], least_gain: float) 
         rivals = [one.by_rows_of(moved) for one in plain]
         for one in with_state:
             one.leave([trial for rival in rivals for trial in rival.taken])
-        best = _best([*rivals, *with_state], least_gain)
+        best = _best([*rivals, *with_state])
         if best in with_state:
             return best
-    return _best(plain, least_gain)
+    return _best(plain)
 
 
 class _Told:
     """A law over all the joints."""
 
-    def __init__(
-        self, candidate: FrictionCandidate, trials: Sequence[_Trial | None], significance: float, least_gain: float
-    ) -> None:
+    def __init__(self, candidate: FrictionCandidate, trials: Sequence[_Trial | None]) -> None:
         self.candidate = candidate
         self.trials = [trial for trial in trials if trial is not None]
         self.taken = [
-            one for one in self.trials if one.corrected < significance and one.gain > least_gain and one.is_sure
+            one for one in self.trials if one.corrected < SIGNIFICANCE and one.gain > LEAST_GAIN and one.is_sure
         ]
         if self.taken:
             # A law that is there for sure at one joint needs no such proof at the others.
             for one in self.trials:
-                if one not in self.taken and one.gain > 2.0 * least_gain and one.is_sure and one.speaks_for_itself:
+                if one not in self.taken and one.gain > 2.0 * LEAST_GAIN and one.is_sure and one.speaks_for_itself:
                     one.by_another = True
             self.taken = [one for one in self.trials if one in self.taken or one.by_another]
 
@@ -650,12 +633,7 @@ class _Told:
 
 
 def falls_surely(before: Array, after: Array) -> bool:
-    """Return whether squared errors on stretches that are left out fall by more than chance lets them.
-
-    Parameters
-    ----------
-    before, after : ndarray
-        (folds,) squared errors of each stretch, without and with a law.
+    """Return whether squared errors (folds,) on stretches that are left out fall by more than chance lets them.
 
     Examples
     --------
@@ -681,13 +659,13 @@ def _fall(trial: _Trial) -> Array:
     return np.asarray((trial.before - trial.losses) / total * scale)
 
 
-def _best(told: Sequence[_Told], least_gain: float) -> _Told | None:
+def _best(told: Sequence[_Told]) -> _Told | None:
     """The law that lowers the held-out error most, or a simpler one beside which it does not lower it enough."""
     helpful = [one for one in told if one.taken]
     if not helpful:
         return None
     best = max(helpful, key=lambda one: one.total)
-    found, least = best, -2.0 * np.log(1.0 - least_gain) * len(best.taken)
+    found, least = best, -2.0 * np.log(1.0 - LEAST_GAIN) * len(best.taken)
     for one in sorted(helpful, key=lambda one: (one.candidate.parameter_count, -one.total)):
         if one.candidate.parameter_count >= best.candidate.parameter_count:
             break
@@ -1055,13 +1033,13 @@ class _Joint:
         own.losses = self._held_out([*self.laws, own])
         return own
 
-    def needs(self, trial: _Trial, least_gain: float) -> bool:
+    def needs(self, trial: _Trial) -> bool:
         """Return whether the error rises where a law is left out, with the others in place."""
         if len(self.laws) < 2:
             return True
         trial.before = self._held_out([law for law in self.laws if law is not trial])
         trial.losses = self._held_out(self.laws)
-        return trial.gain > least_gain and trial.is_sure
+        return trial.gain > LEAST_GAIN and trial.is_sure
 
     def refine(self) -> None:
         """Search the shapes of the laws that were added, with all of them in place."""

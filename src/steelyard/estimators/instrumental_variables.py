@@ -95,12 +95,7 @@ class InstrumentStrength:
 
 @dataclass(frozen=True, eq=False)
 class InstrumentalInformation(Information):
-    """An Information with the regressor of the instruments, and torques that make its least squares those of them.
-
-    Attributes
-    ----------
-    strength : InstrumentStrength
-    """
+    """An Information with the regressor of the instruments, and torques that make its least squares those of them."""
 
     strength: InstrumentStrength | None = field(default=None, repr=False)
 
@@ -122,7 +117,6 @@ class InstrumentedRegression:
 
     Parameters
     ----------
-    model : Model
     factors : tuple of Factor
         For each joint, of 2 c + 1 columns.
     batch_means : tuple of tuples of Factor
@@ -157,7 +151,6 @@ class InstrumentedRegression:
 
         Parameters
         ----------
-        model : Model
         samples : Samples
             As they were measured.
         instruments : Samples
@@ -215,13 +208,7 @@ class InstrumentedRegression:
         )
 
     def solution(self, weights: npt.ArrayLike | None = None) -> Vector:
-        """Return the base parameters (n_b,) of plain instrumental variables, of least norm where there are several.
-
-        Parameters
-        ----------
-        weights : (N,), optional
-            Of the joints.
-        """
+        """Return the base parameters (n_b,) of plain instrumental variables, of least norm where there are several."""
         plain = Information.empty(self.model)
         width = plain.base_count
         used = np.ones(len(self.factors)) if weights is None else np.asarray(weights, dtype=np.float64)
@@ -234,14 +221,7 @@ class InstrumentedRegression:
     def information(self, base: npt.ArrayLike) -> InstrumentalInformation:
         """Return the regression whose residuals at some base parameters are the structural ones.
 
-        Parameters
-        ----------
-        base : (n_b,)
-            Those of `solution`, for the estimate of instrumental variables.
-
-        Returns
-        -------
-        InstrumentalInformation
+        For the estimate of instrumental variables these are those of `solution`.
         """
         beta, measured = np.asarray(base, dtype=np.float64), self.measured()
 

@@ -388,10 +388,6 @@ def estimate_joint_stiffness(
     unit : str
         Of the stiffness.
 
-    Returns
-    -------
-    JointStiffness
-
     Raises
     ------
     InputError

@@ -69,10 +69,6 @@ def kinematic_bodies(robot: Robot) -> tuple[collision.PlacedShape, ...]:
     Where two neighbouring joints stand apart along the axis of the second, the description does not tell which of the
     two links fills that length, and each takes half.
 
-    Parameters
-    ----------
-    robot : Robot
-
     Returns
     -------
     tuple of PlacedShape

@@ -368,7 +368,6 @@ def likeliest_robot(
 
     Parameters
     ----------
-    moments : Moments
     prior : BodyPrior
         Of the first n columns or less; further columns are terms.
     nonnegative : ndarray
@@ -425,8 +424,6 @@ def gains_of_factors(moments: Moments, prior: BodyPrior, fit: LikeliestRobot) ->
 
     Parameters
     ----------
-    moments : Moments
-    prior : BodyPrior
     fit : LikeliestRobot
         Of these, to the torques as they are.
 
@@ -456,8 +453,6 @@ def likeliest_factors(moments: Moments, prior: BodyPrior, first: Array) -> Array
 
     Parameters
     ----------
-    moments : Moments
-    prior : BodyPrior
     first : ndarray
         (N,) factors to begin with.
 

@@ -221,10 +221,7 @@ def likelihood_parts(
 
 
 def maximum_likelihood(
-    info: Information,
-    feasible_set: FeasibleSet,
-    weights: Any = "joint",
-    **options: Any,
+    info: Information, feasible_set: FeasibleSet, weights: Any = "joint", **options: Any
 ) -> Estimate:
     """Return the feasible parameters of greatest likelihood, from rows that `likelihood_information` whitened.
 

@@ -98,7 +98,6 @@ def estimate_compliances(
 
     Parameters
     ----------
-    model : Model
     logs : sequence of Samples
         Of the motors, with times.
     links, drives : callable

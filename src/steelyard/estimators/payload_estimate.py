@@ -237,10 +237,6 @@ def estimate_payload(
         As in :func:`steelyard.least_squares`.
     solver : str
 
-    Returns
-    -------
-    PayloadEstimate
-
     Raises
     ------
     InputError
@@ -296,12 +292,7 @@ def unexplained_with(
 ) -> tuple[float, float]:
     """Relative errors that least squares leave of the torques of a loaded log and of an unloaded one.
 
-    The latter is NaN where there is none. Such a payload may be impossible.
-
-    Parameters
-    ----------
-    body, loaded, unloaded, robot, weights
-        As in `estimate_payload`.
+    The latter is NaN where there is none. Such a payload may be impossible. All arguments are as in `estimate_payload`.
     """
     with one_thread():
         problem = _problem(body, loaded, unloaded, robot, "full", (), weights)
@@ -448,15 +439,7 @@ def _with_floor(
 ) -> ParameterCovariance:
     """The same, or where that would be less, the covariance of torques that are known to a part of their size.
 
-    Parameters
-    ----------
-    covariance : ParameterCovariance
-    information : Information
-        About the unknowns.
-    base : ndarray
-        Of least squares.
-    torques : Information
-        The log whose torques these are.
+    The information is about the unknowns, of which `base` is least squares; `torques` is that of the log.
     """
     residual2 = np.array([factor.residual2(base) for factor in information.factors])
     norm2 = np.array([factor.norm2 for factor in torques.factors])

@@ -17,13 +17,7 @@ from steelyard.feasibility.constraints import Constraint
 from steelyard.files import plain
 from steelyard.regression import Estimate, Information
 
-from .cross_validation import (
-    FEWEST_FOLDS,
-    TYPICAL_COUNT,
-    CrossValidation,
-    cross_validation,
-    term_deviations,
-)
+from .cross_validation import FEWEST_FOLDS, TYPICAL_COUNT, CrossValidation, cross_validation, term_deviations
 from .fit import fit
 from .physical_prior import PhysicalPrior, physical_prior
 from .prior import ConstantPullbackPrior, EntropicPrior, distance_from
@@ -127,8 +121,6 @@ class PlausibleFit:
         Proved to satisfy the conditions of the user's feasible set; those of the prior are not part of the proof.
     plausible_set : FeasibleSet
         The conditions of the user, and those of the prior.
-    prior : PhysicalPrior
-    prior_weight : float
     term_deviations : (n,)
         See `steelyard.estimators.cross_validation.term_deviations`.
     validation : CrossValidation or None
@@ -157,7 +149,6 @@ class TriedPrior:
 
     Attributes
     ----------
-    known : PhysicalPrior
     scaled : PhysicalPrior
         The same with masses that the data scaled, where they were not known.
     plausible_set : FeasibleSet
@@ -192,7 +183,6 @@ def tried_prior(
 
     Parameters
     ----------
-    info : Information
     stretches : sequence of Information
         Contiguous parts of the data. With fewer than three, the weight is 100 for each ten thousand rows.
     feasible_set : FeasibleSet
@@ -254,10 +244,6 @@ def plausible_fit(
         Plain least squares of the same data, whose joint weights are used.
     tried : TriedPrior
         What `tried_prior` made of them.
-
-    Returns
-    -------
-    PlausibleFit
 
     Raises
     ------

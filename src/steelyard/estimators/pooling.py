@@ -22,7 +22,6 @@ class Share:
 
     Parameters
     ----------
-    information : Information
     maps : sequence of ndarray
         A_k (n_b, m), one for each factor of the Information, or a single one for all of them.
     offsets : sequence of ndarray

@@ -237,10 +237,6 @@ def posterior(
         Samples that are kept of all chains together, evenly.
     seed : int
 
-    Returns
-    -------
-    Posterior
-
     Raises
     ------
     InputError
@@ -710,12 +706,7 @@ def effective_count(values: npt.ArrayLike) -> float:
 
 
 def split_r_hat(values: npt.ArrayLike) -> float:
-    """Potential scale reduction of several chains, each split in halves, of ranks (Vehtari et al. 2021).
-
-    Parameters
-    ----------
-    values : (chains, count)
-    """
+    """Potential scale reduction of chains (chains, count), each split in halves, of ranks (Vehtari et al. 2021)."""
     from scipy.special import ndtri
     from scipy.stats import rankdata
 

@@ -242,8 +242,6 @@ class PreparedPrior:
 
     Attributes
     ----------
-    label : str
-    feasible_set : FeasibleSet
     reference : (n,)
         δ₀, zero where unknown.
     metric : (links, 10, 10) or None

@@ -144,10 +144,6 @@ def fit_reduced(
     gap : float
         Part of the objective by which the optimum may be missed, as far as is proved.
 
-    Returns
-    -------
-    FeasibleFit
-
     Raises
     ------
     InputError
@@ -395,20 +391,8 @@ def _settled(
     An example is the friction of a joint that does not move or whose torque is not used. A solver leaves such a
     parameter wherever it stopped, often at a large value: beside masses in kg the tie-break gives it little weight, or
     none if only the residual was minimised. As neither the data nor a condition couples it to other parameters, its
-    value can be chosen exactly and by itself.
-
-    Parameters
-    ----------
-    feasible_set : FeasibleSet
-    R : (n_b, n_b)
-        The triangle of the reduced regression.
-    parameters : (n,)
-    tie_break : TieBreak or PreparedPrior or None
-        A prior keeps the parameters that it is about; without a tie-break the value is zero.
-
-    Returns
-    -------
-    (n,)
+    value can be chosen exactly and by itself. A prior keeps the parameters that it is about. R is the triangle of the
+    reduced regression.
     """
     lengths = column_lengths(R @ feasible_set.K)
     without_effect = lengths <= WITHOUT_EFFECT * lengths.max(initial=0.0)

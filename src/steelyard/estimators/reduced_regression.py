@@ -63,8 +63,6 @@ class ReducedRegression:
         Orthonormal directions of β that the data does not determine.
     residual2 : float
         Squared residual of β̂.
-    norm2 : float
-    count : int
     lengths : (n_b,)
         Lengths of the columns of R.
     reciprocal_condition : float
@@ -151,12 +149,8 @@ class ReducedRegression:
     def ridge(self, units: Vector) -> Vector:
         """Base parameters of moderate size that explain the data nearly as well as β̂, (n_b,).
 
-        With weak excitation β̂ may be so large that numbers of the size of real parameters are lost to rounding.
-
-        Parameters
-        ----------
-        units : (n_b,)
-            Typical sizes of the base parameters; a step of one unit costs `NEARNESS` of the unit of the residual.
+        With weak excitation β̂ may be so large that numbers of the size of real parameters are lost to rounding. The
+        units (n_b,) are typical sizes; a step of one unit costs `NEARNESS` of the unit of the residual.
         """
         count = len(self.base)
         rows = np.vstack([self.R * (units / np.sqrt(self.scale)), np.sqrt(NEARNESS) * np.eye(count)])

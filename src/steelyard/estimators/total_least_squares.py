@@ -49,10 +49,6 @@ def total_least_squares(
     **options
         Those of `fit`: `prefer`, `residual_slack`, `prior`, `prior_weight`, `solver`.
 
-    Returns
-    -------
-    Estimate
-
     Raises
     ------
     InputError

@@ -105,7 +105,6 @@ def make_subset(model: Model, subset: str | Sequence[str] | None, nuisance: str 
 
     Parameters
     ----------
-    model : Model
     subset : str or sequence of str, optional
         Names of parameters, of links (their ten parameters) or of joints (all the parameters of the joint's terms and
         of the link that it moves), or ``"payload"`` for the last link; None for all.
@@ -297,7 +296,6 @@ def identifiability(spectrum: Spectrum, subset: Subset, rows: float) -> Identifi
     ----------
     spectrum : Spectrum
         Spectrum of the information matrix.
-    subset : Subset
     rows : float
         Number of rows of the regressor: samples times joints.
 

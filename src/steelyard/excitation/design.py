@@ -157,10 +157,6 @@ def design_excitation(
     progress : callable, optional
         Function that is called with a short text after each step of the search.
 
-    Returns
-    -------
-    ExcitationDesign
-
     Raises
     ------
     InputError
@@ -481,10 +477,7 @@ def _information(model: Model, motion: Trajectory, rate: float) -> Information:
 
 
 def _combined(
-    model: Model,
-    own: Information,
-    prior_information: Information | Trajectory | ExcitationDesign | None,
-    rate: float,
+    model: Model, own: Information, prior_information: Information | Trajectory | ExcitationDesign | None, rate: float
 ) -> float | None:
     if prior_information is None:
         return None

@@ -70,10 +70,6 @@ class DesignProblem:
 
     Attributes
     ----------
-    family : Family
-    regressor : RegressorInformation
-    criterion : Criterion
-    constraints : tuple of MotionConstraint
     center : ndarray
         (N,) configuration about which the joints move.
     scale : ndarray
@@ -211,10 +207,6 @@ def minimise(
         Called before every evaluation; where it returns True, the minimisation ends with the present iterate.
     advance : callable
         Called with the share of all iterations, from 0 to 1, that are done or were not needed.
-
-    Returns
-    -------
-    Iterate
     """
     minimize: Any = scipy.optimize.minimize  # its stubs know no further arguments with defaults
     now = Iterate(start.x.copy(), list(start.multipliers))

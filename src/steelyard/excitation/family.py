@@ -90,7 +90,6 @@ class FourierFamily:
     ----------
     period : float
         s.
-    harmonics : int
     ramp_time : float
         Duration of the ramp-up and of the ramp-down, s; 0 for none.
     periods : int

@@ -21,13 +21,7 @@ def with_friction_laws(model: Model, limits: MotionLimits) -> tuple[Model, list[
     beside all the others, and better where these are not there. Viscous friction by direction, with a square and a
     cube, Stribeck's and a spring are added, with a constant torque. Viscous and Coulomb friction of the model are parts
     of them; other terms stay, and laws that have parameters of these are not added, for they are there: Stribeck's
-    friction of the model counts as it is.
-
-    Parameters
-    ----------
-    model : Model
-    limits : MotionLimits
-        Which say how fast each joint may be.
+    friction of the model counts as it is. The limits say how fast each joint may be.
 
     Examples
     --------

@@ -114,7 +114,6 @@ class Verifier:
 
     Parameters
     ----------
-    family : Family
     whole : bool
         Whether repetitions count, too. Their samples lie between those of the first period, where fast motions pass a
         limit by more than a repair keeps free.

@@ -166,7 +166,6 @@ def predicted_parameters(model: Model, parameters: ArrayLike | None) -> Array:
 
     Parameters
     ----------
-    model : Model
     parameters : array_like, optional
         (n,); by default those of the description, with 0 for friction parameters that it does not have.
 
@@ -277,7 +276,6 @@ class TotalPowerLimit:
 
     Attributes
     ----------
-    torque : CompiledVjp
     limit : float
         W.
     """
@@ -313,12 +311,7 @@ def torque_limits(
 ) -> tuple[MotionConstraint, ...]:
     """Return the constraints for the finite limits of torques and power.
 
-    Parameters
-    ----------
-    model : Model
-    limits : MotionLimits
-    parameters : array_like, optional
-        Parameters with which torques are predicted, see `predicted_parameters`.
+    Torques are predicted with `parameters`, see `predicted_parameters`.
     """
     if not limits.needs_torque:
         return ()

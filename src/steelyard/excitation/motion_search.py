@@ -314,9 +314,6 @@ def resting_configurations(
 
     Parameters
     ----------
-    problem : DesignProblem
-    limits : MotionLimits
-    seed : int
     count : int
         Largest number of configurations.
 

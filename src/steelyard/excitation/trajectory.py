@@ -112,11 +112,7 @@ class SampledTrajectory:
 
 
 def save_trajectory(
-    trajectory: Trajectory,
-    path: str | Path,
-    *,
-    rate: float | None = None,
-    joint_names: Sequence[str] | None = None,
+    trajectory: Trajectory, path: str | Path, *, rate: float | None = None, joint_names: Sequence[str] | None = None
 ) -> None:
     """Write a trajectory; the file is written completely or not at all.
 

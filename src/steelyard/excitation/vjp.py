@@ -57,7 +57,6 @@ class CompiledVjp:
 
     Parameters
     ----------
-    function : Function
     uniform : mapping
         The values of each argument besides q, dq and ddq.
     sparse : bool
@@ -96,7 +95,6 @@ class RegressorInformation:
 
     Parameters
     ----------
-    model : Model
     sign_width : float
         Velocity at which the smooth sign of Coulomb friction is 0.707, rad/s or m/s.
     joint_weights : ndarray

@@ -69,7 +69,6 @@ class Barrier:
 
     Parameters
     ----------
-    feasible_set : FeasibleSet
     further : sequence of AffineBlock
         Blocks that count beside those of the set.
 
@@ -152,7 +151,6 @@ class LinearConditions:
 
     Parameters
     ----------
-    blocks : sequence of AffineBlock
     size : int
         Number of parameters.
 
@@ -234,7 +232,7 @@ def minimise(
     accuracy: float = 1e-3,
     problems: Indices | None = None,
 ) -> Matrix:
-    """Minimise a function from each of many points, by damped Newton steps.
+    """Minimise a function from each of many points, by damped Newton steps; (p, n).
 
     Parameters
     ----------
@@ -247,10 +245,6 @@ def minimise(
         A problem is solved where a Newton step promises a decrease of less.
     problems : (p,), optional
         Which of the problems of the function that of each point is; k for the k-th point where absent.
-
-    Returns
-    -------
-    (p, n)
     """
     points = np.array(start, dtype=float)
     active = np.arange(len(points))

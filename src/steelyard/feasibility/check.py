@@ -162,10 +162,6 @@ def check(
     parameters : (n,), optional
         Standard parameters δ, given instead of base parameters.
 
-    Returns
-    -------
-    Verdict
-
     Raises
     ------
     InputError

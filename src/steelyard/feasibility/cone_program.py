@@ -42,7 +42,6 @@ class Conditions:
 
     Parameters
     ----------
-    feasible_set : FeasibleSet
     matrix : (n, m)
 
     Attributes
@@ -176,8 +175,6 @@ class Program:
 
     Attributes
     ----------
-    feasible_set : FeasibleSet
-    conditions : Conditions
     units : (n,)
         Units of the standard parameters.
     columns : (m,)

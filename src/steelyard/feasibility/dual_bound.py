@@ -254,13 +254,11 @@ class ConvexProblem:
 
     Attributes
     ----------
-    feasible_set : FeasibleSet
     point : (n,)
         δ°; it need not be feasible.
     directions : (n, m)
     units : (m,)
         Typical sizes of x.
-    value : float
     gradient : (n,)
     root : (r, n)
     rows : (k, n)

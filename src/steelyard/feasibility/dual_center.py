@@ -30,7 +30,6 @@ class Fibre:
 
     Parameters
     ----------
-    feasible_set : FeasibleSet
     origin : (n,)
         A δ of the fibre; rounding errors are small if it is close to the solution.
     bases : tuple of (d, r)
@@ -186,7 +185,6 @@ class Center:
         W, positive definite.
     parameters : (n,)
         The best δ that belongs to it; if `feasible`, its blocks are positive definite on the face.
-    feasible : bool
     value : float
         v; if it is negative, W proves infeasibility up to rounding.
     """

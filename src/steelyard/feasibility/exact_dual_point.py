@@ -54,7 +54,6 @@ def prove_infeasible(
 
     Parameters
     ----------
-    feasible_set : FeasibleSet
     parameters : (n,)
         Some δ with the base parameters β, such as P_b β; rounding errors are smaller for one near the center of the
         fibre.

@@ -89,12 +89,9 @@ def change_alone(
 
     Parameters
     ----------
-    feasible_set : FeasibleSet
     base : (n_b,)
-    index : int
     subsystems : tuple of IrreducibleInfeasibleSubsystem
         The contradictions of these base parameters; all must be resolved.
-    solver : str
     """
     if not subsystems:
         return 0.0
@@ -329,10 +326,6 @@ def explain_infeasibility(
         Weights of the joints in `info`, as in `least_squares`.
     solver : str
         As in `solve`.
-
-    Returns
-    -------
-    InfeasibilityExplanation
 
     Raises
     ------

@@ -317,7 +317,6 @@ class MinimalFace:
 
     Attributes
     ----------
-    problem : NormalisedProblem
     bases : tuple of (d, r)
         For each block an orthonormal basis U, such that Z = U W Uᵀ.
     lineality : (q, l)
@@ -357,11 +356,8 @@ class MinimalFace:
 def minimal_face(problem: NormalisedProblem, objective: Vector | None = None) -> MinimalFace:
     """The smallest face that holds every Z ⪰ 0 with Σ <B_j, Z> = t c_j, t ≥ 0; without c, those with 0.
 
-    Parameters
-    ----------
-    problem : NormalisedProblem
-    objective : (q,), optional
-        c, of length 1. It is unbounded if it is not constant along the lineality space of the face that is found.
+    The objective (q,) is c, of length 1. It is unbounded if it is not constant along the lineality space of the face
+    that is found.
     """
     matrices = problem.split(_proof_of_greatest_rank(problem, objective))
     bases = []

@@ -120,11 +120,6 @@ def irreducible_infeasible_subsystems(
     """Disjoint irreducible infeasible subsystems, such that the conditions outside them can hold together.
 
     Each is found by removing one condition after the other as long as the remaining ones are contradictory.
-
-    Parameters
-    ----------
-    feasible_set : FeasibleSet
-    base : (n_b,)
     """
     blocks = list(range(len(feasible_set.blocks)))
     equations = list(range(len(feasible_set.equalities)))

@@ -28,7 +28,6 @@ class BlockProblem:
 
     Attributes
     ----------
-    feasible_set : FeasibleSet
     particular : (n,)
         P_b β or another δ with K δ = β.
     used : tuple of int
@@ -54,7 +53,6 @@ class BlockProblem:
 
         Parameters
         ----------
-        feasible_set : FeasibleSet
         particular : (n,)
             Some δ with the base parameters β, such as P_b β.
         bases : sequence of (d, r), optional
@@ -190,7 +188,6 @@ def largest_margin(
 
     Parameters
     ----------
-    feasible_set : FeasibleSet
     base : (n_b,)
     bases : sequence of (d, r), optional
         U_b; unit matrices, and so the whole blocks, where absent.

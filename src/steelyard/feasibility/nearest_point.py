@@ -56,7 +56,6 @@ class Metric:
         ----------
         metric : None, (k, k) or an object with `reduced` such as `Information`
         covariance : None or (k, k)
-        feasible_set : FeasibleSet
         standard : bool
             Whether differences are of standard parameters, k = n, rather than of base parameters, k = n_b.
 
@@ -217,7 +216,6 @@ class NearestPoint:
 
     Attributes
     ----------
-    feasible_set : FeasibleSet
     origin : (n,)
         δ for x = 0.
     matrix : (n, m)
@@ -259,7 +257,6 @@ class NearestPoint:
 
         Parameters
         ----------
-        margin : float
         difference : callable
             Maps δ to d.
         inside : callable
@@ -345,13 +342,11 @@ def nearest_in_region(feasible_set: FeasibleSet, base: Vector, axes: Matrix, unk
 
     Parameters
     ----------
-    feasible_set : FeasibleSet
     base : (n_b,)
     axes : (n_b, k)
         Square root of a covariance, or the unit matrix for the Euclidean distance.
     unknown : (n_b, j)
         Directions of the base parameters along which the distance is zero; j may be 0.
-    solver : str
 
     Raises
     ------

@@ -173,7 +173,6 @@ def lightest_parameters(feasible_set: FeasibleSet, base: Vector, margin: float) 
 
     Parameters
     ----------
-    feasible_set : FeasibleSet
     base : (n_b,)
         β; K δ = β.
     margin : float

@@ -58,10 +58,8 @@ def run_child(
         The file. Its function ``main`` gets a file into which it writes its answers as bytes; what is printed is lost.
     request : bytes
         Its standard input.
-    limits : ChildLimits
     what : str
         What begins the message where it cannot be started: ``"Meshes are read by another process"``.
-    arguments : sequence of str
     folder : str, optional
         Where it runs; the current folder by default.
 

@@ -20,15 +20,7 @@ import numpy as np
 
 from steelyard.errors import InputError, printable
 
-__all__ = [
-    "plain",
-    "replaced_file",
-    "replaced_folder",
-    "require_unread",
-    "write_bytes",
-    "write_json",
-    "write_text",
-]
+__all__ = ["plain", "replaced_file", "replaced_folder", "require_unread", "write_bytes", "write_json", "write_text"]
 
 if os.name == "posix":
     import fcntl

@@ -94,10 +94,6 @@ def gradient(output: Node, inputs: Sequence[Node]) -> list[Node]:
     inputs : sequence of Node
         Nodes of the same graph.
 
-    Returns
-    -------
-    list of Node
-
     Examples
     --------
     >>> from steelyard.graph import Graph, evaluate, sin

@@ -103,7 +103,6 @@ def direct_call(
 
     Parameters
     ----------
-    arguments : sequence of Argument
     shape : tuple of int
         Of the outputs of one sample.
     single, batch : LoadedCode

@@ -315,10 +315,6 @@ def reachable(outputs: Iterable[Node]) -> list[Node]:
 def operation_count(outputs: Iterable[Node]) -> dict[str, int]:
     """Count the operations that computing all the outputs takes.
 
-    Parameters
-    ----------
-    outputs : iterable of Node
-
     Returns
     -------
     dict
@@ -350,10 +346,6 @@ def evaluate(outputs: Sequence[Node], values: Mapping[str, Any]) -> list[NDArray
     values : mapping
         Number or array (of one common shape) for every input name; complex numbers are allowed, and the sign is that
         of the real part, so that derivatives can be taken by complex steps.
-
-    Returns
-    -------
-    list of ndarray
     """
     operations: dict[str, Callable[..., Any]] = {
         "add": np.add,
@@ -384,7 +376,6 @@ def interpret(
 
     Parameters
     ----------
-    outputs : sequence of Node
     value_of : callable
         From the name of an input to its value.
     operations : mapping

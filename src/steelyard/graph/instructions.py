@@ -297,7 +297,6 @@ def _bits(value: float) -> int:
 SUPPORT = {
     "gather": "ptr, i64, i64, i64, i64, ptr",
     "scatter": "ptr, i64, i64, i64, i64, ptr, ptr, i64",
-    "columns": "ptr, i64, i64, i64, ptr, i64",
     "sines_and_cosines": "ptr, i64",
     "clear": "ptr, i64",
 }
@@ -311,10 +310,9 @@ def support_source(lanes: int, triple: str = "") -> str:
     is computed twice is written twice. ``scatter(slots, width, first, step, last, out, runs, count)`` is its reverse;
     where `step` is the number of lanes, so that all the rows begin at the same place of a line of the cache, it writes
     whole lines past the cache. `runs` are `count` pairs of slots, in ascending order, between which all numbers are
-    zero, which is written without looking. ``columns(slots, width, first, last, out, stride)`` writes each slot to a
-    row of its own.
-    ``sines_and_cosines(numbers, count)`` turns the first `count` numbers, which fill slots, into sines, in the next
-    `count` numbers, and cosines, in those after. ``clear(numbers, count)`` writes zeros.
+    zero, which is written without looking. ``sines_and_cosines(numbers, count)`` turns the first `count` numbers, which
+    fill slots, into sines, in the next `count` numbers, and cosines, in those after. ``clear(numbers, count)`` writes
+    zeros.
 
     Parameters
     ----------
@@ -333,7 +331,6 @@ def support_source(lanes: int, triple: str = "") -> str:
         f"declare void @llvm.masked.store.v{lanes}f64.p0({t}, ptr, i32, {flags})",
         *_gather(lanes),
         *_scatter(lanes),
-        *_columns(lanes),
         *_sines_and_cosines(lanes),
         *_clear(lanes),
         "attributes #0 = { nounwind }",
@@ -378,11 +375,6 @@ def _lanes_below(it: Instructions, limit: str) -> str:
     return it.new(f"icmp sgt <{n} x i64> {same}, <{', '.join(f'i64 {lane}' for lane in range(n))}>")
 
 
-def _masked_store(it: Instructions, value: str, address: str, flags: str) -> None:
-    n, t = it.lanes, it.type
-    it.lines.append(f"  call void @llvm.masked.store.v{n}f64.p0({t} {value}, ptr {address}, i32 8, <{n} x i1> {flags})")
-
-
 def _gather(lanes: int) -> list[str]:
     start, body = Instructions(lanes, "e"), Instructions(lanes)
     rows = _rows(start, "%source")
@@ -424,7 +416,8 @@ def _scatter(lanes: int) -> list[str]:
     def masked(it: Instructions, column: str, rest: str) -> None:
         flags = _lanes_below(it, rest)
         for value, address in moved(it, column):
-            _masked_store(it, value, address, flags)
+            given = f"{it.type} {value}, ptr {address}, i32 8, <{lanes} x i1> {flags}"
+            it.lines.append(f"  call void @llvm.masked.store.v{lanes}f64.p0({given})")
 
     def written(label: str, how: str, before: str, begin: str) -> list[str]:
         """Return blocks that write all whole blocks of columns from `begin` on: up to each run of zeros, and those."""
@@ -502,32 +495,6 @@ def _scatter(lanes: int) -> list[str]:
             *tail.lines,
             "  br label %done",
         ],
-    )
-
-
-def _columns(lanes: int) -> list[str]:
-    start, whole, part = Instructions(lanes, "e"), Instructions(lanes), Instructions(lanes, "p")
-    flags = _lanes_below(start, "%samples")
-
-    def address(it: Instructions, column: str) -> str:
-        index = it.new(f"add i64 {it.new(f'mul i64 {column}, %stride')}, %first")
-        return it.new(f"getelementptr double, ptr %out, i64 {index}")
-
-    value = whole.load("%slots", "%cwhole")
-    whole.lines.append(f"  store {whole.type} {value}, ptr {address(whole, '%cwhole')}, align 8")
-    _masked_store(part, part.load("%slots", "%cpart"), address(part, "%cpart"), flags)
-    return _function(
-        "@columns(ptr noalias readonly %slots, i64 %width, i64 %first, i64 %last, ptr noalias %out, i64 %stride)",
-        [
-            "entry:",
-            "  %distance = sub i64 %last, %first",
-            "  %samples = add i64 %distance, 1",
-            *start.lines,
-            f"  %full = icmp sge i64 %samples, {lanes}",
-            "  br i1 %full, label %whole, label %part",
-        ],
-        _turns("whole", whole, "%width", 1, before="entry"),
-        _turns("part", part, "%width", 1, before="entry"),
     )
 
 

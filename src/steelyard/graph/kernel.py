@@ -178,8 +178,6 @@ class Kernel:
     ----------
     function : Function or callable
         Or what returns it, called only where the function is needed.
-    layout : {"rows", "columns"}
-        Whether the outputs of one sample, or the samples of one output, are neighbours in memory.
     compact : bool
         Compute only the elements that are not the constant 0; see `places`.
     identity : str, optional
@@ -187,11 +185,6 @@ class Kernel:
         used without building the function.
     cache : ObjectCache, optional
         The user's by default.
-
-    Raises
-    ------
-    InputError
-        If the layout is neither.
 
     Examples
     --------
@@ -207,15 +200,11 @@ class Kernel:
         self,
         function: Function | Callable[[], Function],
         *,
-        layout: str = "rows",
         compact: bool = False,
         identity: str | None = None,
         cache: ObjectCache | None = None,
     ) -> None:
-        if layout not in ("rows", "columns"):
-            raise InputError(f"layout must be 'rows' or 'columns', got {layout!r}.")
         self._given = function
-        self.layout = layout
         self.compact = compact
         self.identity = identity
         self._cache = cache
@@ -224,7 +213,7 @@ class Kernel:
 
     def __repr__(self) -> str:
         inputs = ", ".join(f"{a.name}[{a.width}]" for a in self.arguments)
-        return f"Kernel({inputs} -> {self.width}, {self.layout})"
+        return f"Kernel({inputs} -> {self.width})"
 
     # What it computes
 
@@ -266,12 +255,11 @@ class Kernel:
 
     @cached_property
     def batch_function(self) -> Any:
-        """The compiled function ``(count, pointers…, out, stride)`` for batches.
+        """The compiled function ``(count, pointers…, out, cached)`` for batches.
 
-        In C ``void kernel(int64_t count, const double *argument…, double *out, int64_t stride)``: an argument has
+        In C ``void kernel(int64_t count, const double *argument…, double *out, int64_t cached)``: an argument has
         `count` rows, or one where it is uniform; element j of sample s goes to ``out[s * n + j]``, past the cache where
-        `stride` is negative, or with the layout ``"columns"`` to ``out[j * stride + s]``. It keeps no state, so that
-        threads may share it, and lives as long as the kernel.
+        `cached` is negative. It keeps no state, so that threads may share it, and lives as long as the kernel.
         """
         return self._prototype(self.batch_address)
 
@@ -328,7 +316,7 @@ class Kernel:
         nodes = function.nodes
         computed = nodes if signature.computed is None else [nodes[k] for k in signature.computed]
         triple = host_machine(lanes).triple
-        return kernel_source(signature.arguments, computed, lanes=lanes, layout=self.layout, triple=triple)
+        return kernel_source(signature.arguments, computed, lanes=lanes, triple=triple)
 
     @cached_property
     def _objects(self) -> ObjectCache:
@@ -339,7 +327,7 @@ class Kernel:
         sources = None if self.identity is None else source_digest()
         if self.identity is None or sources is None:
             return None
-        return _digest(host_machine(lanes).description, sources, self.layout, str(self.compact), self.identity)
+        return _digest(host_machine(lanes).description, sources, str(self.compact), self.identity)
 
     def _entry(self, key: str | None) -> tuple[Signature, bytes] | None:
         """Return what the cache has under the key, where it can be used."""
@@ -357,14 +345,14 @@ class Kernel:
         *arrays : ndarray
             One for each argument: (S, width), or (width,) where the argument is uniform.
         out : ndarray, optional
-            C-contiguous, (S, n) for ``"rows"``, (n, S) for ``"columns"``; may not overlap the arguments.
+            C-contiguous, (S, n); may not overlap the arguments.
         threads : int
             How many share a large batch; the result is the same.
 
         Returns
         -------
         ndarray
-            (S, n) or (n, S) with n the number of computed elements.
+            (S, n) with n the number of computed elements.
 
         Raises
         ------
@@ -373,8 +361,7 @@ class Kernel:
         """
         signature = self.signature
         addresses, count, kept = addresses_of(signature.arguments, arrays)
-        rows = self.layout == "rows"
-        shape = (count, signature.width) if rows else (signature.width, count)
+        shape = (count, signature.width)
         if out is None:
             out = self.empty(shape)
         elif out.shape != shape or not out.flags.carray or out.dtype != DOUBLE:
@@ -387,7 +374,7 @@ class Kernel:
         if count == 1:
             self.single_function(1, *addresses, target, 1)
         elif (pieces := 1 if threads == 1 else self._pieces(threads, count)) < 2:
-            self.batch_function(count, *addresses, target, self._stride(count))
+            self.batch_function(count, *addresses, target, self._cached(count))
         else:
             self._share(pieces, threads, count, addresses, target, (arrays, kept, out))
         del kept
@@ -402,9 +389,9 @@ class Kernel:
 
         return large_array(shape)
 
-    def _stride(self, count: int) -> int:
+    def _cached(self, count: int) -> int:
         """Return the last argument of a compiled function for a batch."""
-        return -1 if self.layout == "rows" and 8 * count * self._width >= _LARGE else count
+        return -1 if 8 * count * self._width >= _LARGE else 1
 
     def direct(
         self, shape: tuple[int, ...], *, several: bool = False, otherwise: Callable[..., Any] | None = None
@@ -421,7 +408,7 @@ class Kernel:
         shape : tuple of int
             Of the outputs of one sample, in which they stand one after the other.
         several : bool
-            For small batches in the layout ``"rows"``; for one sample otherwise.
+            For small batches; for one sample otherwise.
         otherwise : callable, optional
             A method whose place the function takes: `out` then has to be given by its name or not at all, and where
             there is nothing that the function can do, it returns what the method does.
@@ -466,8 +453,6 @@ class Kernel:
     @cached_property
     def most(self) -> int:
         """How many samples `direct` computes at once: little work, and a result that a cache holds."""
-        if self.layout == "columns":
-            return 1
         return max(batch_lanes(), min(int(_SHORT / self._cost), _LARGE // (8 * max(1, self._width))))
 
     @property
@@ -532,13 +517,13 @@ class Kernel:
         groups = -(-count // lanes)
         bounds = [min(count, lanes * (groups * k // pieces)) for k in range(pieces + 1)]
         steps = [0 if a.uniform else 8 * a.width for a in signature.arguments]
-        step = 8 * signature.width if self.layout == "rows" else 8
-        stride = self._stride(count)
+        step = 8 * signature.width
+        cached = self._cached(count)
 
         # Ctrl-C may end the wait below: what a thread reads and writes lives as long as its work.
         def work(start: int, end: int, _held: object = held) -> None:
             inputs = [address + start * size for address, size in zip(addresses, steps, strict=True)]
-            function(end - start, *inputs, target + start * step, stride)
+            function(end - start, *inputs, target + start * step, cached)
 
         pool = _pool(os.getpid(), threads)
         others = [pool.submit(work, *piece) for piece in pairwise(bounds[1:])]

@@ -26,15 +26,7 @@ _OFFERED = 16 << 20
 
 
 class _Block:
-    """A piece of memory in huge pages.
-
-    Attributes
-    ----------
-    size : int
-        Bytes that can be used.
-    address : int
-        Of the first of them, where a huge page begins.
-    """
+    """A piece of memory in huge pages: bytes that can be used, and the address of the first, where a page begins."""
 
     def __init__(self, size: int) -> None:
         self.size = -(-size // _HUGE_PAGE) * _HUGE_PAGE

@@ -179,28 +179,21 @@ class Program:
         return order
 
 
-# Writes a function as LLVM assembly: one loop over samples, several of them side by side.
+def kernel_source(arguments: Sequence[Argument], outputs: Sequence[Node], *, lanes: int, triple: str = "") -> str:
+    """Return the LLVM assembly of a function ``kernel(count, argument pointers…, out, cached)``.
 
-
-def kernel_source(
-    arguments: Sequence[Argument], outputs: Sequence[Node], *, lanes: int, layout: str, triple: str = ""
-) -> str:
-    """Return the LLVM assembly of a function ``kernel(count, argument pointers…, out, stride)``.
+    Output j of sample s goes to ``out[s * len(outputs) + j]``, past the cache where `cached` is negative.
 
     Parameters
     ----------
     arguments : sequence of Argument
         The arrays that the function reads; an array of samples is row-major, (count, width).
-    outputs : sequence of Node
     lanes : int
         Samples computed side by side.
-    layout : {"rows", "columns"}
-        ``"rows"``: output j of sample s goes to ``out[s * len(outputs) + j]``, past the cache where `stride` is
-        negative; ``"columns"``: to ``out[j * stride + s]``.
     triple : str
         Target triple.
     """
-    return _Writer(arguments, outputs, lanes, layout, triple).text()
+    return _Writer(arguments, outputs, lanes, triple).text()
 
 
 class _Slots:
@@ -264,29 +257,25 @@ def _padded(width: int, lanes: int) -> int:
 
 
 class _Writer:
-    def __init__(
-        self, arguments: Sequence[Argument], outputs: Sequence[Node], lanes: int, layout: str, triple: str
-    ) -> None:
+    def __init__(self, arguments: Sequence[Argument], outputs: Sequence[Node], lanes: int, triple: str) -> None:
         self.arguments = arguments
         self.outputs = outputs
         self.lanes = lanes
-        self.layout = layout
         self.triple = triple
         self.program = Program(arguments, outputs)
         self.slots = _Slots(self.program, arguments, lanes)
         self.once = {node.index: k for k, node in enumerate(self.program.once)}
-        # Zeros are written before the rest; in single columns they are not neighbours.
+        # Zeros are written before the rest.
         zero = [node.operation == "constant" and node.value == 0.0 for node in outputs]
-        apart = lanes == 1 and layout == "columns"
         self.clears = any(zero) and lanes > 1
-        self.runs = _runs(zero, 2 * lanes) if lanes > 1 and layout == "rows" else []
+        self.runs = _runs(zero, 2 * lanes) if lanes > 1 else []
         self.columns: dict[int, list[int]] = {}
         for column, node in enumerate(outputs):
-            if apart or not zero[column]:
+            if not zero[column]:
                 self.columns.setdefault(node.index, []).append(column)
         self.zeros: list[tuple[int, int]] = []
         self.together: dict[int, list[str]] = {}
-        if lanes == 1 and not apart:
+        if lanes == 1:
             self._join_outputs(zero)
         self.pointers = [f"%g{k}" for k in range(len(arguments))]
         # Whether there is a way past the cache: where rows have several whole lines of it. With 42 outputs it takes
@@ -295,7 +284,7 @@ class _Writer:
         # matrix of eight joints takes half as long again at 5 and 20 MiB, and the regressors of a hand and of a
         # humanoid (20 and 80 KiB a sample) a third of the time of the way through the cache.
         whole_pages = 8 * lanes * len(outputs) % _PAGE == 0
-        self.passes = lanes > 1 and layout == "rows" and len(outputs) >= 32 and bool(self.runs or not whole_pages)
+        self.passes = lanes > 1 and len(outputs) >= 32 and bool(self.runs or not whole_pages)
 
     def _join_outputs(self, zero: list[bool]) -> None:
         """Find the neighbouring outputs that one part computes, zeros among them, and the runs of zeros beside them."""
@@ -351,9 +340,7 @@ class _Writer:
                     self._store_output(it, node, self._value(it, node, names))
         pointers = "".join(f"ptr noalias readonly {p}, " for p in self.pointers)
         # No slot that a part reads is one that it writes, so the two pointers may be told apart.
-        head = (
-            f"ptr noalias readonly %r, ptr noalias %w, ptr noalias readonly %u, {pointers}ptr noalias %o, i64 %stride"
-        )
+        head = f"ptr noalias readonly %r, ptr noalias %w, ptr noalias readonly %u, {pointers}ptr noalias %o"
         return [f"define internal void @part{number}({head}) #0 {{", *it.lines, "  ret void", "}"]
 
     def _value(self, it: Instructions, node: Node, names: dict[int, str]) -> str:
@@ -388,17 +375,15 @@ class _Writer:
         for column in self.columns.get(node.index, ()):
             if self.lanes > 1:
                 it.store(value, "%w", self.slots.outputs + column)
-            elif self.layout == "rows":
-                start = column - column % _TOGETHER
-                values = self.together.get(start)
-                if values is None:
-                    it.store(value, "%o", column)
-                    continue
-                values[column - start] = value
-                if all(values):
-                    it.store_row(values, "%o", start)
-            else:
-                it.store(value, "%o", it.new(f"mul i64 %stride, {column}"))
+                continue
+            start = column - column % _TOGETHER
+            values = self.together.get(start)
+            if values is None:
+                it.store(value, "%o", column)
+                continue
+            values[column - start] = value
+            if all(values):
+                it.store_row(values, "%o", start)
 
     def _kernel(self) -> list[str]:
         """Return the function that is called: what is done once, then the loop over blocks."""
@@ -408,7 +393,7 @@ class _Writer:
         self._block(block)
         parameters = "".join(f"ptr noalias readonly {p}, " for p in self.pointers)
         return [
-            f"define void @kernel(i64 %count, {parameters}ptr noalias %out, i64 %stride) #0 {{",
+            f"define void @kernel(i64 %count, {parameters}ptr noalias %out, i64 %cached) #0 {{",
             "entry:",
             f"  %w = alloca [{max(1, self.slots.total)} x {vector.type}], align 64",
             f"  %u = alloca [{max(1, len(self.once))} x double], align 64",
@@ -416,7 +401,7 @@ class _Writer:
             *self._clearing(),
             *vector.lines,
             "  %last = sub i64 %count, 1",
-            "  %past = icmp slt i64 %stride, 0",
+            "  %past = icmp slt i64 %cached, 0",
             "  %some = icmp sgt i64 %count, 0",
             "  br i1 %some, label %body, label %done",
             "body:",
@@ -495,7 +480,7 @@ class _Writer:
                 if not argument.uniform:
                     start = it.new(f"mul i64 %s, {argument.width}")
                     pointers[number] = it.new(f"getelementptr double, ptr %g{number}, i64 {start}")
-            start = it.new(f"mul i64 %s, {len(self.outputs)}") if self.layout == "rows" else "%s"
+            start = it.new(f"mul i64 %s, {len(self.outputs)}")
             out = it.new(f"getelementptr double, ptr %out, i64 {start}")
         for column, count in self.zeros:
             if count > _LONG:
@@ -512,7 +497,7 @@ class _Writer:
             it.lines.append(f"  call void @gather({given})")
         given = "".join(f"ptr {p}, " for p in pointers)
         for number in range(len(self.program.parts)):
-            it.lines.append(f"  call void @part{number}(ptr %w, ptr %w, ptr %u, {given}ptr {out}, i64 %stride)")
+            it.lines.append(f"  call void @part{number}(ptr %w, ptr %w, ptr %u, {given}ptr {out})")
             if number == 0 and self.program.angles:
                 angles = it.new(f"getelementptr {it.type}, ptr %w, i64 {self.slots.angles}")
                 it.lines.append(
@@ -520,12 +505,8 @@ class _Writer:
                 )
         if self.lanes > 1:
             source = it.new(f"getelementptr {it.type}, ptr %w, i64 {self.slots.outputs}")
-            given = f"ptr {source}, i64 {len(self.outputs)}"
-            if self.layout == "rows":
-                runs = f"ptr @runs, i64 {len(self.runs)}"
-                it.lines.append(f"  call void @scatter({given}, i64 {first}, i64 {step}, i64 %last, ptr %out, {runs})")
-            else:
-                it.lines.append(f"  call void @columns({given}, i64 %s, i64 %last, ptr %out, i64 %stride)")
+            given = f"ptr {source}, i64 {len(self.outputs)}, i64 {first}, i64 {step}, i64 %last, ptr %out"
+            it.lines.append(f"  call void @scatter({given}, ptr @runs, i64 {len(self.runs)})")
 
 
 def plain_operation(it: Instructions, node: Node, values: list[str], pairs: dict[int, tuple[str, str]]) -> str:

@@ -42,8 +42,6 @@ class LoadedCode:
     Parameters
     ----------
     tracker : llvmlite ResourceTracker
-    symbols : tuple of str
-    size : int
     called : LoadedCode, optional
         Other code that this one calls, which therefore stays in memory with it.
 

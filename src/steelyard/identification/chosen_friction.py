@@ -72,13 +72,11 @@ class FrictionChoice:
 
     Attributes
     ----------
-    selection : FrictionSelection
     terms : tuple of Term
         Of the model with the laws; those of the model as it was, where none was added.
     error, plain_error : float
         Root mean square over the joints of the relative errors on stretches that are left out, of least squares:
         with the laws, and without.
-    remarks : tuple of str
     untried : tuple of str
         What the laws are that were not tried, since other terms have their parameters.
     presliding : tuple of ChosenFriction
@@ -173,7 +171,6 @@ def choose_friction(
     reader : LogReader
         Whose processing is decided.
     logs : sequence
-    model : Model
     wider : Model
         By which the laws are judged: with the inertia of rotors where that is not decided yet.
     say : callable
@@ -269,11 +266,8 @@ def confirmed_terms(
         Model by its terms.
     terms : sequence of Term
         As they were.
-    chosen : sequence of ChosenFriction
-    data : FrictionData
     plain : Model
         Without the laws.
-    samples : sequence of Samples
     samples_for : callable
         The same logs for another model.
 
@@ -414,7 +408,6 @@ def terms_with(terms: Sequence[Term], chosen: Sequence[ChosenFriction], data: Fr
     ----------
     terms : sequence of Term
         As they were.
-    chosen : sequence of ChosenFriction
     data : FrictionData
         Whose motion says how fast the joints were.
     """

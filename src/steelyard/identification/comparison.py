@@ -21,6 +21,7 @@ from steelyard.robot import RobotFile
 
 from .default_terms import model_of_estimate
 from .log_reader import Progress
+from .parameter_table import CONFIDENCE
 from .prediction_difference import PredictionDifference, difference_on_logs, difference_on_random_motion, labels
 from .saved import matching_estimate
 from .saved_result import SavedResult
@@ -87,8 +88,6 @@ class Comparison:
     ----------
     names : tuple of str
         The estimates; each is compared with the first.
-    confidence : float
-        Of intervals, and of nothing that does not differ being called different.
     differences : tuple of ParameterDifference
         The base parameters, those that differ most first.
     link_differences : tuple of ParameterDifference
@@ -109,7 +108,6 @@ class Comparison:
     """
 
     names: tuple[str, ...]
-    confidence: float
     differences: tuple[ParameterDifference, ...] = field(repr=False)
     link_differences: tuple[ParameterDifference, ...] = field(repr=False)
     elastic_differences: tuple[ParameterDifference, ...] = field(default=(), repr=False)
@@ -129,7 +127,7 @@ class Comparison:
         """The findings as sentences."""
         count = len(self.differences)
         differing = [one for one in self.differences if one.differs]
-        level = f"{100 * self.confidence:g} %"
+        level = f"{100 * CONFIDENCE:g} %"
         pairs = len(self.names) - 1
         what = "base parameters" if pairs == 1 else f"base parameters ({pairs} estimates, each against the first)"
         springs = [one for one in self.elastic_differences if one.differs]
@@ -219,7 +217,7 @@ class Comparison:
         return {
             "format": COMPARISON_FORMAT,
             "names": self.names,
-            "confidence": self.confidence,
+            "confidence": CONFIDENCE,
             "differs": self.differs,
             "sentences": self.sentences,
             "differences": self.differences,
@@ -248,7 +246,6 @@ def compare_estimates(
     *,
     robot: str | Path | RobotFile | None = None,
     logs: Sequence[str | Path] = (),
-    confidence: float = 0.95,
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Comparison:
@@ -256,7 +253,7 @@ def compare_estimates(
 
     Compared are the base parameters that plain least squares made of the data of each estimate: their standard errors
     tell how far they are from the truth, which a prior would hide. Each difference is held against the root of the sum
-    of both squared standard errors, and all of them together by Holm's method: with `confidence`, estimates of one
+    of both squared standard errors, and all of them together by Holm's method: in 95 of 100 cases, estimates of one
     robot from independent noise differ in nothing. Where base parameters differ, the numbers of single links are
     compared by the intervals of their tables in the same way.
 
@@ -269,15 +266,10 @@ def compare_estimates(
         URDF or robot.toml; the one with which the first estimate was made, where it is still there.
     logs : sequence of path
         On which predictions are compared, processed as those of the first were; a random motion where there are none.
-    confidence : float
     seed : int
         Of the random motion.
     progress : callable, optional
         Called with a few words before each step.
-
-    Returns
-    -------
-    Comparison
 
     Raises
     ------
@@ -304,25 +296,21 @@ def compare_estimates(
     """
     if len(results) < 2:
         raise InputError(f"Two or more results are compared, got {len(results)}; give their folders or estimates.")
-    if not 0.0 < confidence < 1.0:
-        raise InputError(f"confidence must lie between 0 and 1, such as 0.95, got {confidence!r}.")
     loaded, model, file = _loaded(results, robot, bool(logs))
     for other in loaded[1:]:
         _require_same(loaded[0], other)
     pairs = [(loaded[0], other) for other in loaded[1:]]
-    found = [one for first, second in pairs for one in _base_differences(first, second, confidence)]
+    found = [one for first, second in pairs for one in _base_differences(first, second)]
     if not found:
         raise InputError(
             f"{loaded[0].name}: no standard errors are known that hold, since torques were filtered or the data shows "
             "nothing, so that nothing can be compared; identify anew without torque_cutoff, or with a richer motion."
         )
-    differences = _judged(found, confidence)
+    differences = _judged(found)
     links: list[ParameterDifference] = []
     if any(one.differs for one in differences):
-        links = _judged(
-            [one for first, second in pairs for one in _link_differences(first, second, confidence)], confidence
-        )
-    springs = [one for first, second in pairs for one in _elastic_differences(first, second, confidence)]
+        links = _judged([one for first, second in pairs for one in _link_differences(first, second)])
+    springs = [one for first, second in pairs for one in _elastic_differences(first, second)]
     remarks = [
         f"{one.name} does not hold the base parameters of plain least squares, so those of its answer were compared. "
         "Physics and priors draw them away from the data; differences may come from that."
@@ -357,16 +345,15 @@ def compare_estimates(
         else:
             prediction = difference_on_random_motion(model, names, bases, seed=seed)
         explanations = [
-            (first.name, second.name, _explanations(model, first.estimate, second.estimate, confidence))
+            (first.name, second.name, _explanations(model, first.estimate, second.estimate))
             for first, second in pairs
             if any(one.differs and one.second == second.name for one in differences)
         ]
     return Comparison(
         tuple(one.name for one in loaded),
-        confidence,
         tuple(differences),
         tuple(links),
-        tuple(_judged(springs, confidence)) if springs else (),
+        tuple(_judged(springs)) if springs else (),
         tuple(explanations),
         prediction,
         tuple(dict.fromkeys(remarks)),
@@ -467,11 +454,11 @@ def _errors(first: Estimate, second: Estimate) -> Array:
     return np.asarray(np.maximum(np.hypot(first.standard_error, second.standard_error), least))
 
 
-def _reach(confidence: float) -> float:
+def _reach() -> float:
     """Half-width of an interval, in standard errors."""
     from scipy.special import stdtrit
 
-    return float(stdtrit(FREEDOM, 0.5 + 0.5 * confidence))
+    return float(stdtrit(FREEDOM, 0.5 + 0.5 * CONFIDENCE))
 
 
 def _difference(
@@ -490,9 +477,9 @@ def _difference(
     return ParameterDifference(name, kind, meaning, unit, first.name, second.name, one, two, float(half_width), times)
 
 
-def _base_differences(first: SavedResult, second: SavedResult, confidence: float) -> list[ParameterDifference]:
+def _base_differences(first: SavedResult, second: SavedResult) -> list[ParameterDifference]:
     one, two = _data(first.estimate), _data(second.estimate)
-    halves = _reach(confidence) * _errors(first.estimate, second.estimate)
+    halves = _reach() * _errors(first.estimate, second.estimate)
     names = first.estimate.base_expressions
     return [
         _difference(name, "base", (first, second), values, half)
@@ -501,11 +488,11 @@ def _base_differences(first: SavedResult, second: SavedResult, confidence: float
     ]
 
 
-def _link_differences(first: SavedResult, second: SavedResult, confidence: float) -> list[ParameterDifference]:
+def _link_differences(first: SavedResult, second: SavedResult) -> list[ParameterDifference]:
     """Return the differences of the numbers for which both tables have intervals."""
     from scipy.special import ndtri
 
-    wider = _reach(confidence) / float(ndtri(0.975))  # those of the tables are of 95 % and of a normal distribution
+    wider = _reach() / float(ndtri(0.5 + 0.5 * CONFIDENCE))  # those of the tables are of a normal distribution
     theirs = {row["name"]: row for row in second.estimate.parameter_table if _has_interval(row, second)}
     found = []
     for row in first.estimate.parameter_table:
@@ -521,7 +508,7 @@ def _link_differences(first: SavedResult, second: SavedResult, confidence: float
     return found
 
 
-def _elastic_differences(first: SavedResult, second: SavedResult, confidence: float) -> list[ParameterDifference]:
+def _elastic_differences(first: SavedResult, second: SavedResult) -> list[ParameterDifference]:
     """Return those of the compliances of joints that are elastic in both, and measured in one at least."""
     from steelyard.estimators.joint_stiffness import JointStiffness  # loaded for elastic joints alone
 
@@ -534,7 +521,7 @@ def _elastic_differences(first: SavedResult, second: SavedResult, confidence: fl
         other = theirs.get(name)
         if other is None or not joint.compliance > 0.0 < other.compliance:
             continue
-        half = _reach(confidence) * float(np.hypot(joint.compliance_standard_error, other.compliance_standard_error))
+        half = _reach() * float(np.hypot(joint.compliance_standard_error, other.compliance_standard_error))
         if "measured" not in (joint.verdict, other.verdict) or not np.isfinite(half):
             continue
         told, unit = f"compliance of {name}", "/".join(reversed(joint.unit.split("/"))).replace("N·m", "(N·m)")
@@ -555,12 +542,12 @@ def _has_interval(row: Any, result: SavedResult) -> bool:
     return len(told) == 2 and row.get("basis") != "unknown" and PRINCIPAL.fullmatch(name) is None
 
 
-def _judged(found: list[ParameterDifference], confidence: float) -> list[ParameterDifference]:
+def _judged(found: list[ParameterDifference]) -> list[ParameterDifference]:
     """Mark what differs, all comparisons taken together, and sort by how far."""
     from scipy.special import stdtr
 
     times = np.array([one.times for one in found])
-    rejected = holm(2.0 * stdtr(FREEDOM, -_reach(confidence) * times), 1.0 - confidence)
+    rejected = holm(2.0 * stdtr(FREEDOM, -_reach() * times), 1.0 - CONFIDENCE)
     marked = [replace(one, differs=bool(yes)) for one, yes in zip(found, rejected, strict=True)]
     return sorted(marked, key=lambda one: -one.times)
 
@@ -570,17 +557,7 @@ def holm(probabilities: ArrayLike, level: float) -> NDArray[np.bool_]:
 
     The least probability is held against the level over their number, the next against the level over one less, until
     one is not rejected (S. Holm, A simple sequentially rejective multiple test procedure, 1979). Nothing need be known
-    of how they hang together.
-
-    Parameters
-    ----------
-    probabilities : (m,)
-        Of what was seen, or more, where a hypothesis is true.
-    level : float
-
-    Returns
-    -------
-    (m,) ndarray of bool
+    of how they hang together. The probabilities (m,) are of what was seen, or more, where a hypothesis is true.
 
     Examples
     --------
@@ -595,7 +572,7 @@ def holm(probabilities: ArrayLike, level: float) -> NDArray[np.bool_]:
     return rejected
 
 
-def _explanations(model: Model, first: Estimate, second: Estimate, confidence: float) -> tuple[str, ...]:
+def _explanations(model: Model, first: Estimate, second: Estimate) -> tuple[str, ...]:
     """Links and joints of which one alone, with other parameters, leaves no base parameter beyond its interval.
 
     For each, the change of its parameters is sought that makes the largest remaining difference, in standard errors,
@@ -608,7 +585,7 @@ def _explanations(model: Model, first: Estimate, second: Estimate, confidence: f
     known = np.isfinite(errors) & (errors > 0.0)
     difference = (_data(second) - _data(first))[known] / errors[known]
     matrix = model.base_parameters().K[known] / errors[known, None]
-    reach = float(-stdtrit(FREEDOM, (1.0 - confidence) / (2.0 * max(known.sum(), 1))))
+    reach = float(-stdtrit(FREEDOM, (1.0 - CONFIDENCE) / (2.0 * max(known.sum(), 1))))
     found = []
     for name, columns in _parts(model):
         own = matrix[:, columns]

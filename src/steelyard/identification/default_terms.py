@@ -21,12 +21,7 @@ from steelyard.robot import RobotFile
 
 from .given import wider_model
 
-__all__ = [
-    "RotorDecision",
-    "decide_rotors",
-    "model_of_estimate",
-    "model_with",
-]
+__all__ = ["RotorDecision", "decide_rotors", "model_of_estimate", "model_with"]
 
 SURE_ROTOR = 4.0
 """Standard errors by which a rotor inertia must stand above zero, and farther than any other stands below it: what a
@@ -53,7 +48,6 @@ class RotorDecision:
 
     Attributes
     ----------
-    taken : bool
     reason : str
         What the logs show, as a clause.
     feasible_set : FeasibleSet

@@ -16,15 +16,7 @@ from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError
 from steelyard.estimators.marginal_likelihood import body_priors
 from steelyard.files import listed
-from steelyard.recording import (
-    DelayEstimate,
-    LogColumns,
-    LogFile,
-    Processing,
-    Recording,
-    choose_cutoff,
-    estimate_delay,
-)
+from steelyard.recording import DelayEstimate, LogColumns, LogFile, Processing, Recording, choose_cutoff, estimate_delay
 from steelyard.recording.clock import FEWEST_ROWS, ClockStatistics, clock_of
 from steelyard.recording.columns import TIME_UNITS
 from steelyard.recording.correction import Settings, toml_inline
@@ -129,10 +121,6 @@ def examine(
     progress : callable, optional
         Called with a few words before each step.
 
-    Returns
-    -------
-    Examination
-
     Raises
     ------
     InputError
@@ -188,11 +176,7 @@ class _Patient:
     """A log that is being examined: its findings so far, and the settings with which it is read."""
 
     def __init__(
-        self,
-        log: str | Path | LogFile,
-        robot: GivenRobot | None,
-        given: Settings,
-        say: Callable[[str], None],
+        self, log: str | Path | LogFile, robot: GivenRobot | None, given: Settings, say: Callable[[str], None]
     ) -> None:
         self.file: RobotFile | None = None
         self.model: Model | None = None
@@ -723,11 +707,12 @@ class _Patient:
         cutoff = processing.cutoff
         if not isinstance(cutoff, float) or not cutoff < 0.5 * recording.rate:
             return
-        self.facts["cutoff"] = f"{cutoff:.4g} Hz{'' if self._states('cutoff') else ', chosen by the torques'}"
+        self.facts["cutoff"] = f"{cutoff:.4g} Hz{'' if self._states_cutoff else ', chosen by the torques'}"
         self._share_of_noise(recording, cutoff)
 
-    def _states(self, option: str) -> bool:
-        return bool(self.stated.get("processing", {}).get(option, "auto") != "auto")
+    @property
+    def _states_cutoff(self) -> bool:
+        return bool(self.stated.get("processing", {}).get("cutoff", "auto") != "auto")
 
     def _share_of_noise(self, recording: Recording, cutoff: float) -> None:
         # What positions jump over a gap has power at all frequencies, as noise has.
@@ -743,7 +728,7 @@ class _Patient:
             f"At the cutoff of {cutoff:.4g} Hz noise of the positions makes up to {share[worst]:.0%} of the power of "
             f"the accelerations ({names}), and inertias become too small."
         )
-        if self._states("cutoff"):
+        if self._states_cutoff:
             remedy: Settings = {"processing": {"cutoff": "auto"}}
             self.add(Finding("position noise", statement, "worse", float(share[worst]), remedy))
             return

@@ -50,7 +50,6 @@ class Doubts:
         By log, the delays of torques among them.
     of_log : bool
         Whether there are others than such delays, so that the answer is of no robot.
-    scale : WrongScale or None
     prediction : PredictionVerdict
         The verdict with the mistakes.
     remarks : tuple of str
@@ -78,11 +77,8 @@ def doubts_of(
 
     Parameters
     ----------
-    reader : LogReader
-    read : ReducedLogs
     predictions : sequence of Prediction
         Of each log.
-    prediction : PredictionVerdict
     late : mapping from str to tuple of Hypothesis
         Delays of the torques, see `late_hypotheses`.
     priors : tuple of BodyPrior
@@ -141,7 +137,6 @@ def mistakes_in_logs(
     ----------
     reader : LogReader
         That has read them.
-    file : RobotFile
     priors : tuple of BodyPrior
         See `body_priors`.
     logs : mapping from str to GivenLog
@@ -219,7 +214,6 @@ def heavy_ends(model: Model, table: ParameterTable, prediction: PredictionVerdic
 
     Parameters
     ----------
-    model : Model
     table : ParameterTable
         Of the answer.
     prediction : PredictionVerdict

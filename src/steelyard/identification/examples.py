@@ -114,7 +114,6 @@ class PublicRecording:
 
     Attributes
     ----------
-    robot, repository, folder, licence : str
     commit : str
         The hash of the commit that is meant, which determines every byte of the files.
     """
@@ -428,13 +427,7 @@ def list_examples() -> str:
 
 
 def _package_folder() -> Path:
-    """The folder of robots in the package example-robot-data.
-
-    Raises
-    ------
-    MissingExtraError
-        If it is not installed.
-    """
+    """The folder of robots in the package example-robot-data; told to be missing where that is not installed."""
     for place in sys.path:
         folder = Path(place, "cmeel.prefix", "share", "example-robot-data", "robots")
         if folder.is_dir():

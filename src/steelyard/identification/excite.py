@@ -48,10 +48,6 @@ def excite(
     **options
         Further ones of :func:`steelyard.design_excitation`.
 
-    Returns
-    -------
-    ExcitationDesign
-
     Raises
     ------
     InputError

@@ -22,6 +22,7 @@ from steelyard.feasibility import FeasibleSet, check
 from steelyard.feasibility.constraints import Constraint
 from steelyard.files import shown
 from steelyard.recording import LogColumns, Processing
+from steelyard.recording.chunks import CHUNK_ROWS
 from steelyard.recording.formats import require_unwritten, written_states
 from steelyard.regression import Estimate, Information, least_squares
 from steelyard.regression.reduction import errors_of, residuals
@@ -45,7 +46,7 @@ from .late_logs import LateLog, late_hypotheses, late_logs
 from .log_reader import LogReader, LogReduction, Progress, ReducedLog
 from .near_standstill import standstill_errors
 from .parameter_table import parameter_table
-from .prediction_verdict import few_rows_of, prediction_verdict
+from .prediction_verdict import FewRows, few_rows_of, prediction_verdict
 from .reduced_logs import reduced_logs, require_once
 from .result import Identification, Prediction, Trace
 
@@ -74,7 +75,7 @@ def identify(
     residual_slack: float = 5e-4,
     estimator: str | Estimator = "fit",
     friction: Literal["auto"] | None = None,
-    chunk_rows: int = 200_000,
+    chunk_rows: int = CHUNK_ROWS,
     reduction: LogReduction | None = None,
     progress: Progress | None = None,
 ) -> Identification:
@@ -320,34 +321,22 @@ def identify(
         few_rows=[
             few
             for log, one in zip(read.logs, predictions, strict=True)
-            for few in few_rows_of(
-                log.name,
-                log.role,
-                log.information,
-                model,
-                estimate.base,
-                log.drawn,
-                (one.trace.measured - one.trace.feasible, one.trace.residuals),
-            )
+            for few in _few_rows(model, estimate, log, one.trace)
         ],
     )
     late: list[LateLog] = []
     # Rows that an estimator made have other sums, and the numbers of a robot that changes are those of none.
     if information is measured and prediction.word != "wrong" and not read.changes:
-        left = [one.trace.residuals for one in predictions]
-        late = late_logs(reader, logs, read.logs, information, left, unconstrained)
+        residuals_of_logs = [one.trace.residuals for one in predictions]
+        late = late_logs(reader, logs, read.logs, information, residuals_of_logs, unconstrained)
     table = None
     if estimate.parameters is not None:
         standstill = None
         if information is measured or getattr(found, "counts_slow_rows", False):
-            left_of_fit = [
-                stretch
-                for one, log in zip(predictions, read.logs, strict=True)
-                if log.fitted
-                for stretch in zip(log.drawn.windows, one.trace.residuals, strict=True)
-            ]
+            fitted = [(log, one) for log, one in zip(read.logs, predictions, strict=True) if log.fitted]
+            left = [pair for log, one in fitted for pair in zip(log.drawn.windows, one.trace.residuals, strict=True)]
             plain = unconstrained if information is measured else least_squares(measured, weights)
-            standstill = standstill_errors(model, measured, plain, left_of_fit, estimate.base)
+            standstill = standstill_errors(model, measured, plain, left, estimate.base)
         table = parameter_table(
             information,
             feasible_set if plausible is None else plausible.plausible_set,
@@ -526,6 +515,11 @@ def _predict(model: Model, unconstrained: Estimate, estimate: Estimate, log: Red
         trace=trace,
         samples=log.samples,
     )
+
+
+def _few_rows(model: Model, estimate: Estimate, log: ReducedLog, trace: Trace) -> tuple[FewRows, ...]:
+    left = trace.measured - trace.feasible, trace.residuals
+    return few_rows_of(log.name, log.role, log.information, model, estimate.base, log.drawn, left)
 
 
 def _description(read: Mapping[str, Any], model: Model, estimate: Estimate) -> dict[str, Any]:

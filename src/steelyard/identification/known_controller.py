@@ -127,7 +127,6 @@ class ControllerSettings(TomlSection):
 
         Parameters
         ----------
-        file : RobotFile
         needs_controller : bool
             Whether the reference and the gains have to be known.
 
@@ -158,8 +157,6 @@ def motions_of_logs(
     reader : LogReader
         With the processing that was decided; it is told the remark.
     logs : sequence of logs
-    model : Model
-    settings : ControllerSettings
 
     Raises
     ------

@@ -109,7 +109,6 @@ class DrawnLog:
 
     Attributes
     ----------
-    samples : Samples
     windows : tuple of Samples
         Stretches of neighbouring rows.
     seen, piece : int
@@ -152,19 +151,14 @@ class ReducedLog:
 
     Attributes
     ----------
-    name : str
     fitted : bool
         Whether the estimate rests on it.
-    information : Information
     blocks : tuple
         Its stretches, as `TimeBlocks.held` tells them; none where the estimate does not rest on it.
     samples : Samples
         Thinned.
-    drawn : DrawnLog
-    remarks : tuple of str
     layout : Layout or None
         What its columns were understood to be; None of samples.
-    units_are_suspect : bool
     """
 
     name: str
@@ -290,14 +284,7 @@ class LogReader:
             self.cutoff_choices.append(("all logs", decision.cutoff_choice))
 
     def reduced(self, task: LogTask, model: Model) -> ReducedLog:
-        """Reduce a log by itself, with its batch means; nothing is noted in this reader until it is told of it.
-
-        Parameters
-        ----------
-        task : LogTask
-        model : Model
-            In whose base parameters the log is reduced.
-        """
+        """Reduce a log by itself in a model's base parameters, with its batch means; nothing is noted here."""
         log = self.opened(task, model)
         if log is None:
             with _told_where(task.log):
@@ -477,12 +464,11 @@ class LogReader:
 
     def _open(self, log: str | Path | LogFile) -> chunks.LogStream:
         """Open a log whose rows are counted and timed, once for all that is read of it; the last few stay open."""
-        found = self._streams.pop(id(log) if isinstance(log, LogFile) else str(log), None)
-        if found is None:
-            found = chunks.LogStream(log, self.columns, self.model.robot)
+        key = id(log) if isinstance(log, LogFile) else str(log)
+        found = self._streams.pop(key, None) or chunks.LogStream(log, self.columns, self.model.robot)
         while len(self._streams) >= _DECIDING_LOGS:
             del self._streams[next(iter(self._streams))]
-        self._streams[id(log) if isinstance(log, LogFile) else str(log)] = found
+        self._streams[key] = found
         return found
 
     def dense(self, log: GivenLog, rows: int) -> Samples | None:
@@ -603,11 +589,9 @@ class SectionedLog:
 
     Attributes
     ----------
-    task : LogTask
     opened : OpenedLog
     remarks : tuple of str
         What was seen of its first rows.
-    layout : Layout or None
     """
 
     task: LogTask
@@ -627,10 +611,7 @@ class ReducedSection:
 
     Attributes
     ----------
-    information : Information
     blocks : tuple
-    samples : Samples
-    drawn : DrawnLog
     survey : dict of ndarray
         As `LogSurvey.state` tells it.
     masked : dict of ndarray
@@ -653,11 +634,7 @@ class ReducedSection:
 class JoinedSections:
     """Joins the sections of a log, in their order, to what the log as a whole comes to.
 
-    Parameters
-    ----------
-    log : SectionedLog
-    model : Model
-        In whose base parameters the sections are reduced.
+    They were reduced in the model's base parameters.
     """
 
     def __init__(self, log: SectionedLog, model: Model) -> None:
@@ -716,7 +693,6 @@ class DrawnRows:
 
     Parameters
     ----------
-    model : Model
     rows : int
         About so many remain.
     total : int
@@ -801,7 +777,7 @@ class DrawnRows:
 
         def drawn(rows: slice, size: int) -> Array:
             """Return of each group of so many of these rows those that are an extreme of it, (G, 4 N, D)."""
-            places = self._places(samples.torque[rows], predicted[rows], size)
+            places = _extreme_rows(samples.torque[rows], predicted[rows], size)
             chosen = rows.start + places + size * np.arange(len(places))[:, None]
             return _table_of(samples, number, chosen.ravel()).reshape(*chosen.shape, -1)
 
@@ -840,14 +816,8 @@ class DrawnRows:
     def _extremes(self, groups: Array) -> Array:
         """Return the rows of each group (G, R, D) at which torque or residual of a joint is least or greatest."""
         samples = self._samples(groups.reshape(-1, groups.shape[2]))
-        places = self._places(samples.torque, self._predicted(samples), groups.shape[1])
+        places = _extreme_rows(samples.torque, self._predicted(samples), groups.shape[1])
         return np.asarray(groups[np.arange(len(groups))[:, None], places])
-
-    def _places(self, torque: Array, predicted: Array, size: int) -> NDArray[np.intp]:
-        """Return which rows of each group of so many neighbours are those extremes, (G, 4 N)."""
-        from steelyard.graph.extreme_rows import extreme_rows  # only long logs need it
-
-        return extreme_rows(torque, predicted, size)
 
     def _predicted(self, samples: Samples) -> Array:
         """Return the torques that the preliminary model predicts."""
@@ -949,6 +919,13 @@ def _with_channels(samples: Samples, model: Model, name: str) -> Samples:
 
 def _with_model(samples: Samples, model: Model) -> Samples:
     return samples if samples.regressor is None else replace(samples, regressor_model=model)
+
+
+def _extreme_rows(torque: Array, predicted: Array, size: int) -> NDArray[np.intp]:
+    """Return which rows of each group of so many neighbours are those extremes, (G, 4 N)."""
+    from steelyard.graph.extreme_rows import extreme_rows  # only long logs need it
+
+    return extreme_rows(torque, predicted, size)
 
 
 def _table_of(samples: Samples, first: int, rows: slice | NDArray[np.intp] = slice(None)) -> Array:

@@ -52,8 +52,6 @@ def missed_terms(model: Model, estimate: Estimate, samples: Iterable[Samples]) -
 
     Parameters
     ----------
-    model : Model
-    estimate : Estimate
     samples : iterable of Samples
         Motions with which to compare torques.
 

@@ -42,8 +42,6 @@ def exact_scale(model: Model, samples: Samples, joint: int, log: float) -> float
     ----------
     model : Model
         Rotors are taken to have inertia, whether it has such terms or not: they would pass for a factor.
-    samples : Samples
-    joint : int
     log : float
         The logarithm to begin with.
 

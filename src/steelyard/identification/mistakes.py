@@ -345,11 +345,7 @@ class _Search:
     """The hypotheses that were tried on one log, with what came of each."""
 
     def __init__(
-        self,
-        model: Model,
-        samples: Samples,
-        dense: Callable[[], Samples | None] | None,
-        priors: tuple[BodyPrior, ...],
+        self, model: Model, samples: Samples, dense: Callable[[], Samples | None] | None, priors: tuple[BodyPrior, ...]
     ) -> None:
         self.model, self.source, self.dense = model, samples, dense
         self.samples = samples = _some(samples)

@@ -49,7 +49,6 @@ def standstill_errors(
 
     Parameters
     ----------
-    model : Model
     information : Information
         In the base parameters of the model, with batch means.
     unconstrained : Estimate
@@ -116,15 +115,7 @@ def _coulomb(model: Model, unconstrained: Estimate, covariance: ParameterCovaria
 
 @dataclass(frozen=True, eq=False)
 class _SlowRows:
-    """Rows of each joint that are slow, weighted.
-
-    Attributes
-    ----------
-    speeds, regressors, errors : list of ndarray
-        For each joint (s,), (s, c) and (s,).
-    counts : ndarray
-        (N,) rows of each joint, slow or not.
-    """
+    """Rows of each joint that are slow, weighted: (s,), (s, c) and (s,); and how many it has, slow or not, (N,)."""
 
     speeds: list[Array]
     regressors: list[Array]

@@ -88,12 +88,7 @@ class NextStep:
 
 
 def found(identification: Identification) -> tuple[str, ...]:
-    """Return what was found about the robot, one sentence or two.
-
-    Parameters
-    ----------
-    identification : Identification
-    """
+    """Return what was found about the robot, one sentence or two."""
     prediction, told = identification.prediction, identification.parameters
     if prediction.word == "wrong":
         return (
@@ -136,10 +131,6 @@ def next_steps(identification: Identification) -> tuple[NextStep, ...]:
 
     A mistake comes first, since nothing else counts before it is mended; then what makes the prediction better; then
     what makes more numbers known; then what shows that the answer holds elsewhere, and what it is good for.
-
-    Parameters
-    ----------
-    identification : Identification
 
     Returns
     -------

@@ -78,8 +78,6 @@ class ParameterRow:
         ``"m3"``, ``"Fvj2"``; ``"cx3"`` for a centre of mass, ``"J1_3"`` for a principal moment of inertia.
     meaning : str
         In words.
-    unit : str
-    value : float
     lower, upper : float
         Of the interval that holds the true value with a probability of 95 %, by data and physics; infinite where
         nothing bounds it, NaN where no interval is told. A value outside is one that the prior draws there.
@@ -128,8 +126,6 @@ class LinkRows:
 
     Attributes
     ----------
-    name : str
-    mass : ParameterRow
     center : tuple of ParameterRow
         x, y and z of the centre of mass in the frame of the link.
     moments : tuple of ParameterRow
@@ -157,7 +153,6 @@ class ParameterTable:
 
     Attributes
     ----------
-    rows : tuple of ParameterRow
     sentences : tuple of str
         Which numbers are known only together.
     """
@@ -381,18 +376,7 @@ def parameter_table(
     if parameters is None:
         raise InputError("parameter_table needs an estimate with standard parameters, such as that of fit.")
     asked, about = _quantities(feasible_set, parameters)
-    covariance = _of_a_sensor(ParameterCovariance.of(info, unconstrained.base, unconstrained.weights), unconstrained)
-    for change in errors:
-        covariance = covariance.with_error(change)
-    wider: list[str] = []
-    if standstill is not None:
-        before = covariance.standard_error
-        covariance = covariance.with_independent_errors(standstill)
-        wider = [
-            name
-            for name, error, by_noise in zip(unconstrained.base_names, covariance.standard_error, before, strict=True)
-            if np.isfinite(by_noise) and error > WIDER * by_noise
-        ]
+    covariance, wider = _covariance(info, unconstrained, errors, standstill)
     values = np.array([quantity.value(parameters) for quantity in asked])
     source = feasible_set.model.robot.parameters if cad is None else cad
     described = _described(feasible_set, np.asarray(source, dtype=float), asked, about)
@@ -453,14 +437,7 @@ def parameter_table(
                 basis,  # type: ignore[arg-type]
             )
         )
-    heaviest = next((row.upper for row in rows if row.name == "total mass"), np.inf)
-    lightest = sum(row.lower for row, of in zip(rows, about, strict=True) if of.kind == "mass")
-    for place, (row, of) in enumerate(zip(rows, about, strict=True)):
-        # No link is heavier than all of them, and together they weigh what each does, whatever rotors there are.
-        if of.kind == "mass":
-            rows[place] = replace(row, upper=min(row.upper, heaviest))
-        elif row.name == "total mass":
-            rows[place] = replace(row, lower=max(row.lower, lightest))
+    rows = _within_total_mass(rows, about)
     assumed = {row.name for row in rows if row.basis == "assumed"}
     sentences = _known_together(info, feasible_set, unconstrained, assumed, (shares, rotor_names))
     if drawn:
@@ -568,10 +545,38 @@ def _said_of_rotors(
     )
 
 
-def _of_a_sensor(covariance: ParameterCovariance, unconstrained: Estimate) -> ParameterCovariance:
-    """Return the covariance of data with the error that the best sensor has: exact data would leave no room at all."""
-    error = unconstrained.relative_error
-    return replace(covariance, root=covariance.root * (EXACT / error)) if 0.0 < error < EXACT else covariance
+def _covariance(
+    info: Information, unconstrained: Estimate, errors: Sequence[Array], standstill: Array | None
+) -> tuple[ParameterCovariance, list[str]]:
+    """Return the covariance with all further errors, and what friction near standstill makes far less sure than noise.
+
+    Data have the error of the best sensor at least: exact data would leave no room at all.
+    """
+    covariance = ParameterCovariance.of(info, unconstrained.base, unconstrained.weights)
+    if 0.0 < unconstrained.relative_error < EXACT:
+        covariance = replace(covariance, root=covariance.root * (EXACT / unconstrained.relative_error))
+    for change in errors:
+        covariance = covariance.with_error(change)
+    if standstill is None:
+        return covariance, []
+    by_noise = covariance.standard_error
+    covariance = covariance.with_independent_errors(standstill)
+    wider = np.isfinite(by_noise) & (covariance.standard_error > WIDER * by_noise)
+    return covariance, list(compress(unconstrained.base_names, wider))
+
+
+def _within_total_mass(rows: Sequence[ParameterRow], about: Sequence[_About]) -> list[ParameterRow]:
+    """No link is heavier than all of them, and together they weigh what each does, whatever rotors there are."""
+    heaviest = next((row.upper for row in rows if row.name == "total mass"), np.inf)
+    lightest = sum(row.lower for row, of in zip(rows, about, strict=True) if of.kind == "mass")
+    found = []
+    for row, of in zip(rows, about, strict=True):
+        if of.kind == "mass":
+            row = replace(row, upper=min(row.upper, heaviest))
+        elif row.name == "total mass":
+            row = replace(row, lower=max(row.lower, lightest))
+        found.append(row)
+    return found
 
 
 @dataclass(frozen=True)

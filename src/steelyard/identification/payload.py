@@ -24,6 +24,7 @@ from steelyard.estimators.payload_estimate import (
 )
 from steelyard.feasibility.constraints.toml_section import read_placement
 from steelyard.files import TomlTable, suggestion, write_json
+from steelyard.recording.chunks import CHUNK_ROWS
 from steelyard.regression import Estimate, Information, least_squares
 from steelyard.regression.batch_means import BatchMeansTree
 from steelyard.robot import RobotFile
@@ -192,7 +193,7 @@ def identify_payload(
     changes: Changes | None = None,
     consistency: Literal["full", "inertia"] = "full",
     weights: Literal["joint"] | None = "joint",
-    chunk_rows: int = 200_000,
+    chunk_rows: int = CHUNK_ROWS,
     progress: Callable[[str], None] | None = None,
 ) -> PayloadIdentification:
     """Find mass, centre of mass and inertia of what a robot carries.
@@ -222,10 +223,6 @@ def identify_payload(
         Rows of a log that stand in memory together.
     progress : callable, optional
         Called with a few words before each step.
-
-    Returns
-    -------
-    PayloadIdentification
 
     Raises
     ------
@@ -383,7 +380,7 @@ def identify_drive_gains(
     placement: ArrayLike | None = None,
     changes: Changes | None = None,
     consistency: Literal["full", "inertia"] = "full",
-    chunk_rows: int = 200_000,
+    chunk_rows: int = CHUNK_ROWS,
     progress: Callable[[str], None] | None = None,
 ) -> DriveGainIdentification:
     """Find how much torque a unit of current makes at each joint, from logs without and with a known payload.
@@ -400,10 +397,6 @@ def identify_drive_gains(
         (N,) which gains are to be found; what ``[log]`` says where absent. For Informations, of which it says nothing.
     frame, placement, changes, consistency, chunk_rows, progress
         As in `identify_payload`.
-
-    Returns
-    -------
-    DriveGainIdentification
 
     Raises
     ------
@@ -565,9 +558,6 @@ def payload_mounting(
 
     Parameters
     ----------
-    file : RobotFile
-    model : Model
-    frame : str, optional
     placement : (4, 4) array_like, optional
         Both instead of what the section says.
 

@@ -86,7 +86,6 @@ def predicted_intervals(
 
     Parameters
     ----------
-    model : Model
     motion : Trajectory
         The whole motion that will be recorded.
     parameters : (n,), optional

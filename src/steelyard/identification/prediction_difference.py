@@ -134,7 +134,6 @@ def difference_on_logs(
 
     Parameters
     ----------
-    model : Model
     info : Information
         Of the logs, all together.
     names : sequence of str
@@ -170,7 +169,6 @@ def difference_on_random_motion(
 
     Parameters
     ----------
-    model : Model
     names : sequence of str
         The k estimates.
     bases : sequence of (n_b,)

@@ -114,7 +114,6 @@ class FewRows:
 
     Attributes
     ----------
-    log, joint : str
     role : str
         ``"identification"`` or ``"validation"``.
     index : int
@@ -132,7 +131,6 @@ class FewRows:
         Root mean square of the white noise in the other rows, N·m or N.
     times : tuple of (float, float)
         s, from and to which the events last.
-    partial : bool
     """
 
     log: str
@@ -176,7 +174,6 @@ class PredictionVerdict:
         Relative to the torques over all the joints, without what is white noise; 0.05 means 5 %.
     relative_error : float
         With the noise.
-    joint_names : tuple of str
     joint_relative_error : ndarray
         (N,).
     joint_error : ndarray
@@ -190,7 +187,6 @@ class PredictionVerdict:
         left follows a pattern, which a better model would explain.
     units : tuple of str
         Of the torque of each joint, ``"N·m"`` or ``"N"``; ``"N·m or N"`` where it is not known.
-    sentences : tuple of str
     few_rows : tuple of FewRows
         Few rows that hold most of the squared error of a joint, such as those of an impact.
     """
@@ -363,13 +359,7 @@ def white_noise(info: Information, base: ArrayLike) -> tuple[Array, Array]:
 
 
 def said_of(few: Sequence[FewRows]) -> str:
-    """Say it of all of them in a sentence or two.
-
-    Parameters
-    ----------
-    few : sequence of FewRows
-        One at least.
-    """
+    """Say it of all of them, one at least, in a sentence or two."""
     more = f"; and {len(few) - MOST_SAID} more" if len(few) > MOST_SAID else ""
     return (
         f"Few rows hold much of the error: {'; '.join(map(str, few[:MOST_SAID]))}{more}. Noise is not "
@@ -398,10 +388,8 @@ def few_rows_of(
 
     Parameters
     ----------
-    log, role : str
     information : Information
         Of all rows of the log.
-    model : Model
     base : (n_b,)
         At which the errors are taken.
     drawn : DrawnLog
@@ -529,10 +517,6 @@ def prediction_verdict(
         they hold is not taken off the error.
     units : sequence of str
         Those of the torques of the joints, as `Robot.torque_units` tells them; none where they are not known.
-
-    Returns
-    -------
-    PredictionVerdict
     """
     beta = np.asarray(base, dtype=float)
     names = info.joint_names if info.has_joint_errors else ("all",)

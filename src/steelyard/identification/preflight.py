@@ -77,7 +77,6 @@ class LinkReport:
 
     Attributes
     ----------
-    link : str
     described : Inertia
         As the description has it, in the frame of the link.
     margin : float
@@ -148,7 +147,6 @@ class Preflight:
 
     Attributes
     ----------
-    robot : Robot
     links : tuple of LinkReport
         Every link of the description with an inertia, but for those fixed to the base.
     """

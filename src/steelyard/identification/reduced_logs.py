@@ -220,7 +220,6 @@ def change_in_log(model: Model, blocks: TimeBlocks, kept: Samples) -> BodyChange
 
     Parameters
     ----------
-    model : Model
     blocks : TimeBlocks
         Of the rows of the log, with the base parameters of the model.
     kept : Samples

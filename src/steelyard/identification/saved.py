@@ -73,10 +73,6 @@ def check_estimate(
     consistency : {"full", "inertia"}
         See :class:`steelyard.FeasibleSet`.
 
-    Returns
-    -------
-    Verdict
-
     Raises
     ------
     InputError
@@ -117,10 +113,6 @@ def check_certificate(
         Its base parameters must be those of the certificate, to the last digit.
     consistency : {"full", "inertia"}
         Of the robot's set.
-
-    Returns
-    -------
-    CertificateCheck
 
     Raises
     ------
@@ -280,7 +272,6 @@ def matching_estimate(model: Model, estimate: str | Path) -> Estimate:
 
     Parameters
     ----------
-    model : Model
     estimate : str or Path
         What :meth:`steelyard.Estimate.save` wrote.
 
@@ -499,10 +490,6 @@ def explain_estimate(
         What :meth:`steelyard.Estimate.save` wrote; its base parameters are what counts.
     consistency : {"full", "inertia"}
         See :class:`steelyard.FeasibleSet`.
-
-    Returns
-    -------
-    EstimateExplanation
 
     Raises
     ------

@@ -39,7 +39,6 @@ class SavedResult:
         As it was given.
     path : Path
         Of the estimate itself.
-    estimate : Estimate
     record : mapping or None
         What stands in ``run.json`` beside the estimate; None where there is no such file.
     is_description : bool

@@ -50,8 +50,6 @@ class FileSimulation:
 
     Attributes
     ----------
-    model : Model
-    result : SimulationResult
     inputs : tuple of Path
         The files that were read.
     parameters : str

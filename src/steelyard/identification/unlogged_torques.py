@@ -18,7 +18,6 @@ def told_by_unlogged_torques(model: Model, information: Information) -> dict[str
     ----------
     model : Model
         Whose base parameters those of `information` are.
-    information : Information
 
     Returns
     -------

@@ -16,6 +16,7 @@ from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError
 from steelyard.estimators.marginal_likelihood import body_priors
 from steelyard.files import listed, write_json
+from steelyard.recording.chunks import CHUNK_ROWS
 from steelyard.regression import Information
 from steelyard.regression.batch_means import BATCH_LENGTHS, BatchMeansTree
 from steelyard.robot import RobotFile
@@ -25,12 +26,7 @@ from .doubts import mistakes_in_logs
 from .given import Data, GivenLog, GivenRobot, given_constraints, given_logs, given_robot
 from .log_reader import LogReader, LogTask, Progress, ReducedLog, one_by_one
 from .mistakes import sentence
-from .prediction_verdict import (
-    FEWEST_BATCHES,
-    PredictionVerdict,
-    few_rows_of,
-    prediction_verdict,
-)
+from .prediction_verdict import FEWEST_BATCHES, PredictionVerdict, few_rows_of, prediction_verdict
 from .saved import matching_estimate
 from .saved_result import RECORD, SavedResult
 
@@ -153,7 +149,7 @@ def validate_estimate(
     estimate: str | Path,
     logs: Data,
     *,
-    chunk_rows: int = 200_000,
+    chunk_rows: int = CHUNK_ROWS,
     progress: Progress | None = None,
 ) -> Validation:
     """Tell how well a saved estimate predicts logs, without fitting anything.
@@ -175,10 +171,6 @@ def validate_estimate(
         Rows of a log that stand in memory together.
     progress : callable, optional
         Called with a few words before each step.
-
-    Returns
-    -------
-    Validation
 
     Raises
     ------
@@ -295,7 +287,7 @@ def read_as_fitted(
     model: Model,
     result: SavedResult,
     logs: Sequence[GivenLog],
-    chunk_rows: int = 200_000,
+    chunk_rows: int = CHUNK_ROWS,
     progress: Progress | None = None,
 ) -> FittedLogs:
     """Reduce logs, processed as those of a saved estimate were."""

@@ -177,10 +177,6 @@ def simulated_log(
         Of 12.5 s.
     parameters : ndarray, optional
         (n,) of another arm than that of `true_parameters`.
-
-    Returns
-    -------
-    Recording
     """
     generator = np.random.default_rng([seed, ord(trajectory)])
     t, q, dq, ddq = TRAJECTORIES[trajectory].sample(rate, periods)
@@ -276,10 +272,6 @@ def demonstrate(
         Of the noise.
     progress : callable, optional
         Called with a few words before each step.
-
-    Returns
-    -------
-    Identification
     """
     say = progress or (lambda _: None)
     place = Path(folder)

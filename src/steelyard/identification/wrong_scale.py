@@ -147,10 +147,7 @@ def wrong_scale(
 
 
 def scale_by_description(
-    model: Model,
-    samples: Sequence[Samples],
-    file: RobotFile,
-    layout: Layout | None,
+    model: Model, samples: Sequence[Samples], file: RobotFile, layout: Layout | None
 ) -> WrongScale | None:
     """Compare the links, as the torques show them, with the description alone; see `wrong_scale`."""
     return _by_description(model, link_torques(model, samples), file, layout)
@@ -249,7 +246,6 @@ def link_torques(model: Model, samples: Sequence[Samples]) -> LinkTorques:
 
     Parameters
     ----------
-    model : Model
     samples : sequence of Samples
         Of motions; some rows are used.
 

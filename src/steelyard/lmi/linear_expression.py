@@ -300,10 +300,6 @@ def parse_expression(text: str, names: Iterable[str] | None = None, where: str =
     where : str
         What the message of an error begins with.
 
-    Returns
-    -------
-    LinearExpression
-
     Raises
     ------
     InputError
@@ -351,10 +347,6 @@ def as_expression(value: Any, names: Iterable[str] | None = None, where: str = "
         The names that exist; any name is taken where absent.
     where : str
         What the message of an error begins with.
-
-    Returns
-    -------
-    LinearExpression
 
     Raises
     ------

@@ -35,7 +35,7 @@ _ROUNDING = 1e-12
 
 
 def read_matrix(matrix: Any, names: Iterable[str] | None, label: str) -> ExpressionMatrix:
-    """A square, symmetric matrix of expressions.
+    """A square, symmetric matrix of expressions, (d, d).
 
     Parameters
     ----------
@@ -45,10 +45,6 @@ def read_matrix(matrix: Any, names: Iterable[str] | None, label: str) -> Express
         The names that exist.
     label : str
         What the messages call the matrix.
-
-    Returns
-    -------
-    (d, d) array of LinearExpression
 
     Raises
     ------
@@ -104,7 +100,6 @@ def block_of_expressions(matrix: ExpressionMatrix, names: Sequence[str], label: 
     ----------
     matrix : (d, d) array of LinearExpression
         Symmetric; all its names are among `names`.
-    names : sequence of str
     label : str
         Of the block.
     """
@@ -139,7 +134,6 @@ def block_from_coefficients(
 
     Parameters
     ----------
-    names : sequence of str
     constant : (d, d), optional
         D₀; zero where absent.
     coefficients : (c, d, d), or mapping from name to (d, d)

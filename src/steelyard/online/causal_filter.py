@@ -24,7 +24,6 @@ def motion_kernels(rate: float, cutoff: float, order: int = 3) -> Array:
     ----------
     rate, cutoff : float
         Hz.
-    order : int
 
     Returns
     -------
@@ -86,8 +85,6 @@ class CausalMotionFilter:
     ----------
     rate, cutoff : float
         Hz.
-    order : int
-    joints : int
     derived : {0, 1}
         How many derivatives are measured: with 1, velocities come with the positions, and only these are derived.
 

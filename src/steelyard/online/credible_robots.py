@@ -54,7 +54,6 @@ class CredibleRobots:
 
     Attributes
     ----------
-    model : Model
     limits : MotionLimits
         Within which torques are averaged, for the size of friction.
     prior : PhysicalPrior

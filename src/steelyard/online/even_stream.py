@@ -52,7 +52,6 @@ class EvenStream:
     ----------
     rate : float
         Hz.
-    joints : int
     longest_gap : float
         s; over longer ones nothing is interpolated.
 

@@ -247,7 +247,7 @@ class OnlineEstimator:
         longest_gap: float | None = None,
         least_speed: float = 1e-3,
     ) -> None:
-        model.refuse_channels("identified while they move")
+        model.refuse_channels()
         for name, value in (("rate", rate), ("cutoff", cutoff)):
             read_number(value, name, "a positive number", above=0)
         if longest_gap is not None:
@@ -554,10 +554,6 @@ class OnlineEstimator:
         seconds : float
             After which the search is stopped; what it reached by then is given, which is possible, too. Scaling masses
             that a description does not tell is not stopped: it takes 50 ms for seven joints, a few times a minute.
-
-        Returns
-        -------
-        OnlineEstimate
         """
         begun = perf_counter()
         with one_thread():
@@ -763,12 +759,7 @@ class OnlineEstimator:
         return generate_online(self.feasible_set, directory, language=language, prior=prior)
 
     def proved(self) -> Estimate:
-        """Return the last answer as an :class:`steelyard.Estimate`, with its proof and its errors, to save or write.
-
-        Returns
-        -------
-        Estimate
-        """
+        """Return the last answer as an :class:`steelyard.Estimate`, with its proof and its errors, to save or write."""
         answer = self.estimate()
         info = self.information
         remarks = (*self.remarks, *([answer.remark] if answer.remark else []))

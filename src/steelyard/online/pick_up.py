@@ -10,12 +10,7 @@ from numpy.typing import NDArray
 
 from steelyard.display import text_table
 from steelyard.dynamics import Model
-from steelyard.identification.wam import (
-    TRAJECTORIES,
-    measured,
-    true_parameters,
-    wam_model,
-)
+from steelyard.identification.wam import TRAJECTORIES, measured, true_parameters, wam_model
 from steelyard.robot import Inertia
 
 from .change_detector import Change
@@ -120,10 +115,6 @@ def simulated_pick_up(
     rate : float
         Hz.
 
-    Returns
-    -------
-    PickUp
-
     Examples
     --------
     >>> found = simulated_pick_up(1, when=0.5, duration=1.0)
@@ -159,10 +150,6 @@ def watch_pick_up(
         s between answers.
     progress : callable, optional
         Called with each answer.
-
-    Returns
-    -------
-    PickUpRun
 
     Examples
     --------

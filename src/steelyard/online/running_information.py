@@ -198,7 +198,6 @@ class CountedRows:
 
     Parameters
     ----------
-    model : Model
     keep : float
         See `RunningInformation.add`.
     window : int, optional

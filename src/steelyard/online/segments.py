@@ -79,14 +79,7 @@ class SegmentFamily(PointFamily):
 
 
 def starting_points(family: SegmentFamily, state: State) -> Array:
-    """Return the first three control points (N, 3) of a motion that begins in a state.
-
-    Parameters
-    ----------
-    family : SegmentFamily
-    state : tuple of ndarray
-        q, dq and ddq, (N,) each.
-    """
+    """Return the first three control points (N, 3) of a motion that begins with q, dq and ddq, (N,) each."""
     rows = np.array([part[0, :_FIXED] for part in family.basis(np.zeros(1))])
     return np.asarray(np.linalg.solve(rows, np.array(state)).T)
 
@@ -158,8 +151,6 @@ class SegmentPlanner:
 
     Attributes
     ----------
-    regressor : RegressorInformation
-    criterion : Criterion
     limits : MotionLimits
         Positions, velocities and accelerations of the reference.
     constraints : sequence of MotionConstraint
@@ -172,7 +163,6 @@ class SegmentPlanner:
         Of the samples, Hz, less what their correlation takes away.
     starts : int
         Random starts of the search.
-    seed : int
     """
 
     regressor: RegressorInformation

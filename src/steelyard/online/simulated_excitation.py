@@ -156,10 +156,6 @@ def excite_on_the_fly(
     progress : callable, optional
         Called with a few words after every five seconds of motion.
 
-    Returns
-    -------
-    SimulatedExcitation
-
     Raises
     ------
     InputError

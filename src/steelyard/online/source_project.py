@@ -123,7 +123,7 @@ def generate_online(
     if str(language).lower() not in ("c", "c99"):
         raise InputError(f'The estimator is generated as C99 alone, not as {language!r}; give language="c".')
     model: Any = feasible_set.model
-    model.refuse_channels("identified while they move")
+    model.refuse_channels()
     with tempfile.TemporaryDirectory() as folder:
         made = model.generate("c", ["regressor"], directory=folder, base=True)
         texts = {path.name: path.read_text(encoding="utf-8") for path in made}

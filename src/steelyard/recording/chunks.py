@@ -15,21 +15,14 @@ from steelyard.errors import InputError
 from steelyard.files.advance import ahead
 
 from .automatic import DECISION_ROWS, decide, settle
-from .clock import (
-    CLOCK_ROWS,
-    FEWEST_ROWS,
-    ClockStatistics,
-    clock_of,
-    steady_clock,
-    with_evidence,
-)
+from .clock import CLOCK_ROWS, FEWEST_ROWS, ClockStatistics, clock_of, steady_clock, with_evidence
 from .columns import LogColumns
 from .conversion import Signals, clock_at, convert, log_columns, require_numbers, signals_fields, times
 from .even import EvenClock, Part
 from .filters.zero_phase import decimation_padding
 from .formats import BLOCK_ROWS, Columns, LogFiles, Source
 from .formats.registry import split_source
-from .measurements import PAUSE, check_order, check_period
+from .measurements import check_order, check_period, rate_between_pauses
 from .options import Processing
 from .plan import KnownBristles
 from .recognition import Joints, names_of
@@ -40,16 +33,7 @@ from .survey import LogSurvey
 if TYPE_CHECKING:
     from steelyard.dynamics import Model
 
-__all__ = [
-    "Chunk",
-    "LogStream",
-    "OpenedLog",
-    "SeenRows",
-    "middle_of",
-    "process_chunks",
-    "read_chunks",
-    "read_middle",
-]
+__all__ = ["Chunk", "LogStream", "OpenedLog", "SeenRows", "middle_of", "process_chunks", "read_chunks", "read_middle"]
 
 CHUNK_ROWS = 200_000
 """Rows of a chunk where none are stated."""
@@ -106,10 +90,8 @@ class LogStream:
         rate = self.columns.rate
         if rate is None:
             self.clock = clock_of(ahead(self._ordered_stamps(), LEAD))  # some are decoded meanwhile
-            lengths = np.ptp(self.clock.gaps, axis=1)
-            pauses = lengths[lengths > PAUSE * self.clock.period]
-            duration = float(np.ptp(self.clock.ticks[[0, -1]])) - float(pauses.sum())
-            self.rate = (self.count - 1 - len(pauses)) / duration
+            gaps, duration = np.ptp(self.clock.gaps, axis=1), float(np.ptp(self.clock.ticks[[0, -1]]))
+            self.rate = rate_between_pauses(self.count, duration, gaps, self.clock.period)
             if self.count >= FEWEST_ROWS:
                 rows = ((block.t, block.q) for block in self._recordings())
                 self.clock = with_evidence(self.clock, rows)
@@ -377,7 +359,6 @@ class SeenRows:
 
     Attributes
     ----------
-    survey : LogSurvey
     masked : dict
         How many rows of each joint were masked, by the reason.
     """
@@ -416,11 +397,7 @@ class OpenedLog:
     """
 
     def __init__(
-        self,
-        stream: LogStream,
-        processing: Processing,
-        model: Model | None,
-        look: Callable[[Recording], object] | None,
+        self, stream: LogStream, processing: Processing, model: Model | None, look: Callable[[Recording], object] | None
     ) -> None:
         self.processing = processing
         self.stream = stream

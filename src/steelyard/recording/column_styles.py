@@ -15,14 +15,7 @@ from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 
-from .columns import (
-    ACCELERATION_UNITS,
-    CURRENT_UNITS,
-    POSITION_UNITS,
-    TIME_UNITS,
-    TORQUE_UNITS,
-    VELOCITY_UNITS,
-)
+from .columns import ACCELERATION_UNITS, CURRENT_UNITS, POSITION_UNITS, TIME_UNITS, TORQUE_UNITS, VELOCITY_UNITS
 
 __all__ = [
     "BY_SIZE",

@@ -20,15 +20,7 @@ from .recognition import Layout
 from .samples import cut_channels, joined_channels
 from .survey import turned_on, without_dropouts, without_wild
 
-__all__ = [
-    "Signals",
-    "clock_at",
-    "convert",
-    "log_columns",
-    "require_numbers",
-    "signals_fields",
-    "times",
-]
+__all__ = ["Signals", "clock_at", "convert", "log_columns", "require_numbers", "signals_fields", "times"]
 
 
 @dataclass(frozen=True, eq=False)

@@ -119,8 +119,6 @@ def correction_settings(
 
     Parameters
     ----------
-    correction : Correction
-    file : RobotFile
     joint_names : sequence of str
         Of the N joints that move.
     layout : Layout, optional

@@ -266,10 +266,7 @@ class EvenClock:
 
 
 def evened(
-    recording: Log,
-    resample: bool | float = True,
-    longest_gap: float | None = None,
-    needs_even_rows: bool = True,
+    recording: Log, resample: bool | float = True, longest_gap: float | None = None, needs_even_rows: bool = True
 ) -> tuple[list[Log], tuple[str, ...]]:
     """Place a recording on an even clock; return it in parts where gaps are too long to be filled, and remarks.
 

@@ -51,8 +51,6 @@ class LogSample:
         (S,) the stamps of all rows, s; None where there are none.
     incomplete : int
         Rows outside of the middle in which a position or a torque is missing.
-    middle : Stretch
-    others : tuple of Stretch
     """
 
     count: int
@@ -69,14 +67,7 @@ class LogSample:
 
 
 def sample_of(files: LogFiles, layout: Layout) -> LogSample | None:
-    """Read a long log once, and keep some stretches of it; None for a log that can be examined as a whole.
-
-    Parameters
-    ----------
-    files : LogFiles
-    layout : Layout
-        Of its columns.
-    """
+    """Read a long log once, and keep some stretches of it; None for a log that can be examined as a whole."""
     count = files.count()
     if count <= LONGEST_EXAMINED:
         return None

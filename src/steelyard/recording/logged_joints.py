@@ -57,7 +57,6 @@ def logged_joints(files: LogFiles, joints: Sequence[str]) -> LoggedJoints:
 
     Parameters
     ----------
-    files : LogFiles
     joints : sequence of str
         Of the robot, in its order.
 
@@ -118,10 +117,8 @@ def locked_that_move(log: Source, columns: LogColumns, layout: Layout, robot: Ro
     Parameters
     ----------
     log : path, paths joined by "+", or LogFile
-    columns : LogColumns
     layout : Layout
         Of the joints that move.
-    robot : Robot
     """
     everything = robot.described_joints  # in the order of numbers of columns
     if not everything or layout.has_matrix:

@@ -19,7 +19,7 @@ from .samples import checked_channels, cut_channels, read_only_matrix, read_only
 if TYPE_CHECKING:
     from .recognition import Layout
 
-__all__ = ["Measurements", "check_order", "check_period"]
+__all__ = ["Measurements", "check_order", "check_period", "rate_between_pauses"]
 
 SHORTEST_PERIOD, LONGEST_PERIOD = 1e-6, 0.5  # s
 PAUSE = 10.0
@@ -122,11 +122,10 @@ class Measurements:
             return self.stated_rate
         if self.count < 2:
             raise InputError(f"{self.source} has a single row; a sample rate needs two at least.")
-        steps, duration = np.diff(self.t), self.duration
-        if steps.max() > PAUSE * duration / len(steps):
-            steps = steps[steps <= PAUSE * np.median(steps)]
-            duration = float(steps.sum())
-        return len(steps) / duration
+        steps = np.diff(self.t)
+        if steps.max() <= PAUSE * self.duration / len(steps):
+            return len(steps) / self.duration
+        return rate_between_pauses(self.count, self.duration, steps, float(np.median(steps)))
 
     @property
     def duration(self) -> float:
@@ -187,6 +186,12 @@ class Measurements:
             for j in range(self.joint_count)
         ]
         return html_table(repr(self), ("joint", "position", "torque"), rows, self.remarks)
+
+
+def rate_between_pauses(count: int, duration: float, gaps: NDArray[np.float64], period: float) -> float:
+    """Return the mean rate in Hz of so many rows over a duration, those gaps left out that are pauses."""
+    pauses = gaps[gaps > PAUSE * period]
+    return (count - 1 - len(pauses)) / (duration - float(pauses.sum()))
 
 
 def check_order(t: NDArray[np.float64], where: Callable[[int], str], source: str) -> None:

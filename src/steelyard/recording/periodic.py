@@ -94,10 +94,6 @@ def average_periods(
     trim : float or (float, float)
         s left out at both ends: start and stop of the motion.
 
-    Returns
-    -------
-    PeriodicAverage
-
     Raises
     ------
     InputError

@@ -47,7 +47,6 @@ class KnownBristles(NamedTuple):
 
     Attributes
     ----------
-    row : int
     state : ndarray or None
         (N,); None where nothing is known, as at the beginning of a log.
     weight : ndarray
@@ -65,7 +64,6 @@ class Plan:
 
     Attributes
     ----------
-    processing : Processing
     filter : MotionFilter
         With everything determined.
     delay : ndarray
@@ -76,7 +74,6 @@ class Plan:
         (N, 2) lowest and highest torque.
     stuck : tuple of ndarray or None
         Travel (N,) in rad or m and duration (N,) in s of a motion in which no torque stands still.
-    choice : CutoffChoice or None
     remarks : tuple of str
         What was chosen.
     held : HeldJoints

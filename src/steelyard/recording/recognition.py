@@ -318,10 +318,6 @@ def find_columns(
     log : str
         What the log is called in messages.
 
-    Returns
-    -------
-    Layout
-
     Raises
     ------
     InputError

@@ -82,12 +82,7 @@ class Recording(Measurements):
     """
 
     @classmethod
-    def read(
-        cls,
-        source: Source,
-        columns: LogColumns | dict[str, Any] | None = None,
-        joints: Joints = None,
-    ) -> Self:
+    def read(cls, source: Source, columns: LogColumns | dict[str, Any] | None = None, joints: Joints = None) -> Self:
         """Read a log: CSV, Parquet or NPZ, several files recorded side by side, or what is in memory.
 
         Parameters
@@ -151,11 +146,7 @@ class Recording(Measurements):
         return replace(self, remarks=(*self.remarks, *found)) if found else self
 
     def check_against(
-        self,
-        lower: ArrayLike,
-        upper: ArrayLike,
-        velocity_limit: ArrayLike,
-        joint_names: Sequence[str] | None = None,
+        self, lower: ArrayLike, upper: ArrayLike, velocity_limit: ArrayLike, joint_names: Sequence[str] | None = None
     ) -> tuple[str, ...]:
         """Compare the motion with the limits of the robot's joints; return remarks.
 
@@ -239,10 +230,7 @@ class Recording(Measurements):
         return room.choose_cutoff(self, order)
 
     def average_periods(
-        self,
-        period: float | None = None,
-        harmonics: int | None = None,
-        trim: float | tuple[float, float] = 0.0,
+        self, period: float | None = None, harmonics: int | None = None, trim: float | tuple[float, float] = 0.0
     ) -> PeriodicAverage:
         """Average a periodic recording over its periods; see :func:`steelyard.recording.average_periods`."""
         return room.average_periods(self, period, harmonics, trim)

@@ -374,9 +374,7 @@ def cut_channels(
     return None if channels is None else {name: values[rows] for name, values in channels.items()}
 
 
-def joined_channels(
-    parts: Sequence[Mapping[str, NDArray[np.float64]] | None],
-) -> dict[str, NDArray[np.float64]] | None:
+def joined_channels(parts: Sequence[Mapping[str, NDArray[np.float64]] | None]) -> dict[str, NDArray[np.float64]] | None:
     """Put the channels of parts one after the other: those that all parts have."""
     given = [part or {} for part in parts]
     names = [name for name in given[0] if all(name in part for part in given)]

@@ -34,13 +34,9 @@ class BatchSums:
     """Accumulates the triangular factors of the sums over 8, 16, ... 1024 samples of the rows ``[W omega]``.
 
     Two neighbouring sums a and b have the same factor as ``(a + b) / sqrt(2)`` and ``(a - b) / sqrt(2)``, of which the
-    first is a sum over twice as many samples. So each level is reduced by the differences alone, and the factors
-    follow from the longest sums downwards: half of the rows (this is the transform of Haar).
-
-    Parameters
-    ----------
-    empty : sequence of Factor
-        The factors of no rows; they say which columns belong to which.
+    first is a sum over twice as many samples. So each level is reduced by the differences alone, and the factors follow
+    from the longest sums downwards: half of the rows (this is the transform of Haar). The empty factors, of no rows,
+    say which columns belong to which.
     """
 
     def __init__(self, empty: tuple[Factor, ...]) -> None:

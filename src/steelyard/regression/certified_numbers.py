@@ -11,14 +11,9 @@ __all__ = ["certified_numbers_differ"]
 def certified_numbers_differ(estimate: Mapping[str, Any]) -> str:
     """Say in what an estimate differs from its certificate; empty where they agree, or where it claims nothing.
 
-    The certificate holds exact numbers and the estimate holds doubles, so that each number of the estimate must be
-    the double that is nearest to the exact one. That the exact numbers prove anything is another question, which
-    `verify_certificate` answers.
-
-    Parameters
-    ----------
-    estimate : mapping
-        An estimate as plain data, as ``estimate.json`` holds it.
+    The certificate holds exact numbers and the estimate holds doubles, so that each number of the estimate must be the
+    double that is nearest to the exact one. That the exact numbers prove anything is another question, which
+    `verify_certificate` answers. The estimate is plain data, as ``estimate.json`` holds it.
 
     Examples
     --------

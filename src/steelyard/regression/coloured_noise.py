@@ -157,7 +157,6 @@ class ColouredNoise:
 
     Attributes
     ----------
-    joint_names : tuple of str
     reflections : tuple of ndarray
         (p_k,) of each joint, all below one in size, so that the noise is stationary.
     deviations : ndarray
@@ -231,7 +230,6 @@ class ColouredNoise:
 
         Parameters
         ----------
-        joint : int
         rows : (n, c)
         used : (n,)
 
@@ -325,14 +323,7 @@ class ColouredReduction(WhitenedReduction):
     """Reduces rows whitened in time and across the joints, all joints together.
 
     Innovations of several joints in one sample are whitened by their correlation; the first rows behind a gap, and
-    those mixed at one, count as independent of the other joints.
-
-    Parameters
-    ----------
-    model : Model
-    noise : ColouredNoise
-    sums : BatchSums, optional
-        Receives the rows, too.
+    those mixed at one, count as independent of the other joints. The sums, where there are some, receive the rows, too.
     """
 
     def __init__(self, model: Model, noise: ColouredNoise, sums: BatchSums | None = None) -> None:
@@ -378,8 +369,6 @@ def residual_channels(model: Model, samples: Samples, base: Array, root: Array) 
 
     Parameters
     ----------
-    model : Model
-    samples : Samples
     base : (n_b,)
     root : (n_b, m)
         Of which root root' is the covariance of the base parameters.
@@ -413,17 +402,12 @@ class NoiseFromResiduals:
             self._parts.append((errors[stretch], samples.used_rows[stretch]))
 
     def noise(
-        self,
-        joint_names: Sequence[str],
-        floor: float,
-        order: int | Literal["aic", "bic"],
-        largest: int = LARGEST_ORDER,
+        self, joint_names: Sequence[str], floor: float, order: int | Literal["aic", "bic"], largest: int = LARGEST_ORDER
     ) -> ColouredNoise:
         """Return the noise of the residuals.
 
         Parameters
         ----------
-        joint_names : sequence of str
         floor : float
             Least standard deviation of an innovation.
         order, largest

@@ -99,14 +99,7 @@ def friction_drifts(blocks: TimeBlocks, base_names: Sequence[str]) -> tuple[Fric
 
 
 def drift_sentence(log: str, drifts: Sequence[FrictionDrift], joint_names: Sequence[str]) -> str:
-    """Say it of the joints of a log.
-
-    Parameters
-    ----------
-    log : str
-    drifts : sequence of FrictionDrift
-        One at least, the largest change first.
-    joint_names : sequence of str
+    """Say it of the joints of a log: drifts of one joint at least, the largest change first.
 
     Examples
     --------

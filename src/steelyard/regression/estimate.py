@@ -330,10 +330,6 @@ class Estimate:
         certified : bool
             As in `from_dict`.
 
-        Returns
-        -------
-        Estimate
-
         Raises
         ------
         InputError

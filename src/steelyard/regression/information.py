@@ -169,10 +169,6 @@ class Information:
             Whether to keep `batch_means`, for intervals that hold where residuals are correlated in time. They make
             the Information nine times as large.
 
-        Returns
-        -------
-        Information
-
         Raises
         ------
         InputError
@@ -437,10 +433,6 @@ class Information:
             ``"joint"`` takes the inverse standard deviations of the unweighted residuals of each joint (thesis eq.
             4.33), and weights all rows alike where the rows of the joints are not known apart; None weights all rows
             alike; an array (N,) gives the weights themselves.
-
-        Returns
-        -------
-        Reduced
         """
         used = self.joint_weights(weights)
         return self.remembered(("reduced", used.tobytes()), lambda: self._reduced(used))
@@ -482,10 +474,6 @@ class Information:
         weights : "joint", None or array_like
             See `reduced`.
 
-        Returns
-        -------
-        ndarray
-
         Raises
         ------
         InputError
@@ -524,10 +512,6 @@ class Information:
         ----------
         base : array_like
             (n_b,).
-
-        Returns
-        -------
-        float
         """
         beta = self._base(base)
         residual = sum(f.residual2(beta) for f in self.measured)
@@ -567,14 +551,6 @@ class Information:
     @classmethod
     def load(cls, path: str | Path) -> Information:
         """Read what `save` wrote.
-
-        Parameters
-        ----------
-        path : str or Path
-
-        Returns
-        -------
-        Information
 
         Raises
         ------
@@ -705,13 +681,7 @@ def inverse_deviations(factors: Sequence[Factor], base: Array, fewest: float = 1
 
 
 def _given_weights(weights: str | ArrayLike, joints: int) -> Array:
-    """Return the weights that a user gave, (joints,).
-
-    Raises
-    ------
-    InputError
-        If they are not one positive number for each joint.
-    """
+    """Return the weights that a user gave, (joints,); they must be one positive number for each joint."""
     if isinstance(weights, str):
         raise InputError(f"weights must be None, 'joint' or one number for each joint, got {weights!r}.")
     values = np.asarray(weights, dtype=np.float64)

@@ -86,7 +86,6 @@ class SmoothMotion:
     ----------
     q, dq, ddq : ndarray
         (S, N), C-contiguous.
-    columns : BaseColumns
     """
 
     q: Array
@@ -141,14 +140,7 @@ class NeighborCombinations:
         self._work: _Work | None = None
 
     def combined(self, source: RegressorSource, torque: Array, mask: NDArray[np.bool_] | None) -> list[CombinedRows]:
-        """Combine the rows of each joint.
-
-        Parameters
-        ----------
-        source : RegressorSource
-        torque, mask : ndarray
-            (S, N), S a multiple of `LENGTH`.
-        """
+        """Combine the rows of each joint: torque and mask are (S, N), S a multiple of `LENGTH`."""
         columns = None if source.motion is None else source.motion.columns
         if self._work is None or self._work.columns is not columns:
             self._work = _Work(self.starts, self.ends, columns, self._work)
@@ -181,14 +173,8 @@ class NeighborCombinations:
 class _Work:
     """The table of the compiled functions, and the arrays whose addresses stand in it.
 
-    Parameters
-    ----------
-    starts, ends : ndarray of int
-        (N,), the columns of each joint.
-    columns : BaseColumns or None
-        The regressor of motions that are smooth.
-    before : _Work or None
-        What was known of the columns before.
+    The columns of each joint are those from `starts` to `ends`, (N,). With `columns` motions are smooth, and `before`
+    is what was known of the columns.
     """
 
     def __init__(

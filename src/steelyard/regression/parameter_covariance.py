@@ -277,10 +277,6 @@ class ParameterCovariance:
         weights : "joint", None or array_like
             With which `base` was estimated, see :func:`least_squares`.
 
-        Returns
-        -------
-        ParameterCovariance
-
         Raises
         ------
         InputError

@@ -136,7 +136,6 @@ class JointReduction:
 
     Parameters
     ----------
-    model : Model
     sums : BatchSums, optional
         Receives the rows, too.
     blocks : TimeBlocks, optional
@@ -146,11 +145,7 @@ class JointReduction:
     """
 
     def __init__(
-        self,
-        model: Model,
-        sums: BatchSums | None = None,
-        blocks: TimeBlocks | None = None,
-        exact: int | None = None,
+        self, model: Model, sums: BatchSums | None = None, blocks: TimeBlocks | None = None, exact: int | None = None
     ) -> None:
         self.model = model
         self.sums = sums
@@ -261,13 +256,7 @@ def as_covariance(covariance: ArrayLike, joints: int) -> Array:
 
 
 class MarginalWhitening:
-    """Whitens the rows of a sample across its joints; of those that are used, by their marginal covariance.
-
-    Parameters
-    ----------
-    covariance : ndarray
-        (N, N).
-    """
+    """Whitens the rows of a sample across its joints, by the marginal covariance of those that are used."""
 
     def __init__(self, covariance: Array) -> None:
         self.covariance = covariance
@@ -294,7 +283,6 @@ class WhitenedReduction:
 
     Parameters
     ----------
-    model : Model
     covariance : ndarray
         (N, N).
     with_batches : bool

@@ -74,13 +74,7 @@ class TimeBlocks:
     """A bounded number of blocks of data, each a contiguous stretch, however long the data is.
 
     When there are too many, the shortest neighbours are merged. What the blocks are follows from the data alone, not
-    from the chunks in which it was read.
-
-    Parameters
-    ----------
-    empty : tuple of Factor
-        The factors of no data, one for each joint.
-    most : int
+    from the chunks in which it was read. The empty factors, one for each joint, are those of no data.
     """
 
     def __init__(self, empty: tuple[Factor, ...], most: int = MOST) -> None:

@@ -91,10 +91,6 @@ def charts_markup(charts: Sequence[Chart], *, identifier: str) -> Markup:
     identifier : str
         Begins the ids of the elements, which must differ within a document.
 
-    Returns
-    -------
-    Markup
-
     Examples
     --------
     >>> chart = Chart("Energy", "time, s", "J", (Curve("total", [0.0, 1.0], [2.0, 1.0]),))

@@ -35,10 +35,6 @@ def comparison_html(comparison: Comparison) -> str:
     comparison : Comparison
         What :func:`steelyard.identification.compare_estimates` returned.
 
-    Returns
-    -------
-    str
-
     Examples
     --------
     >>> import tempfile

@@ -141,7 +141,6 @@ class Drawing:
 
     Attributes
     ----------
-    view : View
     parts : list of str
         The elements so far.
     """

@@ -67,7 +67,6 @@ def save_excitation(
 
     Parameters
     ----------
-    design : ExcitationDesign
     file : RobotFile
         The robot that it was designed for.
     folder : str or Path
@@ -100,7 +99,6 @@ def excitation_html(design: ExcitationDesign, model: Model, expected: PredictedI
 
     Parameters
     ----------
-    design : ExcitationDesign
     model : Model
         Of the robot that it was designed for.
     expected : PredictedIntervals

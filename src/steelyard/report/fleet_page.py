@@ -35,10 +35,6 @@ def fleet_html(fleet: Fleet) -> str:
     ----------
     fleet : Fleet
         What :func:`steelyard.fleet.identify_fleet` returned.
-
-    Returns
-    -------
-    str
     """
     parts = (
         ("batches", "Batches", _batches(fleet)),

@@ -54,10 +54,6 @@ def report_html(identification: Identification) -> str:
     identification : Identification
         What :func:`steelyard.identify` returned.
 
-    Returns
-    -------
-    str
-
     Examples
     --------
     A pendulum without a mass, driven by the torque of a spring, with its report and two pictures:

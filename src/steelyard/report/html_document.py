@@ -244,10 +244,6 @@ def html_document(
     styles : sequence of str
         Names of styles of this package beside those of every page.
 
-    Returns
-    -------
-    str
-
     Examples
     --------
     >>> text = html_document("Arm", "Steelyard simulation", "Arm", Markup(""), [Section("a", "A", Markup("<p>b</p>"))])

@@ -21,10 +21,7 @@ _MOST_EXPLAINED = 120  # base parameters; the search for contradictions takes a 
 def defects(inertial: Array) -> list[str]:
     """Say in words why no body has these ten parameters, with the numbers; empty where one has.
 
-    Parameters
-    ----------
-    inertial : (10,)
-        ``Lxx Lxy Lxz Lyy Lyz Lzz lx ly lz m``, about the origin of the link's frame.
+    The parameters ``Lxx Lxy Lxz Lyy Lyz Lzz lx ly lz m`` are about the origin of the link's frame.
 
     Examples
     --------

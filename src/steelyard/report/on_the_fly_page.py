@@ -35,7 +35,6 @@ def save_on_the_fly(done: SimulatedExcitation, file: RobotFile, folder: str | Pa
 
     Parameters
     ----------
-    done : SimulatedExcitation
     file : RobotFile
         Of the robot.
     folder : str or Path

@@ -58,11 +58,7 @@ class PackedCurves:
 def extreme_rows(curves: Sequence[Array], rows: int) -> NDArray[np.intp]:
     """Return about so many rows, at most: of equal pieces those at which a curve is least or greatest, and both ends.
 
-    Parameters
-    ----------
-    curves : sequence of (S,)
-        NaN is no extreme.
-    rows : int
+    The curves are (S,) each, and NaN is no extreme.
 
     Examples
     --------

@@ -35,14 +35,12 @@ class Playback:
 
     Attributes
     ----------
-    name : str
     t : ndarray
         (S,) s, from 0.
     q : ndarray
         (S, N).
     torques : mapping from str to ndarray
         (S, N) each, N·m or N: ``"measured"``, ``"identified"`` and ``"CAD"``, those that there are.
-    remarks : tuple of str
     """
 
     name: str
@@ -84,7 +82,6 @@ def play_log(viewed: ViewedRobot, log: str | Path, progress: Callable[[str], Non
 
     Parameters
     ----------
-    viewed : ViewedRobot
     log : str or Path
         Files that were recorded side by side are joined by ``+``.
     progress : callable, optional
@@ -120,7 +117,6 @@ def play_trajectory(viewed: ViewedRobot, path: str | Path) -> Playback:
 
     Parameters
     ----------
-    viewed : ViewedRobot
     path : str or Path
         A trajectory, or the folder that ``steelyard excite`` wrote.
 
@@ -143,7 +139,6 @@ class NearPair:
 
     Attributes
     ----------
-    label : str
     distance : float
         m; negative where they overlap.
     too_near : bool
@@ -214,11 +209,7 @@ class Nearness:
 def watch_collisions(viewed: ViewedRobot, motion: Playback | None) -> tuple[Nearness | None, tuple[str, ...]]:
     """Measure the distances of links in a motion; return them, and sentences on what was not checked.
 
-    Parameters
-    ----------
-    viewed : ViewedRobot
-    motion : Playback or None
-        Without one, distances are measured in configurations alone.
+    Without a motion, distances are measured in configurations alone.
     """
     around = Surroundings.of(viewed.model.robot, (), {}, self_collision=True)
     if around.own is None:

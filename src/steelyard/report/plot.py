@@ -39,10 +39,6 @@ def torque_plot(
     joints : sequence of str, optional
         Names of those that are shown; all by default.
 
-    Returns
-    -------
-    plotly.graph_objects.Figure
-
     Raises
     ------
     InputError

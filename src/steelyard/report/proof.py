@@ -25,10 +25,6 @@ _CLAIMS = {
 def proof(identification: Identification) -> Markup:
     """Return the proofs of both verdicts with the places where the page says what it verified of them.
 
-    Parameters
-    ----------
-    identification : Identification
-
     Returns
     -------
     Markup

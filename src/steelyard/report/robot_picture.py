@@ -20,16 +20,7 @@ from .html_document import Markup, escape, package_text
 from .link_bodies import LinkBody, link_body
 from .robot_scene import RobotScene, robot_scene
 
-__all__ = [
-    "KEY",
-    "PlacedRobot",
-    "drawing_of_links",
-    "drawn_links",
-    "ground",
-    "robot_picture",
-    "robot_svg",
-    "skeleton",
-]
+__all__ = ["KEY", "PlacedRobot", "drawing_of_links", "drawn_links", "ground", "robot_picture", "robot_svg", "skeleton"]
 
 Array = NDArray[np.float64]
 
@@ -51,7 +42,6 @@ class DrawnLink:
     ----------
     number : int
         From 1, as in the names of parameters.
-    name : str
     rows : LinkRows or None
         What its numbers rest on.
     body, cad : LinkBody or None
@@ -119,10 +109,6 @@ def robot_svg(identification: Identification, q: ArrayLike | None = None) -> Mar
     identification : Identification
     q : (N,), optional
         The configuration, rad or m; zeros by default.
-
-    Returns
-    -------
-    str
     """
     rectangle = f'<rect width="{WIDTH:g}" height="{HEIGHT:g}" rx="8" fill="#fdfdfb"/>'
     card = f"<style>{package_text('drawing.css')}</style>{rectangle}"
@@ -165,7 +151,6 @@ def drawing_of_links(robot: Robot, links: list[DrawnLink], q: ArrayLike | None =
     ----------
     robot : Robot
         Its lengths are numbers.
-    links : list of DrawnLink
     q : (N,), optional
         rad or m; zeros by default.
     before : str

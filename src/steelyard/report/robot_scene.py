@@ -21,7 +21,6 @@ class PlacedLink:
 
     Attributes
     ----------
-    joint_name : str
     rotates : bool
         Whether the joint turns, and does not slide.
     parent : int
@@ -72,13 +71,7 @@ LEAST_SIZE = 0.05
 
 
 def robot_scene(robot: Robot, q: ArrayLike | None = None) -> RobotScene:
-    """Place joints and links of a robot whose lengths are numbers.
-
-    Parameters
-    ----------
-    robot : Robot
-    q : (N,), optional
-        rad or m; zeros by default.
+    """Place joints and links of a robot whose lengths are numbers, at q (N,), rad or m; zeros by default.
 
     Examples
     --------

@@ -22,15 +22,7 @@ from steelyard.recording.formats import content_hash, hashed_log
 from .extent import MOST_LOGS, shared_words, short_names, shown_logs
 from .html_document import Markup, escape, number, paragraphs, percent, table
 
-__all__ = [
-    "base_parameters",
-    "errors",
-    "hashed_file",
-    "joints",
-    "processing",
-    "provenance",
-    "versions",
-]
+__all__ = ["base_parameters", "errors", "hashed_file", "joints", "processing", "provenance", "versions"]
 
 Array = NDArray[np.float64]
 MOST_ROWS = 500  # of the table of all logs, which a browser still shows at once

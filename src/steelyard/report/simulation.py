@@ -28,7 +28,6 @@ def save_simulation(simulation: FileSimulation, folder: Path) -> tuple[Path, ...
 
     Parameters
     ----------
-    simulation : FileSimulation
     folder : Path
         Made where it is missing; files of the same names are replaced.
 

@@ -16,21 +16,16 @@ Array = NDArray[np.float64]
 
 
 def torque_sources(model: Model, parameters: Array, samples: Samples) -> dict[str, Array]:
-    """Return the parts of the torque by where they come from; together they are the inverse dynamics.
+    """Return the parts of the torque, (S, N), by where they come from; together they are the inverse dynamics.
 
     Torques are linear in the parameters: those of the links alone give gravity at rest, inertia as what acceleration
     adds to it, and what speed adds, Coriolis and centrifugal forces; the parameters of the terms give the rest.
 
     Parameters
     ----------
-    model : Model
     parameters : (n,)
     samples : Samples
         Of the motion; the torque is not used.
-
-    Returns
-    -------
-    dict from str to (S, N)
 
     Examples
     --------

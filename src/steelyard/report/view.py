@@ -121,10 +121,7 @@ class Viewer:
 
     Parameters
     ----------
-    viewed : ViewedRobot
     server : viser.ViserServer
-    motion : Playback, optional
-    nearness : Nearness, optional
     remarks : sequence of str
         Shown in the page.
 
@@ -639,8 +636,6 @@ def view_robot(
 
     Parameters
     ----------
-    viewed : ViewedRobot
-    motion : Playback, optional
     nearness : Nearness, optional
         Pairs of links that are watched.
     remarks : sequence of str
@@ -649,7 +644,6 @@ def view_robot(
         Address at which the server listens; by default it is reached from this machine alone.
     port : int
         0 for any that is free.
-    open_browser : bool
     ready : callable, optional
         Called with the address of the page once it is served.
 

@@ -48,8 +48,6 @@ class ViewedRobot:
 
     Attributes
     ----------
-    file : RobotFile
-    model : Model
     result : SavedResult or None
         What was identified, where that is shown.
     identified, described : ndarray or None
@@ -134,10 +132,7 @@ class ViewedRobot:
 
 
 def load_viewed_robot(
-    given: str | Path,
-    robot: str | Path | None = None,
-    *,
-    allow_extensions: bool = False,
+    given: str | Path, robot: str | Path | None = None, *, allow_extensions: bool = False
 ) -> ViewedRobot:
     """Read what is to be looked at: a robot, or what was identified of one.
 

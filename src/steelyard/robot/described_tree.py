@@ -67,7 +67,6 @@ class DescribedJoint:
 
     Parameters
     ----------
-    name : str
     line : int
         Where it stands in the file.
     kind : str
@@ -80,7 +79,6 @@ class DescribedJoint:
         In the frame of the joint; not a zero vector.
     child_placement : (4, 4) array
         Frame of the child link in the frame of the joint, at the value 0.
-    mimic : DescribedMimic or None
     lower, upper, velocity_limit, effort_limit, damping, friction, rotor_inertia, before_lengths, after_lengths
         As in `Joint`.
     """
@@ -164,7 +162,6 @@ def robot_parts(tree: DescribedTree, tip: str | None, locked: Iterable[str] | Ma
 
     Parameters
     ----------
-    tree : DescribedTree
     tip : str or None
         Keep only the chain from the root to this link.
     locked : iterable of names, or mapping from name to position

@@ -26,11 +26,8 @@ def write_extension(
 
     Parameters
     ----------
-    edit : XmlEdit
     parent : XmlElement
         The element of the robot.
-    robot : Robot
-    drives : Drives
     changed : mapping
         For each joint those that are other than in the description, as `DescriptionChanges.drives`.
 

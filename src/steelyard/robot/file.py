@@ -269,19 +269,8 @@ def _locked(table: TomlTable) -> list[str] | dict[str, float]:
 def _with_limits(robot: Robot, section: Mapping[str, Any], where: str) -> Robot:
     """Return the robot with the limits of a `[limits]` table.
 
-    Parameters
-    ----------
-    robot : Robot
-    section : mapping
-        ``lower`` and ``upper`` (rad or m), ``velocity`` (rad/s or m/s), ``effort`` (N·m or N): a number for all the
-        driving joints, or a list with one for each.
-    where : str
-        Named in messages.
-
-    Raises
-    ------
-    InputError
-        For an unknown key, a wrong count, a value that is no number, or a lower limit above the upper one.
+    ``lower`` and ``upper`` (rad or m), ``velocity`` (rad/s or m/s) and ``effort`` (N·m or N) are each a number for all
+    the driving joints, or a list with one for each.
     """
     joints = list(robot.joints)
     for key, value in TomlTable(section, where, tuple(LIMITS), "is no limit").items():

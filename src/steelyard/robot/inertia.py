@@ -37,16 +37,12 @@ _TENSOR = np.array([[0, 1, 2], [1, 3, 4], [2, 4, 5]])
 
 
 def pseudo_inertia(parameters: ArrayLike) -> Matrix:
-    """P = ∫ (r, 1)(r, 1)ᵀ dm = [[tr(L)/2 1 - L, l], [lᵀ, m]]: positive definite for a body of positive density.
+    """P = ∫ (r, 1)(r, 1)ᵀ dm = [[tr(L)/2 1 - L, l], [lᵀ, m]], (..., 4, 4): positive definite for a positive density.
 
     Parameters
     ----------
     parameters : (..., 10)
         Lxx Lxy Lxz Lyy Lyz Lzz lx ly lz m of each body.
-
-    Returns
-    -------
-    (..., 4, 4)
 
     References
     ----------
@@ -84,16 +80,9 @@ PSEUDO_INERTIA.setflags(write=False)
 
 
 def moment_row(quadratic: Matrix) -> Matrix:
-    """The moment ∫ (r, 1)ᵀ Q (r, 1) dm = tr(P Q) as a row over the ten parameters.
+    """The moment ∫ (r, 1)ᵀ Q (r, 1) dm = tr(P Q) as a row (10,) over the ten parameters.
 
-    Parameters
-    ----------
-    quadratic : (4, 4)
-        Q, symmetric: a quadratic function of the place r.
-
-    Returns
-    -------
-    (10,)
+    Q (4, 4), symmetric, is a quadratic function of the place r.
 
     Examples
     --------
@@ -104,16 +93,9 @@ def moment_row(quadratic: Matrix) -> Matrix:
 
 
 def transformation(placement: Matrix) -> Matrix:
-    """Return how the ten parameters change where every point r of the body goes to T (r, 1): P becomes T P Tᵀ.
+    """Return how the ten parameters change, (10, 10), where every point r goes to T (r, 1): P becomes T P Tᵀ.
 
-    Parameters
-    ----------
-    placement : (4, 4)
-        T: a rigid motion, or one with a reflection.
-
-    Returns
-    -------
-    (10, 10)
+    T (4, 4) is a rigid motion, or one with a reflection.
 
     Examples
     --------

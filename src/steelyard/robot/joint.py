@@ -282,12 +282,8 @@ class Joint:
 def joint_geometry(joints: Sequence[Joint]) -> list[dict[str, Any]]:
     """Return of every joint, mimic joints among them, what the frame of its link rests on, as plain data.
 
-    Where the base stands is left out: nothing of an inertia in the frame of a moving link depends on it.
-
-    Parameters
-    ----------
-    joints : sequence of Joint
-        Of a robot, in its order.
+    Where the base stands is left out: nothing of an inertia in the frame of a moving link depends on it. The joints are
+    those of a robot, in its order.
     """
     return [
         {
@@ -309,7 +305,6 @@ def differing_joint(recorded: Sequence[Any], joints: Sequence[Joint]) -> str:
     ----------
     recorded : sequence of mapping
         What `joint_geometry` returned for joints of the same names.
-    joints : sequence of Joint
 
     Raises
     ------

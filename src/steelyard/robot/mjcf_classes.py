@@ -74,7 +74,6 @@ class DefaultClasses:
 
         Parameters
         ----------
-        element : MjcfElement
         inherited : str
             The ``childclass`` of the body or frame around it.
         tag : str, optional

@@ -74,13 +74,10 @@ class MjcfElement:
 
     Parameters
     ----------
-    tag : str
     attributes : dict
         Those of the file; bodies and joints without a name have one that was made.
-    file : MjcfFile
     place : XmlElement
         Where it stands in the file.
-    children : list of MjcfElement
     """
 
     tag: str
@@ -123,8 +120,6 @@ class MjcfDocument:
 
     Parameters
     ----------
-    path : Path
-    root : MjcfElement
     files : tuple of MjcfFile
         The file itself, and those that it includes.
     bodies, joints : dict from name to MjcfElement

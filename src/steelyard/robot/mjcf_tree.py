@@ -33,14 +33,11 @@ class MjcfTree:
 
     Parameters
     ----------
-    document : MjcfDocument
-    compiled : CompiledMjcf
     body_names, joint_names : tuple of str
         In MuJoCo's order; what has no name in the file has one that was made.
     link_of : dict
         From the name of a joint to that of the link that it moves: its body, or a link without a body where further
         joints of the body follow.
-    tree : DescribedTree
     """
 
     document: MjcfDocument

@@ -129,14 +129,7 @@ def write_mjcf(
 
 
 class MjcfWriter:
-    """The edits of an MJCF, and the file with all of them, which may stand in another folder.
-
-    Parameters
-    ----------
-    read : MjcfTree
-    changes : DescriptionChanges
-        Of links and joints.
-    """
+    """The edits of an MJCF by changes of links and joints, and the file with all of them, maybe in another folder."""
 
     def __init__(self, read: MjcfTree, changes: DescriptionChanges) -> None:
         self.read, self.document, self.changes = read, read.document, changes

@@ -11,14 +11,7 @@ from urllib.parse import unquote
 from steelyard.errors import InputError
 from steelyard.files import read_bytes, shown
 
-__all__ = [
-    "find_package",
-    "find_reference",
-    "moved_reference",
-    "package_folders",
-    "package_root",
-    "search_folders",
-]
+__all__ = ["find_package", "find_reference", "moved_reference", "package_folders", "package_root", "search_folders"]
 
 PATHS = ("ROS_PACKAGE_PATH", "GZ_SIM_RESOURCE_PATH", "IGN_GAZEBO_RESOURCE_PATH", "GAZEBO_MODEL_PATH", "SDF_PATH")
 """Variables of the environment that list folders of packages or models."""
@@ -109,7 +102,6 @@ def moved_reference(reference: str, description: Path, copy: Path) -> str | None
     ----------
     reference : str
         As in the description.
-    description, copy : Path
 
     Returns
     -------
@@ -134,7 +126,6 @@ def find_package(name: str, description: Path) -> Path:
 
     Parameters
     ----------
-    name : str
     description : Path
         The file that names it.
 

@@ -23,6 +23,12 @@ from .placement import frozen
 __all__ = ["Condition", "Robot", "Term", "TermParameter"]
 
 Matrix = NDArray[np.float64]
+Scalars = Sequence[Any]
+"""A scalar of any type for each coordinate."""
+Channels = Mapping[str, Scalars]
+"""What is logged beside the motion, by name."""
+Columns = tuple[dict[int, Any], ...]
+"""Of a regressor, one for each parameter of a term: row -> scalar, where it is not 0."""
 
 PRESLIDING = "presliding"
 """The channel that is the state of the bristles of friction; it is not logged but follows from the motion before."""
@@ -173,9 +179,7 @@ class Term(ABC):
         return self.to_dict()
 
     @abstractmethod
-    def columns(
-        self, k: int, q: Sequence[Any], dq: Sequence[Any], ddq: Sequence[Any], algebra: Any
-    ) -> tuple[dict[int, Any], ...]:
+    def columns(self, k: int, q: Scalars, dq: Scalars, ddq: Scalars, algebra: Any) -> Columns:
         """Regressor columns of coordinate `k`: for each parameter, torque row -> scalar (absent rows are 0).
 
         Parameters
@@ -192,7 +196,7 @@ class Term(ABC):
         """Values that the description gives at the driving joint, one a parameter; NaN where unknown."""
         return (np.nan,) * len(self.parameters)
 
-    def potential(self, k: int, q: Sequence[Any], algebra: Any) -> tuple[Any, ...]:
+    def potential(self, k: int, q: Scalars, algebra: Any) -> tuple[Any, ...]:
         """Potential energy (J) of coordinate `k` for each parameter at the value 1; empty where it stores no energy.
 
         A subclass that stores energy, such as a spring, overrides this.

@@ -30,7 +30,6 @@ def expand_xacro(path: Path, arguments: Mapping[str, str] | None = None) -> byte
 
     Parameters
     ----------
-    path : Path
     arguments : mapping, optional
         Values of ``<xacro:arg>``.
 

@@ -31,7 +31,6 @@ def parse_xml(path: Path, kind: str = "a URDF", content: bytes | None = None) ->
 
     Parameters
     ----------
-    path : Path
     kind : str
         What the file should be, for messages.
     content : bytes, optional

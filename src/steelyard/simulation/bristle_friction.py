@@ -58,13 +58,7 @@ class BristleFriction:
         self._start = state.copy()
 
     def longest_step(self, inertias: Array) -> float:
-        """Return the longest step, s, that follows the vibration of the joints on their bristles.
-
-        Parameters
-        ----------
-        inertias : ndarray
-            (m, N, N) inertia matrices.
-        """
+        """Return the longest step, s, that follows joints of inertias (m, N, N) vibrating on their bristles."""
         lightest = np.array([np.diagonal(np.linalg.pinv(one))[self._own] for one in inertias]).max(axis=0)
         stiffness, damping = (np.abs(one).max(axis=0) for one in (self._coulomb / self._shapes[0], self._damping))
         fastest = np.sqrt(stiffness * lightest) + damping * lightest

@@ -142,7 +142,6 @@ class MotionFunctions:
 
     Parameters
     ----------
-    model : Model
     base : bool
         Whether the parameters are base parameters.
     smooth : bool
@@ -356,11 +355,7 @@ _KNOWN: WeakKeyDictionary[Model, dict[tuple[bool, bool, bool], MotionFunctions]]
 def motion_functions(model: Model, *, base: bool, smooth: bool, each: bool) -> MotionFunctions:
     """Return the functions of a model, which are kept as long as the model exists.
 
-    Parameters
-    ----------
-    model : Model
-    base, smooth, each : bool
-        See :class:`MotionFunctions`.
+    The flags are those of :class:`MotionFunctions`.
     """
     known = _KNOWN.setdefault(model, {})
     key = (base, smooth, each)

@@ -118,11 +118,6 @@ class ElasticContact:
 class Contact:
     """Connects an environment with the link of the robot that it acts on.
 
-    Parameters
-    ----------
-    model : Model
-    environment : Environment
-
     Raises
     ------
     InputError

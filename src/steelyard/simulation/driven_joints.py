@@ -258,10 +258,6 @@ def drive(
         Steps in an interval.
     directions : sequence of Directions, optional
         By what the motion of each branch is differentiated, as many m each; by nothing without them.
-
-    Returns
-    -------
-    DrivenMotion
     """
     n, parts = branches[0].count, len(branches)
     length, each = steps.shape

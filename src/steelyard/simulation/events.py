@@ -132,10 +132,6 @@ def at_time(t: float, name: str | None = None, terminal: bool = True) -> Event:
     terminal : bool
         Whether the event ends the run.
 
-    Returns
-    -------
-    Event
-
     Examples
     --------
     >>> at_time(2.0).name
@@ -156,10 +152,6 @@ def joint_limits(
         (N,) limits, rad or m; those of the robot's description by default, see `Robot.position_limits`.
     terminal : bool
         Whether the event ends the run.
-
-    Returns
-    -------
-    Event
 
     Raises
     ------

@@ -27,7 +27,6 @@ class Integrator(ABC):
 
     Parameters
     ----------
-    plant : Plant
     watch : Watch
         Receives the steps, and records which runs have ended.
     state : ndarray

@@ -33,7 +33,6 @@ class Plant:
 
     Parameters
     ----------
-    functions : MotionFunctions
     parameters : ndarray
         (n,), or (R, n) with the parameters of each run.
     sign_width : float
@@ -90,8 +89,8 @@ class Plant:
         arrays = (state, torque, self.parameters, self.width, self.step, out)
         kernel = self.functions.kernel(name)
         call = kernel.single_function if len(state) == 1 else kernel.batch_function
-        count = ctypes.c_int64(len(state))
-        bound = partial(call, count, *(ctypes.c_void_p(address_of(a)) for a in arrays), count)
+        pointers = (ctypes.c_void_p(address_of(array)) for array in arrays)
+        bound = partial(call, ctypes.c_int64(len(state)), *pointers, ctypes.c_int64(1))
         bound.arrays = (kernel, *arrays)  # type: ignore[attr-defined]  # keeps what the addresses point to
         return bound
 

@@ -115,10 +115,6 @@ def simulate(
     seed : int
         Seed of the noise of the sensors.
 
-    Returns
-    -------
-    SimulationResult
-
     Raises
     ------
     InputError
@@ -177,7 +173,6 @@ class Experiment:
 
     Parameters
     ----------
-    request : Request
     relative, absolute : float
         Relative and absolute tolerance of the adaptive methods.
     seed : int
@@ -456,8 +451,6 @@ def first_impossible(plant: Plant, run: int, q: Array) -> tuple[int, float] | No
 
     Parameters
     ----------
-    plant : Plant
-    run : int
     q : ndarray
         (S, N) positions of the samples. The first and some evenly spread ones are checked; where one of them has no
         positive definite matrix, all samples between it and the one before are checked.

@@ -281,7 +281,6 @@ def save_result(result: SimulationResult, path: Path) -> Path:
 
     Parameters
     ----------
-    result : SimulationResult
     path : Path
         With the suffix .csv, .parquet or .npz.
 

@@ -34,7 +34,6 @@ class Runaway:
 
     Parameters
     ----------
-    plant : Plant
     state : ndarray
         (R, 2 N) at the start. Ten times its largest speed is allowed, where this is above `ABSURD_SPEED`.
     duration : float
@@ -94,10 +93,8 @@ class Watch:
 
     Parameters
     ----------
-    plant : Plant
     state : ndarray
         (R, 2 N) at the start.
-    events : sequence of Event
     duration : float
         Duration of the runs, s.
     passive : bool

@@ -120,10 +120,6 @@ def inverse_dynamics_derivatives(
         For each link its ten barycentric parameters.
     gravity : Vector3
         In the base frame, m/s².
-
-    Returns
-    -------
-    InverseDynamicsDerivatives
     """
     links = _moving_links(frames, dq, ddq, link_parameters, gravity)
     count = coordinate_count(frames)

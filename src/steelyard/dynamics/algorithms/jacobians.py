@@ -84,10 +84,6 @@ def jacobian_rate(frames: Sequence[JointFrame], dq: Sequence[Any], link: int, po
         Index of the link.
     point : Vector3
         In the link frame, m.
-
-    Returns
-    -------
-    list of list of scalar
     """
     axes, target = _axes(frames, link, point)
     way = _way(frames, link)

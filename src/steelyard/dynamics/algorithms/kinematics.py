@@ -101,10 +101,8 @@ class JointFrame:
 
     Attributes
     ----------
-    joint : Joint
     factors : tuple of Matrix3
         Rotation from the link frame to the parent's, as a product of one or three matrices.
-    base_point : Vector3
     arm : Vector3
         Constant for a rotation; holds the joint position for a translation.
     axis, parent_axis : Vector3
@@ -153,7 +151,6 @@ def joint_frames(
 
     Parameters
     ----------
-    robot : Robot
     q : sequence of scalar
         N joint positions, rad or m.
     algebra : module

@@ -257,10 +257,6 @@ def kinetic_energy_regressor(frames: Sequence[JointFrame], dq: Sequence[Any]) ->
         The joints at their positions.
     dq : sequence of scalar
         N velocities.
-
-    Returns
-    -------
-    list of list of scalar
     """
     twists: list[tuple[Vector3, Vector3]] = []
     rows: list[list[Any]] = []
@@ -293,10 +289,6 @@ def potential_energy_regressor(frames: Sequence[JointFrame], gravity: Vector3) -
         The joints at their positions.
     gravity : Vector3
         In the base frame, m/s².
-
-    Returns
-    -------
-    list of list of scalar
     """
     seen: list[tuple[Vector3, Any]] = []  # gravity in the link frame, and its product with the origin's place
     rows: list[list[Any]] = []

@@ -37,7 +37,6 @@ class AnalyticCenter:
 
     Attributes
     ----------
-    slice : Slice
     point : (q,)
     units : (q, q)
     factors : tuple of (b, d, d)

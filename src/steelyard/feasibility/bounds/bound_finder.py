@@ -79,12 +79,7 @@ class Found:
 
 
 class Search:
-    """One problem that is solved for many objectives, on a face of the dual cone where necessary.
-
-    Parameters
-    ----------
-    problem : NormalisedProblem
-    """
+    """One problem that is solved for many objectives, on a face of the dual cone where necessary."""
 
     def __init__(self, problem: NormalisedProblem) -> None:
         self.problem = problem
@@ -183,7 +178,6 @@ class RatioProof:
 
     Parameters
     ----------
-    finder : BoundFinder
     row, mass : (n,)
         The ratio is (row · δ) / (mass · δ).
     floor : float
@@ -218,14 +212,7 @@ class RatioProof:
 
 
 class BoundFinder:
-    """Least values of many quantities over one slice.
-
-    Parameters
-    ----------
-    center : AnalyticCenter
-    solver : str
-        As in `steelyard.conic.solve`.
-    """
+    """Least values of many quantities over one slice, by a solver as in `steelyard.conic.solve`."""
 
     def __init__(self, center: AnalyticCenter, solver: str) -> None:
         self.center = center
@@ -244,12 +231,7 @@ class BoundFinder:
         return self.dual.trace_bound
 
     def least(self, row: Vector) -> Bound:
-        """The least value of row · δ.
-
-        Parameters
-        ----------
-        row : (n,)
-        """
+        """The least value of row · δ, for a row (n,)."""
         key = row.tobytes()
         if key not in self._found:
             self._found[key] = self._least(row)

@@ -51,7 +51,6 @@ class Region:
     groups : sequence of (indices (b, c), coefficients (b, c, d, d), constants (b, d, d))
         Affine matrices of each shape, as `matrix_conditions` returns them.
     ball, middle : (k, n), (k,)
-    radius : float
 
     Examples
     --------
@@ -199,7 +198,6 @@ def furthest(region: Region, rows: Matrix, weights: Matrix | None = None, enough
 
     Parameters
     ----------
-    region : Region
     rows : (p, n)
     weights : (p, n), optional
         Where rows belong to ratios, 1 + weight · y tells how many times as large as at y = 0 the denominator is.

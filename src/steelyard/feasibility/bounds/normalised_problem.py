@@ -80,10 +80,8 @@ class NormalisedSolution:
 
     Attributes
     ----------
-    outcome : Outcome
     point : (q,)
         v.
-    dual : DualPoint
     """
 
     outcome: Outcome
@@ -98,7 +96,6 @@ class NormalisedProblem:
     ----------
     groups : tuple of BlockGroup
         With unit matrices as constants.
-    ball : Ball or None
     unknowns : int
         q.
     solver : str

@@ -28,10 +28,8 @@ class Quantity:
 
     Attributes
     ----------
-    name : str
     meaning : str
         Description for people.
-    unit : str
     row : (n,)
     mass : (n,) or None
     moments : tuple of (n,)
@@ -64,9 +62,7 @@ class Quantity:
 
 
 def quantities(
-    feasible_set: FeasibleSet,
-    names: Sequence[str] | None = None,
-    combinations: Mapping[str, Combination] | None = None,
+    feasible_set: FeasibleSet, names: Sequence[str] | None = None, combinations: Mapping[str, Combination] | None = None
 ) -> tuple[Quantity, ...]:
     """The quantities of a robot by name.
 
@@ -113,7 +109,6 @@ def standard_errors(feasible_set: FeasibleSet, covariance: ParameterCovariance, 
 
     Parameters
     ----------
-    feasible_set : FeasibleSet
     covariance : ParameterCovariance
         Of the base parameters.
     rows : (k, n)

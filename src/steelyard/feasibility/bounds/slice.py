@@ -59,7 +59,6 @@ class Slice:
 
     Attributes
     ----------
-    feasible_set : FeasibleSet
     reference : (n,)
     region : (n, k)
         M; k is 0 where the base parameters are a point.
@@ -80,7 +79,6 @@ class Slice:
 
         Parameters
         ----------
-        feasible_set : FeasibleSet
         base : (n_b,)
         spread : (n_b, k), optional
             Half axes of the confidence region.

@@ -25,12 +25,7 @@ _NUMBER = re.compile(r"[+-]?[0-9]{1,5000}(\.[0-9]{0,5000})?([eE][+-]?[0-9]{1,3})
 
 @lru_cache(maxsize=1024)
 def exact_number(value: float) -> Fraction:
-    """Return the decimal number that a float prints, such as 1/10 for 0.1.
-
-    Parameters
-    ----------
-    value : float
-        Finite.
+    """Return the decimal number that a finite float prints, such as 1/10 for 0.1.
 
     Examples
     --------
@@ -141,7 +136,7 @@ def _smallness(value: Fraction) -> int:
 
 
 def zero_combination_basis(rows: SparseRows, preference: Sequence[int]) -> dict[int, dict[int, Fraction]]:
-    """Solve M u = 0 exactly: each pivot unknown as a combination of the free ones, which are all the others.
+    """Solve M u = 0 exactly: each pivot unknown by the coefficients of the free ones, all the others.
 
     Parameters
     ----------
@@ -149,10 +144,6 @@ def zero_combination_basis(rows: SparseRows, preference: Sequence[int]) -> dict[
     preference : sequence of int
         Rank of each unknown as a pivot, smallest first. Among equals those with a large coefficient are taken, so that
         errors of the free unknowns do not grow, and of these the one in the fewest rows.
-
-    Returns
-    -------
-    mapping from pivot unknown to mapping from free unknown to coefficient
 
     Examples
     --------

@@ -33,9 +33,6 @@ class MatrixCondition:
 
     Attributes
     ----------
-    name : str
-    size : int
-    strict : bool
     physical : bool
         Whether it belongs to a link or a term, rather than to a constraint.
     constant : mapping from (i, j) to value
@@ -88,14 +85,10 @@ class Statement:
 
     Attributes
     ----------
-    robot, consistency : str
-    parameter_names, base_expressions : tuple of str
     base : tuple of Fraction
         β.
     base_map : tuple of mappings from parameter index to value
         Rows of K.
-    conditions : tuple of MatrixCondition
-    equations : tuple of Equation
     """
 
     robot: str

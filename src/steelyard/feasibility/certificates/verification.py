@@ -149,7 +149,6 @@ def verify_dual_point(
 
     Parameters
     ----------
-    statement : Statement
     direction : (n_b,)
         y.
     duals : mapping from condition index to Z_b

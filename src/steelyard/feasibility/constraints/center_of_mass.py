@@ -463,17 +463,13 @@ def _fewer(normals: Matrix, offsets: Vector, vertices: Matrix, tolerance: float)
 
 
 def read_points(path: str | Path) -> Matrix:
-    """The vertices of a mesh, or the points of an array.
+    """The vertices of a mesh, or the points of an array, (k, 3).
 
     Parameters
     ----------
     path : str or Path
         ``.npy`` (k, 3); ``.csv``, ``.txt`` or ``.xyz`` with three columns, a line of column names or ``#`` comments
         allowed; or a mesh that coal or trimesh reads, such as ``.stl``, ``.obj``, ``.ply`` or ``.glb``.
-
-    Returns
-    -------
-    (k, 3)
 
     Raises
     ------

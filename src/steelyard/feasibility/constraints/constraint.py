@@ -409,18 +409,10 @@ def equation(
 
 
 def independent_rows(matrix: Matrix) -> Matrix:
-    """Independent rows with the same null space, each with a 1 where all others have 0, by Gauss and Jordan.
+    """Independent rows (rank, c) with the null space of a matrix (rows, c), each with a 1 where all others have 0.
 
-    The pivot is in the left-most column that has an element not much smaller than the largest one, since small pivots
-    would increase rounding errors.
-
-    Parameters
-    ----------
-    matrix : (rows, c)
-
-    Returns
-    -------
-    (rank, c)
+    By Gauss and Jordan. The pivot is in the left-most column that has an element not much smaller than the largest one,
+    since small pivots would increase rounding errors.
 
     Examples
     --------

@@ -80,10 +80,6 @@ def constraints_from_dict(
     allow_extensions : bool
         Whether a class that the section names by its import path may be imported.
 
-    Returns
-    -------
-    tuple of Constraint
-
     Raises
     ------
     InputError
@@ -197,10 +193,6 @@ def read_rotation(value: Any, what: str) -> Rows:
     what : str
         Begins the message.
 
-    Returns
-    -------
-    tuple of three rows
-
     Raises
     ------
     InputError
@@ -222,10 +214,6 @@ def read_rotation(value: Any, what: str) -> Rows:
 
 def read_placement(value: Any, what: str) -> Rows:
     """A placement, from its four rows or from a table ``{xyz = ..., rpy = ...}`` as in URDF.
-
-    Returns
-    -------
-    tuple of four rows
 
     Raises
     ------

@@ -170,10 +170,6 @@ def predict_deflections(
     progress : callable, optional
         Called with a few words before each step.
 
-    Returns
-    -------
-    Deflections
-
     Raises
     ------
     InputError
@@ -234,13 +230,7 @@ def predict_deflections(
 
 
 def _elastic_joints_of(estimate: Estimate, where: str) -> tuple[JointStiffness, ...]:
-    """The elastic joints of a saved estimate.
-
-    Raises
-    ------
-    InputError
-        If it has none.
-    """
+    """The elastic joints of a saved estimate; an estimate that has none is refused."""
     if not estimate.elastic_joints:
         raise InputError(
             f"{where}: has no elastic joints; identify the robot with a section [elastic] in its robot.toml."

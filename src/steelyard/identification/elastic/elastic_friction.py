@@ -6,6 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 from steelyard.recording import Samples
+from steelyard.recording.chunks import CHUNK_ROWS
 from steelyard.robot import RobotFile
 
 from ..chosen_friction import choose_friction
@@ -31,13 +32,9 @@ def with_chosen_friction(
     """Identify a robot with elastic joints whose friction the logs choose.
 
     Friction acts at the motors. So the robot is identified with the friction that is stated, laws are chosen by the
-    motion of the motors, and where laws were added all is identified anew with them. Where deflections matter, what
-    the links ask for by their own motion beside that of the motors is moved to the torques by which laws are chosen.
-
-    Parameters
-    ----------
-    identify, file, data, validate, progress, **options
-        See :func:`with_elastic_joints`.
+    motion of the motors, and where laws were added all is identified anew with them. Where deflections matter, what the
+    links ask for by their own motion beside that of the motors is moved to the torques by which laws are chosen. The
+    arguments are those of :func:`with_elastic_joints`.
     """
     say = progress or (lambda _: None)
     first, motions = identified_with_motions(identify, file, data, validate, progress=progress, **options)
@@ -46,7 +43,7 @@ def with_chosen_friction(
         GivenSamples(_at_motors(one, first, number), str(log))
         for number, (log, one) in enumerate(zip(given_logs(data, None)[0], motions, strict=True))
     ]
-    reader = LogReader(file, model, options.get("chunk_rows", 200_000))
+    reader = LogReader(file, model, options.get("chunk_rows", CHUNK_ROWS))
     choice = choose_friction(reader, samples, model, model, say, adds_presliding=False)
     found = first
     if choice.selection.chosen:

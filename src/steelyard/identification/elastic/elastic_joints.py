@@ -376,7 +376,6 @@ def links_of_logs(
         With a section ``[elastic]``.
     model : Model
         Of links and drives.
-    estimate : Estimate
     logs : sequence of logs
     processing : Processing or None
         That of the fit.

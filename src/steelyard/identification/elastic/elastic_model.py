@@ -103,7 +103,6 @@ class ElasticModel:
         ----------
         estimate : Estimate
             Of links and drives.
-        source, target : str or Path
 
         Raises
         ------
@@ -156,7 +155,6 @@ def elastic_model(
         Of links and drives.
     parameters : ndarray
         (n,) its parameters.
-    joints : sequence of JointStiffness
     consistency : {"full", "inertia"}
         See :class:`steelyard.FeasibleSet`.
 
@@ -287,7 +285,6 @@ def elastic_model_of(model: Model, estimate: Estimate, where: str) -> ElasticMod
     ----------
     model : Model
         Of links and drives.
-    estimate : Estimate
     where : str
         Named in messages.
 

@@ -195,8 +195,6 @@ class TwoEncoders:
 
     Attributes
     ----------
-    name : str
-    first : Samples
     second : Samples or None
         None where the log has no second encoders.
     settings : SecondEncoders

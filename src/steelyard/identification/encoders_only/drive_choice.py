@@ -104,7 +104,6 @@ def choose_drive_terms(
     ----------
     problem : callable
         From the terms of each joint to the problem.
-    logs : sequence of PositionLog
     stated : sequence of frozenset of str
         What each joint has anyway.
     weights : {"joint", "equal"}

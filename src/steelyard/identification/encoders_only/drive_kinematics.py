@@ -37,7 +37,6 @@ def transmission_findings(
     ----------
     log : path or LogFile
         As it was recorded.
-    file : RobotFile
     columns : LogColumns
         With which the log is read.
     recording : Recording

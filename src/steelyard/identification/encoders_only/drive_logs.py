@@ -53,8 +53,6 @@ def read_drive_logs(
 
     Parameters
     ----------
-    file : RobotFile
-    settings : DriveSettings
     logs, validate : path, mapping of arrays, or a sequence of them
 
     Raises

@@ -127,10 +127,6 @@ def identify_from_positions(
     progress : callable, optional
         Is told what is being done.
 
-    Returns
-    -------
-    PositionIdentification
-
     Raises
     ------
     InputError

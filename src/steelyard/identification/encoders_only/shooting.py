@@ -85,7 +85,6 @@ class PositionLog:
         (S,) s.
     q, command : ndarray
         (S, N). Each command holds until the next.
-    name : str
     begin : float
         s, from the start of what was recorded to this stretch of it.
     """
@@ -185,8 +184,6 @@ class ShootingResult:
         an unknown.
     residuals : list of ndarray
         (S, N) of each log: measured less simulated from its commands alone.
-    steps : int
-    settled : bool
     """
 
     values: Array
@@ -232,7 +229,6 @@ class Shooting:
 
     Parameters
     ----------
-    branches : sequence of Branch
     inertials : callable
         From the index of a branch and its freed inertial values to the parameters of its links (10 n,) and their
         derivatives (10 n, f).
@@ -240,9 +236,6 @@ class Shooting:
         (12, N) drive parameters, with the values of those that are not unknown.
     travel : ndarray
         (2, N) ends of each joint's travel, over which Coulomb friction may vary.
-    unknowns : sequence of Unknown
-    logs : sequence of PositionLog
-    law : FrictionLaw
     longest_step : float
         s, of a step of the simulation.
     """
@@ -533,11 +526,7 @@ class Shooting:
             found.append(states)
         return found
 
-    def solve(
-        self,
-        weights: str = "joint",
-        tell: Callable[[str], None] | None = None,
-    ) -> ShootingResult:
+    def solve(self, weights: str = "joint", tell: Callable[[str], None] | None = None) -> ShootingResult:
         """Match the trajectories.
 
         Parameters

@@ -240,10 +240,6 @@ def choose_cutoff(recording: Measurements, order: int = 3) -> CutoffChoice:
     order : int
         Of the Butterworth filter that is applied twice.
 
-    Returns
-    -------
-    CutoffChoice
-
     Raises
     ------
     InputError

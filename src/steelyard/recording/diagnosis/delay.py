@@ -106,10 +106,6 @@ def estimate_delay(samples: Samples, model: Model | None = None, longest: float 
     longest : float
         s, the longest delay to look for, in either direction.
 
-    Returns
-    -------
-    DelayEstimate
-
     Raises
     ------
     InputError

@@ -162,10 +162,6 @@ def diagnose_transmission(motor: ArrayLike, link: ArrayLike, torque: ArrayLike, 
     rate : float
         Hz.
 
-    Returns
-    -------
-    Transmission
-
     Examples
     --------
     >>> t = np.arange(8000) / 200

@@ -198,14 +198,10 @@ class Period:
     difference : float
         Root mean square change of the positions after one period, as a fraction of their standard deviation: 0 for a
         motion that repeats itself exactly.
-    lags, curve : ndarray
-        (L,) s, and that change after each lag.
     """
 
     period: float
     difference: float
-    lags: Array
-    curve: Array
 
 
 def find_period(t: ArrayLike, q: ArrayLike, source: str = "recording") -> Period:
@@ -261,12 +257,7 @@ def find_period(t: ArrayLike, q: ArrayLike, source: str = "recording") -> Period
             break
         multiple = following
     difference = float(np.sqrt(max(curve[min(round(period), longest - 1)], 0.0)))
-    return Period(
-        float(period * step),
-        difference,
-        np.asarray(np.arange(longest) * step, dtype=np.float64),
-        np.sqrt(np.maximum(curve, 0.0)),
-    )
+    return Period(float(period * step), difference)
 
 
 def _differences(x: Array, longest: int) -> Array:

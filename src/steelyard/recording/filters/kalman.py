@@ -164,10 +164,6 @@ class KalmanSmoother(MotionFilter):
         deviations : bool
             Whether to compute standard deviations and the noise, too; they are zero otherwise.
 
-        Returns
-        -------
-        SmoothedMotion
-
         Raises
         ------
         InputError

@@ -34,7 +34,6 @@ class ArrayInFile:
         Only its place is changed. Whoever opened it closes it, if need be when this goes; see `closing`.
     begin : int
         Byte at which the numbers begin.
-    shape : tuple of int
     kind : dtype
     by_columns : bool
         Whether neighbours in the file differ in the first index (Fortran order), and not in the last.

@@ -38,7 +38,6 @@ class StoredArray:
     ----------
     path : tuple of str
         The groups or structs in which it stands, and its name.
-    shape : tuple of int
     take : callable
         ``take(start, stop, axis)`` reads a part of it along one axis, as float64.
     """

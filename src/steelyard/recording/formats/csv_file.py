@@ -86,17 +86,11 @@ class CsvFile(LogFile):
     """A text log: a line of names, and one line for each row.
 
     Columns are separated by semicolon, tab, comma, bar or blanks, whichever makes the first lines a table of numbers;
-    numbers may have a decimal comma unless they are separated by commas without quotes. Blank lines, lines that
-    begin with ``#``, ``%`` or ``//``, and what stands above the names are passed over. A comment right above the data
-    is taken for the names if it has as many fields (as `numpy.savetxt` writes it), and a line of units below the names
-    is joined to them, as ``q1 [rad]``. What ``ros2 topic echo --csv`` writes of a JointState is known without names.
-    The file may be compressed by gzip or zstd.
-
-    Parameters
-    ----------
-    path : Path
-    header : tuple of str, optional
-        The names of all columns, for a file that has none.
+    numbers may have a decimal comma unless they are separated by commas without quotes. Blank lines, lines that begin
+    with ``#``, ``%`` or ``//``, and what stands above the names are passed over. A comment right above the data is
+    taken for the names if it has as many fields (as `numpy.savetxt` writes it), and a line of units below the names is
+    joined to them, as ``q1 [rad]``. What ``ros2 topic echo --csv`` writes of a JointState is known without names. The
+    file may be compressed by gzip or zstd. The header is the names of all columns, for a file that has none.
     """
 
     saved_as = ".csv"

@@ -77,13 +77,7 @@ class DecodedColumns:
     """Columns of a log that was decoded once, in memory or, where they are many, in a temporary file.
 
     The file has no name, so that nothing is left of it whatever ends the process. Where there is no room for it the log
-    is decoded again whenever it is read.
-
-    Parameters
-    ----------
-    names : sequence of str
-    decode : callable
-        Yields the columns, part by part.
+    is decoded again whenever it is read. What decodes the log yields its columns, part by part.
 
     Examples
     --------

@@ -65,7 +65,6 @@ class LogContent(NamedTuple):
 
     Attributes
     ----------
-    log : str
     hashes : tuple of str
         What `content_hash` tells of each of its files.
     state : str

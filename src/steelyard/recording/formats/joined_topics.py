@@ -58,7 +58,6 @@ class JoinedTopics:
 
         Parameters
         ----------
-        names : sequence of str
         kept : bool
             Whether no others will be asked for: rows of which a part has no messages are then left out.
 

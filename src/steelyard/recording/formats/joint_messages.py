@@ -55,15 +55,10 @@ class JointMessage(NamedTuple):
 def joint_message(message: Any) -> JointMessage | None:
     """Return what a decoded message says of joints; None where it is of another kind.
 
-    Three kinds are known by their fields, whatever the type is called: `sensor_msgs/JointState` (`name` and
-    `position`, `velocity`, `effort`), `control_msgs/JointTrajectoryControllerState` (`joint_names`, and what was
-    measured in `actual` or, in newer versions, `feedback`), and a list `joints` of objects with a `name` and these
-    numbers, as in Foxglove's JointStates.
-
-    Parameters
-    ----------
-    message : object or dict
-        With fields as attributes, or as keys.
+    Three kinds are known by their fields, whatever the type is called: `sensor_msgs/JointState` (`name` and `position`,
+    `velocity`, `effort`), `control_msgs/JointTrajectoryControllerState` (`joint_names`, and what was measured in
+    `actual` or, in newer versions, `feedback`), and a list `joints` of objects with a `name` and these numbers, as in
+    Foxglove's JointStates. The fields of a message are attributes, or keys.
 
     Examples
     --------
@@ -202,12 +197,7 @@ class JointTable:
     Messages of one stamp make one row, whatever joints each of them names and in which order. Numbers that no message
     has are NaN. Times count in s from the first row, and are whole numbers of ns, rounded once. ``time`` is that of the
     header; where any message has none, or all have the same, that at which the message was recorded, which is also
-    ``recorded``. The numbers stand in a temporary file.
-
-    Parameters
-    ----------
-    source : str
-        The log, for messages.
+    ``recorded``. The numbers stand in a temporary file. Messages to the user name the log by its source.
     """
 
     def __init__(self, source: str) -> None:
@@ -339,11 +329,7 @@ class JointTable:
     def rows(self, names: Sequence[str], *, by_header: bool | None = None) -> JointRows:
         """Make rows of those messages alone that have one of these columns; of all of them where none has.
 
-        Parameters
-        ----------
-        names : sequence of str
-        by_header : bool, optional
-            Whether the stamps of headers count; by default where all messages have one.
+        The stamps of headers count where all messages have one, unless `by_header` says otherwise.
         """
         orders = self._orders_of(names)
         if by_header is None:

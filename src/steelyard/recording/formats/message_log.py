@@ -67,7 +67,6 @@ class MessageLog(LogFile):
 
     Parameters
     ----------
-    path : Path
     topics : sequence of str
         By default the one that holds positions and torques, or those that do together.
 

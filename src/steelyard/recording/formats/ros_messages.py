@@ -26,7 +26,6 @@ def ros_decoder(kind: str, language: str, definition: str, *, ros1: bool) -> Cal
         The type, such as ``"sensor_msgs/msg/JointState"``.
     language : str
         Of the definition: ``"msg"``, ``"idl"``, or ``""`` where the file holds none.
-    definition : str
     ros1 : bool
         Whether messages are serialized as in ROS 1; otherwise as CDR.
     """
