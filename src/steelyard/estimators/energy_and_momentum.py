@@ -318,6 +318,7 @@ def _require_balances(info: Information, kept: str) -> None:
 
 
 momentum.rows = momentum_parts  # type: ignore[attr-defined]
+momentum.counts_slow_rows = True  # type: ignore[attr-defined]
 energy.rows = energy_parts  # type: ignore[attr-defined]
 
 

@@ -46,6 +46,7 @@ from .near_standstill import standstill_errors
 from .parameter_table import parameter_table
 from .prediction_verdict import few_rows_of, prediction_verdict
 from .reduced_logs import reduced_logs
+from .repeated_motion import repeated_errors
 from .result import Identification, Prediction, Trace
 
 if TYPE_CHECKING:
@@ -323,13 +324,13 @@ def identify(
     table = None
     if estimate.parameters is not None:
         standstill = None
+        left_of_fit = [
+            stretch
+            for one, log in zip(predictions, read.logs, strict=True)
+            if log.fitted
+            for stretch in zip(log.drawn.windows, one.trace.residuals, strict=True)
+        ]
         if information is measured or getattr(found, "counts_slow_rows", False):
-            left_of_fit = [
-                stretch
-                for one, log in zip(predictions, read.logs, strict=True)
-                if log.fitted
-                for stretch in zip(log.drawn.windows, one.trace.residuals, strict=True)
-            ]
             plain = unconstrained if information is measured else least_squares(measured, weights)
             standstill = standstill_errors(model, measured, plain, left_of_fit, estimate.base)
         table = parameter_table(
@@ -341,6 +342,7 @@ def identify(
             drifts=[drift for found in read.drifts.values() for drift in found],
             errors=[one.change for one in late],
             standstill=standstill,
+            repeated=repeated_errors(information, unconstrained, left_of_fit),
         )
         estimate = replace(estimate, parameter_table=tuple(table.to_list()))
 

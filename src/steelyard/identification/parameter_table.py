@@ -25,6 +25,8 @@ from steelyard.regression import Estimate, Information, ParameterCovariance
 from steelyard.robot import Inertia
 from steelyard.robot.inertia import moment_row
 
+from .repeated_motion import RepeatedErrors
+
 if TYPE_CHECKING:
     from steelyard.regression.drift import FrictionDrift
 
@@ -62,6 +64,9 @@ ROUNDING = 1e-8
 
 WIDER = 1.5
 """Times as wide as by noise is an interval of which it is said that friction near standstill widens it."""
+
+RETURNS = 1.1
+"""Times as wide as by noise is some interval where it is said that what returns with the motion widens them."""
 
 DRAWN = 0.01
 """Of the half-width of an interval, by which a value lies beyond its end at least that the prior draws out of it; less
@@ -343,6 +348,7 @@ def parameter_table(
     drifts: Sequence[FrictionDrift] = (),
     errors: Sequence[Array] = (),
     standstill: Array | None = None,
+    repeated: RepeatedErrors | None = None,
 ) -> ParameterTable:
     """Tell what every parameter, mass, centre of mass, principal moment and friction of an answer rests on.
 
@@ -371,6 +377,8 @@ def parameter_table(
     standstill : (n_b,), optional
         Further standard deviations of the base parameters, each by itself: those of friction near standstill, see
         `standstill_errors`.
+    repeated : RepeatedErrors, optional
+        Further errors, which return with the motion, see `repeated_errors`.
 
     Returns
     -------
@@ -385,6 +393,12 @@ def parameter_table(
     for change in errors:
         covariance = covariance.with_error(change)
     wider: list[str] = []
+    returns = False
+    if repeated is not None:
+        before = covariance.standard_error
+        covariance = covariance.with_errors(repeated.changes)
+        known = np.isfinite(before)
+        returns = bool(np.any(covariance.standard_error[known] > RETURNS * before[known]))
     if standstill is not None:
         before = covariance.standard_error
         covariance = covariance.with_independent_errors(standstill)
@@ -476,6 +490,8 @@ def parameter_table(
         sentences.append(f"{listed(changes, MOST_SENTENCES)} {hold}.")
     if len(errors) and told is not None:
         sentences.append("Intervals are as wide as the delay of the torques asks for.")
+    if repeated is not None and returns and told is not None:
+        sentences.append(repeated.sentence(info.joint_names))
     if wider and told is not None:
         sentences.append(
             f"Intervals are wider than noise asks for where {listed(wider, MOST_SENTENCES)} would come out otherwise "

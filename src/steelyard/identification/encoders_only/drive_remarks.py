@@ -255,9 +255,7 @@ def remarks_on_zeros(robot: Robot, drives: Array) -> list[str]:
     ]
 
 
-def remarks_on_rate(
-    robot: Robot, settings: DriveSettings, drives: Array, values: Sequence[DriveValue]
-) -> list[str]:
+def remarks_on_rate(robot: Robot, settings: DriveSettings, drives: Array, values: Sequence[DriveValue]) -> list[str]:
     """Say which values differ by more than their intervals if drives (13, N) hold each torque for a while."""
     if settings.law != "position" or settings.rate is not None:
         return []
@@ -276,8 +274,9 @@ def remarks_on_rate(
         return []
     listed = " and ".join(what for _, what in furthest.values())
     return [
-        f"The law of the drives counts as acting all the time. If they compute torques at {1.0 / HELD:g} Hz and hold each "
-        f"until the next, what is found is too small, by more than intervals say: {listed}. State `rate` in [drive]."
+        f"The law of the drives counts as acting all the time. If they compute torques at {1.0 / HELD:g} Hz and hold "
+        f"each until the next, what is found is too small, by more than intervals say: {listed}. State `rate` in "
+        "[drive]."
     ]
 
 

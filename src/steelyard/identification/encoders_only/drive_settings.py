@@ -134,7 +134,8 @@ class DriveSettings(TomlSection):
                 raise InputError(
                     f'{where} gives rate, which is that of a position loop, but its law is "signal"; leave it out.'
                 )
-            rate = read_number(self.rate, f"{where}, key 'rate',", f"{SLOWEST:g} Hz or more, such as 1000", least=SLOWEST)
+            expected = f"{SLOWEST:g} Hz or more, such as 1000"
+            rate = read_number(self.rate, f"{where}, key 'rate',", expected, least=SLOWEST)
             object.__setattr__(self, "rate", rate)
         if self.delay != FIND:
             object.__setattr__(self, "delay", _seconds(self.delay, f"{where}, key 'delay',"))
