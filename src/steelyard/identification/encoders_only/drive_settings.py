@@ -32,7 +32,7 @@ TERMS = ("rotor_inertia", "viscous", "coulomb")
 TORQUE_LOSS = "torque_loss"
 BY_POSITION, BY_LOAD, SPRING = FURTHER_TERMS = ("coulomb_by_position", "coulomb_by_load", "spring")
 FIND = "find"
-SLOWEST = 200.0
+SLOWEST = 500.0
 """Hz of a position loop, of which a motion between two torques is as good as a parabola."""
 
 
