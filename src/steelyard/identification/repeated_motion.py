@@ -96,11 +96,8 @@ def repeated_errors(
     for samples, left in stretches:
         found = _returning(samples, left)
         if found is not None:
-            lag, share, own = found
-            period = min(period, lag * (samples.t[-1] - samples.t[0]) / (samples.count - 1))
-            times = np.arange(lag, samples.count, lag)
-            raised += samples.count / total * share * 2.0 * own * np.sum(1.0 - times / samples.count)
-            correlation = np.maximum(correlation, own)
+            raised += samples.count / total * found[1]
+            period, correlation = min(period, found[0]), np.maximum(correlation, found[2])
     if not raised.any():
         return None
     weights = information.joint_weights(unconstrained.weights)
@@ -114,8 +111,11 @@ def repeated_errors(
     return RepeatedErrors(period, correlation, inverse @ (vectors * np.sqrt(np.maximum(values, 0.0))))
 
 
-def _returning(samples: Samples, left: Array) -> tuple[int, float, Array] | None:
-    """Return the rows of a period, the part of the rows that repeat, and the correlation (N,) of what is left."""
+def _returning(samples: Samples, left: Array) -> tuple[float, Array, Array] | None:
+    """Return the period in s, by how much of itself each variance (N,) is larger, and the correlation of what is left.
+
+    None where the motion does not repeat.
+    """
     steps = np.diff(samples.t) if samples.t is not None else np.zeros(0)
     if not len(steps) or np.ptp(steps) > 0.01 * np.median(steps):
         return None
@@ -137,7 +137,9 @@ def _returning(samples: Samples, left: Array) -> tuple[int, float, Array] | None
     whole = np.maximum(square.sum(axis=0), 1e-300)
     found = product.sum(axis=0) / whole
     error = np.sqrt(np.sum((product - found * square) ** 2, axis=0)) / whole
-    return lag, float(np.mean(alike)), np.where(found > SURE * error, found, 0.0)
+    found = np.where(found > SURE * error, found, 0.0)
+    later = np.arange(lag, samples.count, lag) / samples.count
+    return lag * float(np.mean(steps)), 2.0 * np.mean(alike) * found * np.sum(1.0 - later), found
 
 
 def _lag(q: Array) -> int | None:
