@@ -72,6 +72,43 @@ def simulated(path, t, command, step=2e-5):
 SETTINGS = {"command": "target{}", "kp": KP, "kd": KD}
 
 
+def simulated_and_held(path, t, command, period):
+    """Positions that MuJoCo finds by Runge-Kutta steps of 50 µs with true drives that hold each torque for a period."""
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo (the oracle) is not installed")
+    world = mujoco.MjModel.from_xml_path(str(path))
+    world.opt.timestep, world.opt.integrator = 5e-5, mujoco.mjtIntegrator.mjINT_RK4
+    world.dof_armature[:], world.dof_damping[:], world.dof_frictionloss[:] = TRUTH[:, :3].T
+    state = mujoco.MjData(world)
+    mujoco.mj_setConst(world, state)
+    state.qpos[:] = command[0]
+    ticks = round((t[1] - t[0]) / period)
+    told = np.clip((np.arange(len(t) * ticks) - round(0.004 / period)) // ticks, 0, None)
+    q = np.empty((len(t), 2))
+    for k in range(len(t)):
+        q[k] = state.qpos
+        for place in told[k * ticks : (k + 1) * ticks]:
+            state.qfrc_applied[:] = KP * (command[place] - state.qpos) - KD * state.qvel + TRUTH[:, 3]
+            mujoco.mj_step(world, state, nstep=round(period / 5e-5))
+    return q
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rate", [2000.0, 1000.0, 500.0])
+def test_drives_that_hold_their_torques_are_found_with_their_friction(arm, rate):
+    t = np.arange(1000) * 0.006
+    command = commands(t)
+    q = simulated_and_held(arm, t, command, 1.0 / rate)
+    noisy = q + np.random.default_rng(3).normal(size=q.shape) * 5e-5
+    log = log_of(t, noisy, command)
+    found = identify_from_positions(sy.Robot.from_mjcf(arm), log, settings={**SETTINGS, "rate": rate})
+    values = np.stack([found.rotor_inertia, found.viscous, found.coulomb], axis=1)
+    np.testing.assert_allclose(values, TRUTH[:, :3], rtol=3e-3)
+    assert abs(found.delay - 0.004) < 5e-5
+    without = identify_from_positions(sy.Robot.from_mjcf(arm), log, settings=SETTINGS)
+    np.testing.assert_allclose(without.rotor_inertia, TRUTH[:, 0] - 0.5 * KD / rate, rtol=1e-2)
+    np.testing.assert_allclose(without.viscous, TRUTH[:, 1] - 0.5 * KP / rate, rtol=3e-2)
+
+
 TURNTABLE = """<mujoco model="table"><compiler angle="radian"/><worldbody><body name="table">
 <joint name="turn" axis="0 0 1"/><inertial pos="0 0 0" mass="1" diaginertia="1e-3 1e-3 1e-3"/></body></worldbody>
 </mujoco>"""
@@ -446,6 +483,7 @@ def test_sensitivities_to_all_that_is_found_are_those_of_differences(arm, law, l
             np.zeros_like(command),
             law,
             substeps=4,
+            period=1e-3,
             directions=with_directions,
         )
 

@@ -292,20 +292,6 @@ class Shooting:
                 encoder[joints] = value
         return drives, encoder
 
-    @cached_property
-    def acting(self) -> Array:
-        """(13, 13): from drive parameters to those with which a law that acts all the time moves a joint alike.
-
-        A torque that is held for a period h rests on a motion that is older by s, evenly from 0 to h. On average ``q -
-        s dq + s² ddq / 2`` and ``dq - s ddq`` stand in the place of q and dq: kp takes ``kp h / 2`` from what brakes,
-        and adds ``kp h² / 6`` to the inertia, from which kd takes ``kd h / 2``.
-        """
-        inertia, kp, kd = (DRIVE_PARAMETERS.index(kind) for kind in ("rotor_inertia", "kp", "kd"))
-        found = np.eye(len(DRIVE_PARAMETERS))
-        found[kd, kp] = -self.period / 2.0
-        found[inertia, kp], found[inertia, kd] = self.period**2 / 6.0, -self.period / 2.0
-        return found
-
     def freed(self, number: int, values: Array) -> Array:
         """Return the freed inertial values of a branch."""
         of = set(self.branches[number].coordinates)
@@ -344,7 +330,7 @@ class Shooting:
                 encoder[joints, column] = 1.0
             else:
                 drives[np.ix_(unknown.drive_rows, joints, [column])] = 1.0
-        return Directions(np.tensordot(self.acting, drives, 1), encoder, links)
+        return Directions(drives, encoder, links)
 
     # Simulation
 
@@ -470,7 +456,7 @@ class Shooting:
             return drive(
                 branches,
                 [parameters for parameters, _ in bodies],
-                np.stack([self.acting @ drives[:, place] for place in own]),
+                np.stack([drives[:, place] for place in own]),
                 np.stack([encoder[place] for place in own]),
                 np.stack([self.travel[:, place] for place in own]),
                 states,
@@ -479,6 +465,7 @@ class Shooting:
                 np.stack([by_delay for _, _, by_delay in batches], axis=1),
                 self.law,
                 substeps=self.substeps,
+                period=self.period,
                 directions=directions,
             )
 
