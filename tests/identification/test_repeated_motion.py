@@ -66,6 +66,19 @@ def test_four_periods_of_the_same_noise_tell_as_much_as_one(model, truth, ramp):
     assert np.median(covariance.standard_error / one.standard_error) < 0.6
 
 
+def test_a_motion_that_does_not_repeat_tells_no_more_in_four_logs(model, truth):
+    one = samples_of(model, truth, 1, 1.0, turns=(0.93, 3.14, 5.37))
+    info = sum((sy.Information.from_samples(model, one) for _ in range(3)), sy.Information.from_samples(model, one))
+    plain = sy.least_squares(info)
+    ((_, left),) = residuals(model, one, plain.base)
+    found = repeated_errors(info, plain, [(one, left)] * 4)
+    wider = ParameterCovariance.of(info, plain.base, plain.weights).with_errors(found.changes).standard_error
+    assert found.correlation == pytest.approx([1.0, 1.0], abs=0.01)
+    assert wider == pytest.approx(told(model, one)[0].standard_error, rel=0.35)
+    other = samples_of(model, truth, 1, 1.0, seed=2, turns=(0.93, 3.14, 5.37))
+    assert repeated_errors(info, plain, [(one, left), (other, left)]) is None
+
+
 @pytest.mark.slow
 def test_the_spread_of_many_logs_is_what_is_said(model, truth):
     true = model.base_parameters().values(truth)

@@ -93,10 +93,13 @@ def repeated_errors(
         return None
     raised, correlation = np.zeros((2, len(information.factors)))
     period, total = np.inf, sum(samples.count for samples, _ in stretches)
-    for samples, left in stretches:
-        found = _returning(samples, left)
+    # Several logs may hold one motion; where they do not, each may repeat by itself.
+    parts = [(total, _returning(stretches))]
+    if parts[0][1] is None and len(stretches) > 1:
+        parts = [(samples.count, _returning([(samples, left)])) for samples, left in stretches]
+    for count, found in parts:
         if found is not None:
-            raised += samples.count / total * found[1]
+            raised += count / total * found[1]
             period, correlation = min(period, found[0]), np.maximum(correlation, found[2])
     if not raised.any():
         return None
@@ -111,15 +114,16 @@ def repeated_errors(
     return RepeatedErrors(period, correlation, inverse @ (vectors * np.sqrt(np.maximum(values, 0.0))))
 
 
-def _returning(samples: Samples, left: Array) -> tuple[float, Array, Array] | None:
+def _returning(stretches: Sequence[tuple[Samples, Array]]) -> tuple[float, Array, Array] | None:
     """Return the period in s, by how much of itself each variance (N,) is larger, and the correlation of what is left.
 
-    None where the motion does not repeat.
+    None where the motion, of one stretch after the other, does not repeat.
     """
-    steps = np.diff(samples.t) if samples.t is not None else np.zeros(0)
+    steps = np.concatenate([np.zeros(0) if samples.t is None else np.diff(samples.t) for samples, _ in stretches])
     if not len(steps) or np.ptp(steps) > 0.01 * np.median(steps):
         return None
-    moved = samples.q[:, np.ptp(samples.q, axis=0) > 0.0]
+    q, left = (np.concatenate(parts) for parts in zip(*((samples.q, own) for samples, own in stretches), strict=True))
+    moved = q[:, np.ptp(q, axis=0) > 0.0]
     lag = _lag(moved)
     if lag is None:
         return None
@@ -138,7 +142,7 @@ def _returning(samples: Samples, left: Array) -> tuple[float, Array, Array] | No
     found = product.sum(axis=0) / whole
     error = np.sqrt(np.sum((product - found * square) ** 2, axis=0)) / whole
     found = np.where(found > SURE * error, found, 0.0)
-    later = np.arange(lag, samples.count, lag) / samples.count
+    later = np.arange(lag, len(q), lag) / len(q)
     return lag * float(np.mean(steps)), 2.0 * np.mean(alike) * found * np.sum(1.0 - later), found
 
 
