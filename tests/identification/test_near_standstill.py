@@ -132,7 +132,7 @@ def test_nothing_is_told_of_joints_that_stand_still_or_rows_without_batch_means(
     assert standstill_errors(model, info, plain, [], plain.base) is None
 
 
-@pytest.mark.parametrize("estimator", ["fit", "maximum_likelihood"])
+@pytest.mark.parametrize("estimator", ["fit", "maximum_likelihood", "momentum"])
 def test_the_answer_says_so_and_calls_fewer_numbers_measured(model, truth, estimator):
     def answer(breakaway):
         samples = samples_of(model, truth, 5, breakaway)

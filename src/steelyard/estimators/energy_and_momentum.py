@@ -415,6 +415,7 @@ def balance_parts(
 
 
 momentum.rows = partial(balance_parts, "momentum")  # type: ignore[attr-defined]
+momentum.counts_slow_rows = True  # type: ignore[attr-defined]
 energy.rows = partial(balance_parts, "energy")  # type: ignore[attr-defined]
 
 

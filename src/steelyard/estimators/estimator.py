@@ -35,8 +35,8 @@ weights=, count=)`` in its place: it gets the samples of each log, and for each 
 parameters, as the table [controller] of the robot file tells them. With an attribute ``needs_controller`` that is true,
 this table has to tell the reference and the gains.
 
-One of these whose rows are still single samples, those near standstill among them, has an attribute
-``counts_slow_rows`` that is true: what friction there does to least squares of the rows as measured widens its
+One of these that friction near standstill still moves, by rows there or around passages that it leaves out, has an
+attribute ``counts_slow_rows`` that is true: what this friction does to least squares of the rows as measured widens its
 intervals, too.
 
 One that brings a prior of its own has an attribute ``has_prior`` that is true, and takes no other."""

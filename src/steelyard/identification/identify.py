@@ -48,6 +48,7 @@ from .near_standstill import standstill_errors
 from .parameter_table import parameter_table
 from .prediction_verdict import FewRows, few_rows_of, prediction_verdict
 from .reduced_logs import reduced_logs, require_once
+from .repeated_motion import repeated_errors
 from .result import Identification, Prediction, Trace
 
 if TYPE_CHECKING:
@@ -332,11 +333,15 @@ def identify(
     table = None
     if estimate.parameters is not None:
         standstill = None
+        left_of_fit = [
+            stretch
+            for one, log in zip(predictions, read.logs, strict=True)
+            if log.fitted
+            for stretch in zip(log.drawn.windows, one.trace.residuals, strict=True)
+        ]
         if information is measured or getattr(found, "counts_slow_rows", False):
-            fitted = [(log, one) for log, one in zip(read.logs, predictions, strict=True) if log.fitted]
-            left = [pair for log, one in fitted for pair in zip(log.drawn.windows, one.trace.residuals, strict=True)]
             plain = unconstrained if information is measured else least_squares(measured, weights)
-            standstill = standstill_errors(model, measured, plain, left, estimate.base)
+            standstill = standstill_errors(model, measured, plain, left_of_fit, estimate.base)
         table = parameter_table(
             information,
             feasible_set if plausible is None else plausible.plausible_set,
@@ -346,6 +351,7 @@ def identify(
             drifts=[drift for found in read.drifts.values() for drift in found],
             errors=[one.change for one in late],
             standstill=standstill,
+            repeated=repeated_errors(information, unconstrained, left_of_fit),
         )
         estimate = replace(estimate, parameter_table=tuple(table.to_list()))
 

@@ -25,6 +25,8 @@ from steelyard.regression import Estimate, Information, ParameterCovariance
 from steelyard.robot import Inertia
 from steelyard.robot.inertia import moment_row
 
+from .repeated_motion import RepeatedErrors
+
 if TYPE_CHECKING:
     from steelyard.regression.drift import FrictionDrift
 
@@ -62,6 +64,9 @@ ROUNDING = 1e-8
 
 WIDER = 1.5
 """Times as wide as by noise is an interval of which it is said that friction near standstill widens it."""
+
+RETURNS = 1.1
+"""Times as wide as by noise is some interval where it is said that what returns with the motion widens them."""
 
 DRAWN = 0.01
 """Of the half-width of an interval, by which a value lies beyond its end at least that the prior draws out of it; less
@@ -338,6 +343,7 @@ def parameter_table(
     drifts: Sequence[FrictionDrift] = (),
     errors: Sequence[Array] = (),
     standstill: Array | None = None,
+    repeated: RepeatedErrors | None = None,
 ) -> ParameterTable:
     """Tell what every parameter, mass, centre of mass, principal moment and friction of an answer rests on.
 
@@ -366,6 +372,8 @@ def parameter_table(
     standstill : (n_b,), optional
         Further standard deviations of the base parameters, each by itself: those of friction near standstill, see
         `standstill_errors`.
+    repeated : RepeatedErrors, optional
+        Further errors, which return with the motion, see `repeated_errors`.
 
     Returns
     -------
@@ -376,7 +384,7 @@ def parameter_table(
     if parameters is None:
         raise InputError("parameter_table needs an estimate with standard parameters, such as that of fit.")
     asked, about = _quantities(feasible_set, parameters)
-    covariance, wider = _covariance(info, unconstrained, errors, standstill)
+    covariance, wider, returns = _covariance(info, unconstrained, errors, standstill, repeated)
     values = np.array([quantity.value(parameters) for quantity in asked])
     source = feasible_set.model.robot.parameters if cad is None else cad
     described = _described(feasible_set, np.asarray(source, dtype=float), asked, about)
@@ -453,6 +461,8 @@ def parameter_table(
         sentences.append(f"{listed(changes, MOST_SENTENCES)} {hold}.")
     if len(errors) and told is not None:
         sentences.append("Intervals are as wide as the delay of the torques asks for.")
+    if repeated is not None and returns and told is not None:
+        sentences.append(repeated.sentence(info.joint_names))
     if wider and told is not None:
         sentences.append(
             f"Intervals are wider than noise asks for where {listed(wider, MOST_SENTENCES)} would come out otherwise "
@@ -546,9 +556,15 @@ def _said_of_rotors(
 
 
 def _covariance(
-    info: Information, unconstrained: Estimate, errors: Sequence[Array], standstill: Array | None
-) -> tuple[ParameterCovariance, list[str]]:
-    """Return the covariance with all further errors, and what friction near standstill makes far less sure than noise.
+    info: Information,
+    unconstrained: Estimate,
+    errors: Sequence[Array],
+    standstill: Array | None,
+    repeated: RepeatedErrors | None,
+) -> tuple[ParameterCovariance, list[str], bool]:
+    """Return the covariance with all further errors, and what makes numbers less sure than noise.
+
+    That is which of them friction near standstill does so, and whether what returns with the motion does.
 
     Data have the error of the best sensor at least: exact data would leave no room at all.
     """
@@ -557,12 +573,16 @@ def _covariance(
         covariance = replace(covariance, root=covariance.root * (EXACT / unconstrained.relative_error))
     for change in errors:
         covariance = covariance.with_error(change)
-    if standstill is None:
-        return covariance, []
-    by_noise = covariance.standard_error
-    covariance = covariance.with_independent_errors(standstill)
-    wider = np.isfinite(by_noise) & (covariance.standard_error > WIDER * by_noise)
-    return covariance, list(compress(unconstrained.base_names, wider))
+    wider, returns = np.zeros(info.base_count, dtype=bool), False
+    if repeated is not None:
+        by_noise = covariance.standard_error
+        covariance = covariance.with_errors(repeated.changes)
+        returns = bool(np.any(np.isfinite(by_noise) & (covariance.standard_error > RETURNS * by_noise)))
+    if standstill is not None:
+        by_noise = covariance.standard_error
+        covariance = covariance.with_independent_errors(standstill)
+        wider = np.isfinite(by_noise) & (covariance.standard_error > WIDER * by_noise)
+    return covariance, list(compress(unconstrained.base_names, wider)), returns
 
 
 def _within_total_mass(rows: Sequence[ParameterRow], about: Sequence[_About]) -> list[ParameterRow]:

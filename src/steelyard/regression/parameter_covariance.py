@@ -201,6 +201,26 @@ class ParameterCovariance:
         factor = 1.0 / (np.sqrt(1.0 + square) + 1.0)
         return replace(self, root=self.root + factor * np.outer(self.root @ part, part))
 
+    def with_errors(self, changes: ArrayLike) -> ParameterCovariance:
+        """Return the covariance with more errors, of each of which one standard deviation is a change of β.
+
+        Parameters
+        ----------
+        changes : array_like
+            (n_b, k). What of them the data does not determine is unbounded already, and left out.
+
+        Examples
+        --------
+        >>> two = ParameterCovariance.of_matrix([[9.0, 0.0], [0.0, 1.0]], 2)
+        >>> two.with_errors([[4.0, 0.0], [0.0, 0.0]]).standard_error.round(12).tolist()
+        [5.0, 1.0]
+        """
+        parts = np.linalg.lstsq(self.root, np.asarray(changes, dtype=np.float64), rcond=None)[0]
+        if not parts.any():
+            return self
+        values, vectors = eigenvectors(np.eye(len(parts)) + parts @ parts.T)
+        return replace(self, root=self.root @ (vectors * np.sqrt(values)) @ vectors.T)
+
     def with_independent_errors(self, sizes: ArrayLike) -> ParameterCovariance:
         """Return the covariance where each base parameter has one more error of its own.
 
@@ -216,11 +236,7 @@ class ParameterCovariance:
         [5.0, 1.0]
         """
         diagonal = np.diag(np.asarray(sizes, dtype=np.float64))
-        parts = np.linalg.lstsq(self.root, diagonal[:, diagonal.any(axis=0)], rcond=None)[0]
-        if not parts.any():
-            return self
-        values, vectors = eigenvectors(np.eye(len(parts)) + parts @ parts.T)
-        return replace(self, root=self.root @ (vectors * np.sqrt(values)) @ vectors.T)
+        return self.with_errors(diagonal[:, diagonal.any(axis=0)])
 
     def with_forgotten(self, info: Information, squared: Sequence[Array], weights: Array) -> ParameterCovariance:
         """Return the covariance where rows count by what is left of them, V: ``A⁻¹ (sum_k u_k w_k⁴ W_k'V² W_k) A⁻¹``.

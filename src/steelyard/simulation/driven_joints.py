@@ -168,7 +168,7 @@ class Directions:
     Attributes
     ----------
     drives : ndarray
-        (12, n, m) the drive parameters of each joint.
+        (13, n, m) the drive parameters of each joint.
     encoder : ndarray
         (n, m) what encoders read more than the joints stand at.
     inertials : ndarray
@@ -227,6 +227,7 @@ def drive(
     law: FrictionLaw,
     *,
     substeps: int = 1,
+    period: float = 0.0,
     directions: Sequence[Directions] | None = None,
 ) -> DrivenMotion:
     """Drive branches with as many joints each through a batch of stretches of time.
@@ -256,11 +257,17 @@ def drive(
     law : FrictionLaw
     substeps : int
         Steps in an interval.
+    period : float
+        s, for which drives hold each torque that they compute; 0 where their law acts all the time.
     directions : sequence of Directions, optional
         By what the motion of each branch is differentiated, as many m each; by nothing without them.
     """
     n, parts = branches[0].count, len(branches)
     length, each = steps.shape
+    own_inertias, acting = drives[:, 0], _acting(period)
+    drives = acting @ drives
+    if directions is not None:
+        directions = [replace(one, drives=np.tensordot(acting, one.drives, 1)) for one in directions]
     count = parts * each
     own = [slice(b * each, (b + 1) * each) for b in range(parts)]
     repeated = np.repeat(drives.transpose(1, 0, 2), each, axis=1)
@@ -276,8 +283,8 @@ def drive(
     q, v = flat[:, :n].copy(), flat[:, n:].copy()
     a = np.zeros_like(v)
     inverse_inertia = np.empty((count, n))
-    for branch, values, rows, drive_values in zip(branches, inertials, own, drives, strict=True):
-        at_zero = branch.model.total_inertia_matrix(np.zeros(n), values) + np.diag(drive_values[0])
+    for branch, values, rows, own_inertia in zip(branches, inertials, own, own_inertias, strict=True):
+        at_zero = branch.model.total_inertia_matrix(np.zeros(n), values) + np.diag(own_inertia)
         inverse_inertia[rows] = np.diag(np.linalg.inv(at_zero)) * law.slip
     diagonal = np.arange(n)
     width = 0 if directions is None else directions[0].count
@@ -390,6 +397,20 @@ def drive(
     cut = 2 * n
     traced, last = traces.reshape(length + 1, *shape, n, -1), sens.reshape(*shape, 2 * n, -1)
     return DrivenMotion(places, speeds, traced[..., :cut], traced[..., cut:], last[..., :cut], last[..., cut:])
+
+
+def _acting(period: float) -> Array:
+    """Return (13, 13): from drive parameters to those with which a law that acts all the time moves a joint alike.
+
+    A torque that is held for a period h rests on a motion that is older by s, evenly from 0 to h. On average ``q - s dq
+    + s² ddq / 2`` and ``dq - s ddq`` stand in the place of q and dq: kp takes ``kp h / 2`` from what brakes, and adds
+    ``kp h² / 6`` to the inertia, from which kd takes ``kd h / 2``.
+    """
+    inertia, kp, kd = (DRIVE_PARAMETERS.index(kind) for kind in ("rotor_inertia", "kp", "kd"))
+    found = np.eye(len(DRIVE_PARAMETERS))
+    found[kd, kp] = -period / 2.0
+    found[inertia, kp], found[inertia, kd] = period**2 / 6.0, -period / 2.0
+    return found
 
 
 def _columns(directions: Sequence[Directions], own: Sequence[slice], values: Sequence[Array], by_place: Array) -> Array:

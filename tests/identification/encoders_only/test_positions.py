@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.linalg import expm
 
 import steelyard as sy
 from steelyard.errors import InputError
@@ -69,6 +70,108 @@ def simulated(path, t, command, step=2e-5):
 
 
 SETTINGS = {"command": "target{}", "kp": KP, "kd": KD}
+
+
+def simulated_and_held(path, t, command, period):
+    """Positions that MuJoCo finds by Runge-Kutta steps of 50 µs with true drives that hold each torque for a period."""
+    mujoco = pytest.importorskip("mujoco", reason="MuJoCo (the oracle) is not installed")
+    world = mujoco.MjModel.from_xml_path(str(path))
+    world.opt.timestep, world.opt.integrator = 5e-5, mujoco.mjtIntegrator.mjINT_RK4
+    world.dof_armature[:], world.dof_damping[:], world.dof_frictionloss[:] = TRUTH[:, :3].T
+    state = mujoco.MjData(world)
+    mujoco.mj_setConst(world, state)
+    state.qpos[:] = command[0]
+    ticks = round((t[1] - t[0]) / period)
+    told = np.clip((np.arange(len(t) * ticks) - round(0.004 / period)) // ticks, 0, None)
+    q = np.empty((len(t), 2))
+    for k in range(len(t)):
+        q[k] = state.qpos
+        for place in told[k * ticks : (k + 1) * ticks]:
+            state.qfrc_applied[:] = KP * (command[place] - state.qpos) - KD * state.qvel + TRUTH[:, 3]
+            mujoco.mj_step(world, state, nstep=round(period / 5e-5))
+    return q
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rate", [2000.0, 1000.0, 500.0])
+def test_drives_that_hold_their_torques_are_found_with_their_friction(arm, rate):
+    t = np.arange(1000) * 0.006
+    command = commands(t)
+    q = simulated_and_held(arm, t, command, 1.0 / rate)
+    noisy = q + np.random.default_rng(3).normal(size=q.shape) * 5e-5
+    log = log_of(t, noisy, command)
+    found = identify_from_positions(sy.Robot.from_mjcf(arm), log, settings={**SETTINGS, "rate": rate})
+    values = np.stack([found.rotor_inertia, found.viscous, found.coulomb], axis=1)
+    np.testing.assert_allclose(values, TRUTH[:, :3], rtol=3e-3)
+    assert abs(found.delay - 0.004) < 5e-5
+    without = identify_from_positions(sy.Robot.from_mjcf(arm), log, settings=SETTINGS)
+    np.testing.assert_allclose(without.rotor_inertia, TRUTH[:, 0] - 0.5 * KD / rate, rtol=1e-2)
+    np.testing.assert_allclose(without.viscous, TRUTH[:, 1] - 0.5 * KP / rate, rtol=3e-2)
+
+
+TURNTABLE = """<mujoco model="table"><compiler angle="radian"/><worldbody><body name="table">
+<joint name="turn" axis="0 0 1"/><inertial pos="0 0 0" mass="1" diaginertia="1e-3 1e-3 1e-3"/></body></worldbody>
+</mujoco>"""
+
+
+def turned(t, command, kp, kd, inertia, viscous, period=0.0):
+    """Exact positions of a turntable without friction of Coulomb: by matrix exponentials, commands held row by row.
+
+    With a period its drive holds each torque, otherwise the law acts all the time.
+    """
+    step = t[1] - t[0]
+    own = np.array([[0.0, 1.0, 0.0], [0.0, -viscous / inertia, 1.0 / inertia], [0.0, 0.0, 0.0]])  # under a held torque
+    law = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [-kp, -kd, 0.0]])
+    if period:
+        tick = expm(own * period) @ law
+        given = np.append((expm(own * period) @ [0.0, 0.0, kp])[:2], 0.0)
+    else:
+        closed = own.copy()
+        closed[1] += np.array([-kp, -kd, kp - 1.0]) / inertia
+        tick, given = expm(closed * step), np.zeros(3)
+    state, found = np.array([command[0], 0.0, 0.0]), []
+    for target in command:
+        found.append(state[0])
+        for _ in range(round(step / period) if period else 1):
+            state = tick @ np.append(state[:2], 0.0 if period else target) + given * target
+    return np.array(found)
+
+
+@pytest.mark.parametrize(("rate", "stated"), [(None, None), (2000.0, 2000.0), (1000.0, 1000.0), (1000.0, None)])
+def test_drives_that_hold_their_torques_are_told_from_those_of_which_the_law_acts_all_the_time(tmp_path, rate, stated):
+    path = tmp_path / "table.xml"
+    path.write_text(TURNTABLE)
+    t = np.arange(600) * 0.005
+    command = 0.5 * np.sin(6.0 * t + 3.0 * np.sin(2.0 * t))
+    q = turned(t, command, 20.0, 1.5, 0.021, 0.3, 0.0 if rate is None else 1.0 / rate)
+    noisy = q + 1e-4 * np.random.default_rng(1).normal(size=q.shape)
+    settings = {"command": ["target"], "kp": 20.0, "kd": 1.5, "delay": 0.0, "bias": "none", "rate": stated}
+    settings["find"] = ["rotor_inertia", "viscous"]
+    found = identify_from_positions(
+        sy.Robot.from_mjcf(path), {"t": t, "q": noisy, "target": command}, settings=settings
+    )
+    late = 0.0 if rate == stated else 0.5 / rate
+    assert found.rotor_inertia == pytest.approx(0.02 - 1.5 * late, rel=5e-3)
+    assert found.viscous == pytest.approx(0.3 - 20.0 * late, rel=5e-3)
+    truth = {"rotor_inertia": 0.02, "viscous": 0.3}
+    assert all(one.lower < truth[one.kind] < one.upper for one in found.values) is (rate == stated)
+    assert any("rotor inertia of turn by 0.00075 kg·m² and" in remark for remark in found.remarks) is (stated is None)
+
+
+def test_steps_of_the_simulation_move_no_value_of_a_precise_log(tmp_path):
+    """With steps of 0.625 ms both values are off by more than their intervals."""
+    path = tmp_path / "table.xml"
+    path.write_text(TURNTABLE)
+    t = np.arange(1000) * 0.005
+    command = 0.5 * np.sin(6.0 * t + 3.0 * np.sin(2.0 * t))
+    noisy = turned(t, command, 100.0, 2.0, 0.021, 0.3) + 5e-6 * np.random.default_rng(2).normal(size=t.shape)
+    settings = {"command": ["target"], "kp": 100.0, "kd": 2.0, "delay": 0.0, "bias": "none"}
+    settings["find"] = ["rotor_inertia", "viscous"]
+    found = identify_from_positions(
+        sy.Robot.from_mjcf(path), {"t": t, "q": noisy, "target": command}, settings=settings
+    )
+    for one, true in zip(found.values, (0.02, 0.3), strict=True):
+        assert one.lower < true < one.upper
 
 
 @pytest.mark.slow
@@ -380,6 +483,7 @@ def test_sensitivities_to_all_that_is_found_are_those_of_differences(arm, law, l
             np.zeros_like(command),
             law,
             substeps=4,
+            period=1e-3,
             directions=with_directions,
         )
 
@@ -561,6 +665,10 @@ def test_settings_that_say_nothing_are_told():
         DriveSettings.from_dict({"command": "q_des{}", "kp": 1.0, "delay": 0.0, "find": [], "bias": "none"})
     with pytest.raises(InputError, match='gives gain, which belongs to law = "signal"'):
         DriveSettings.from_dict({"command": "q_des{}", "kp": 1.0, "gain": 2.0})
+    with pytest.raises(InputError, match=r"key 'rate', must be 500 Hz or more"):
+        DriveSettings.from_dict({"command": "q_des{}", "kp": 1.0, "rate": 100})
+    with pytest.raises(InputError, match="gives rate, which is that of a position loop"):
+        DriveSettings.from_dict({"command": "u{}", "law": "signal", "rate": 1000.0})
     backwards = DriveSettings.from_dict({"command": "u{}", "law": "signal", "gain": -2.0, "free": ["rod", "rod"]})
     assert (backwards.gain, backwards.free) == ((-2.0,), ("rod",))
 

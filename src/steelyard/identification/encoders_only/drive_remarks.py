@@ -24,6 +24,7 @@ __all__ = [
     "remarks_on_gains",
     "remarks_on_logs",
     "remarks_on_missing_commands",
+    "remarks_on_rate",
     "remarks_on_rows",
     "remarks_on_settings",
     "remarks_on_values",
@@ -58,6 +59,9 @@ PASSING = 0.8
 mean of the joints), below which commands changed between rows. Of a simulated arm it is 0.08 to 0.63 where some of the
 commands are lost and the delay ends at 0 (rotor inertia 13 to 67 % off); where all are logged 0.97 to 1.08 at 200 Hz
 and 1.19 to 2.0 at 50 Hz; and 0.88 to 1.29 where a delay that is found makes up for those lost (about 4 % off)."""
+
+HELD = 1e-3
+"""s that a drive may well hold a torque, where nobody says how long."""
 
 FAR_ZERO = 0.1
 """rad or m by which a zero of commands or positions must be off to be told."""
@@ -248,6 +252,31 @@ def remarks_on_zeros(robot: Robot, drives: Array) -> list[str]:
     return [
         f"The torque bias is as large as if commands were off ({', '.join(far)} rad or m): check unit and zero of "
         "commands and positions, the masses of the description, and whether the drive was on."
+    ]
+
+
+def remarks_on_rate(robot: Robot, settings: DriveSettings, drives: Array, values: Sequence[DriveValue]) -> list[str]:
+    """Say which values differ by more than their intervals if drives (13, N) hold each torque for a while."""
+    if settings.law != "position" or settings.rate is not None:
+        return []
+    kp, kd = (0.5 * HELD * drives[DRIVE_PARAMETERS.index(kind)] for kind in ("kp", "kd"))
+    more = {"rotor_inertia": kd, "viscous": kp, "kd": kp}
+    furthest: dict[str, tuple[float, str]] = {}
+    for one in values:
+        if one.kind not in more:
+            continue
+        by = float(more[one.kind][robot.joint_names.index(one.joint)])
+        ratio = by / max(one.upper - one.value, 1e-300)
+        if ratio > max(1.0, furthest.get(one.kind, (0.0, ""))[0]):
+            what = f"{WORDS.get(one.kind, one.kind)} of {one.joint} by {few_digits(by, 2)} {one.unit}"
+            furthest[one.kind] = ratio, what
+    if not furthest:
+        return []
+    listed = " and ".join(what for _, what in furthest.values())
+    return [
+        f"The law of the drives counts as acting all the time. If they compute torques at {1.0 / HELD:g} Hz and hold "
+        f"each until the next, what is found is too small, by more than intervals say: {listed}. State `rate` in "
+        "[drive]."
     ]
 
 

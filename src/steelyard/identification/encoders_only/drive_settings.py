@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from steelyard.errors import InputError
-from steelyard.files import TomlSection, shown, suggestion
+from steelyard.files import TomlSection, read_number, shown, suggestion
 from steelyard.recording.recognition import numbered_columns
 from steelyard.robot import Robot
 from steelyard.simulation.driven_joints import FrictionLaw
@@ -32,6 +32,8 @@ TERMS = ("rotor_inertia", "viscous", "coulomb")
 TORQUE_LOSS = "torque_loss"
 BY_POSITION, BY_LOAD, SPRING = FURTHER_TERMS = ("coulomb_by_position", "coulomb_by_load", "spring")
 FIND = "find"
+SLOWEST = 500.0
+"""Hz of a position loop, of which a motion between two torques is as good as a parabola."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,9 @@ class DriveSettings(TomlSection):
         ``"signal"``: the torque is ``gain command - kd dq``.
     kp, kd, gain
         Gains at the joints, a number or one for each; ``"find"`` where they are unknown.
+    rate
+        Hz at which drives compute the torque of a position law, which they hold until the next; without it the law acts
+        all the time.
     delay
         s, from the stamp of a command to its torque; ``"find"`` looks for one that all the joints share.
     longest_delay
@@ -81,6 +86,7 @@ class DriveSettings(TomlSection):
     kp: str | tuple[float, ...] | None = None
     kd: str | tuple[float, ...] = (0.0,)
     gain: str | tuple[float, ...] = FIND
+    rate: float | None = None
     delay: str | float = FIND
     longest_delay: float = 0.05
     bias: str = "torque"
@@ -123,6 +129,14 @@ class DriveSettings(TomlSection):
             value = getattr(self, key)
             if value is not None and value != FIND:
                 object.__setattr__(self, key, _gains(value, f"{where}, key {key!r},", key))
+        if self.rate is not None:
+            if self.law == "signal":
+                raise InputError(
+                    f'{where} gives rate, which is that of a position loop, but its law is "signal"; leave it out.'
+                )
+            expected = f"{SLOWEST:g} Hz or more, such as 1000"
+            rate = read_number(self.rate, f"{where}, key 'rate',", expected, least=SLOWEST)
+            object.__setattr__(self, "rate", rate)
         if self.delay != FIND:
             object.__setattr__(self, "delay", _seconds(self.delay, f"{where}, key 'delay',"))
         object.__setattr__(self, "longest_delay", _seconds(self.longest_delay, f"{where}, key 'longest_delay',"))

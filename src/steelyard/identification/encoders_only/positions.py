@@ -30,6 +30,7 @@ from .drive_remarks import (
     remarks_on_gains,
     remarks_on_logs,
     remarks_on_missing_commands,
+    remarks_on_rate,
     remarks_on_rows,
     remarks_on_settings,
     remarks_on_values,
@@ -232,6 +233,7 @@ def identify_from_positions(
         *remarks_on_rows(body, fitted, found.residuals, above),
         *remarks_on_logs(body, chosen, fitted, drives, above),
         *remarks_on_zeros(body, drives),
+        *remarks_on_rate(body, chosen, drives, values),
         *remarks,
         *remarks_on_values(values),
     ]
@@ -369,6 +371,7 @@ def _problem(
         logs,
         FRICTION_LAWS[settings.friction](),
         LONGEST_STEP,
+        period=0.0 if settings.rate is None else 1.0 / settings.rate,
     )
 
 
