@@ -33,7 +33,8 @@ TORQUE_LOSS = "torque_loss"
 BY_POSITION, BY_LOAD, SPRING = FURTHER_TERMS = ("coulomb_by_position", "coulomb_by_load", "spring")
 FIND = "find"
 SLOWEST = 500.0
-"""Hz of a position loop, of which a motion between two torques is as good as a parabola."""
+"""Hz of a position loop, at which a motion between two torques is nearly a parabola: values of simulated arms are up to
+0.2 % off there, and eight standard errors at 200 Hz."""
 
 
 @dataclass(frozen=True)
