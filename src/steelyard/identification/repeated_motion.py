@@ -25,6 +25,8 @@ ALIKE, MOSTLY = 0.05, 0.5
 holds: a motion may begin with a ramp."""
 LATEST = 0.875
 """Part of a stretch up to which its period is looked for; the rest is compared."""
+COARSE = 4096
+"""Rows, about, by which the period is looked for before it is told to the row."""
 SUMS = 64
 """Sums in a period, of which correlations are taken: what is slower moves parameters, and what is faster averages
 out."""
@@ -148,17 +150,17 @@ def _returning(stretches: Sequence[tuple[Samples, Array]]) -> tuple[float, Array
 
 def _lag(q: Array) -> int | None:
     """The rows (S, N) after which positions first return; None where they do not."""
-    from scipy.signal import correlate
-
     if not q.size:
         return None
     x = (q - q.mean(axis=0)) / np.std(q, axis=0)
-    count = len(x)
-    products = sum(correlate(own, own, method="fft")[count - 1 :] for own in x.T)
-    squares = np.concatenate([[0.0], np.cumsum(np.sum(x**2, axis=1))])
+    count, every = len(x), max(len(x) // COARSE, 1)
+    few = x[::every]
+    size = 1 << (2 * len(few)).bit_length()
+    products = np.fft.irfft(np.sum(np.abs(np.fft.rfft(few, size, axis=0)) ** 2, axis=1), size)[: len(few)]
+    squares = np.concatenate([[0.0], np.cumsum(np.sum(few**2, axis=1))])
     both = squares[:0:-1] + squares[-1] - squares[:-1]  # of the rows before, and of those after a lag
     apart = 1.0 - 2.0 * products / np.maximum(both, 1e-300)
-    apart = apart[: int(LATEST * count)]
+    apart = apart[: int(LATEST * len(few))]
     away = np.flatnonzero(apart > AWAY)
     if not len(away):
         return None
@@ -166,7 +168,11 @@ def _lag(q: Array) -> int | None:
     near = np.flatnonzero(after < 2.0 * max(float(after.min()), 1e-3))
     # The first group of lags that are as near as the nearest, and the nearest of these for most rows: ramps are none.
     group = near[: 1 + int(np.flatnonzero(np.append(np.diff(near) > 1, True))[0])]
-    lag = int(away[0] + group[np.argmin(after[group])])
-    around = np.arange(max(lag - lag // SUMS, 1), min(lag + lag // SUMS, count - 1) + 1)
-    rows = np.arange(0, count - around[-1], max((count - around[-1]) // COMPARED, 1))
-    return int(around[np.argmin([np.median(np.sum((x[rows + k] - x[rows]) ** 2, axis=1)) for k in around])])
+
+    def nearest(lag: int, reach: int, step: int) -> int:
+        lags = np.arange(max(lag - reach, 1), min(lag + reach, count - 1) + 1, step)
+        rows = np.arange(0, count - lags[-1], max((count - lags[-1]) // COMPARED, 1))
+        return int(lags[np.argmin([np.median(np.sum((x[rows + k] - x[rows]) ** 2, axis=1)) for k in lags])])
+
+    lag = every * int(away[0] + group[np.argmin(after[group])])
+    return nearest(nearest(lag, lag // SUMS, every), every, 1)
