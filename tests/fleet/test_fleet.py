@@ -247,7 +247,7 @@ def test_a_log_that_no_robot_of_this_kind_made_is_not_told_as_a_worn_one(arms: A
     entries = "".join(f'[[robots]]\nid = "R{number}"\nlogs = ["{number}.csv"]\n' for number in range(8))
     manifest.write_text(f'robot = "robot.toml"\n{entries}', encoding="utf-8")
     code, said = called("fleet", manifest, "--output", arms.folder / "result", "--quiet")
-    assert code == 0, said
+    assert code == 1, said
     document = json.loads((arms.folder / "result" / "fleet.json").read_text(encoding="utf-8"))
     assert not {one["robot"] for one in document["findings"]} & {"R6", "R7"}
     assert document["unexplained"] == ["R6", "R7"]

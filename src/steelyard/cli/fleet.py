@@ -55,5 +55,5 @@ def fleet(
         echo(f"Look at {output / 'fleet.html'}")
     if found.failed:
         raise typer.Exit(3)
-    if found.findings:
+    if found.findings or found.unexplained:
         raise typer.Exit(1)

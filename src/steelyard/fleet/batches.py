@@ -223,16 +223,16 @@ def find_heap(
     """
     splits = [(two_heaps(values, len(amplitudes)), cause, values) for cause, values in amplitudes]
     told = [(*split, k, values) for split, k, values in splits if split is not None]
+    tried = []
     for odds, robots, apart, cause, values in sorted(told, key=lambda one: -one[0]):
         sides = [(robots, apart)]
         if causes[cause].kind == "gain":
             # What a torque that reads wrong does to the base parameters depends on each robot's motion; those that read
             # right are alike. So which heap reads wrong is known, however large it is.
             sides.append((np.setdiff1d(np.flatnonzero(np.isfinite(values)), robots), -apart))
-        tried = []
         for side, distance in sides:
             within = variation.copied()
-            change = distance * directions(side, cause)[:, :, 0]
+            change, taken = distance * directions(side, cause)[:, :, 0], cause
             for _ in range(STEPS):
                 moved = within.bases.copy()
                 moved[side] -= change
@@ -240,17 +240,27 @@ def find_heap(
                 # How siblings vary within a heap tells causes apart, and not how they vary in both.
                 within.settle(moved, {})
                 found = _common(within, side, causes, directions, beside, likely, odds)
-                again, sign = _sorted(within, found, directions, causes)
-                if np.array_equal(again, side) or not _least(within.count) <= len(again) < within.count:
-                    break
-                side, change = again, sign * directions(again, found.cause) @ found.amplitudes
-            left = float(np.linalg.slogdet(np.mean(within.errors, axis=0) + within.spread_matrix)[1])
-            tried.append((left, found, within))
-        _, found, within = min(tried, key=lambda one: one[0])
-        # Robots that are out of order in several ways may look alike in one; what they have in common is not all.
-        if np.sum(within.weights[found.robots] >= 1.0) >= _least(within.count):
-            return found, within
-    return None
+                again, sign = side, 1.0
+                if found.cause == taken:  # another one leaves some of the difference in how siblings vary
+                    again, sign = _sorted(within, found, directions, causes)
+                    if np.array_equal(again, side) or not _least(within.count) <= len(again) < within.count:
+                        break
+                side, taken = again, found.cause
+                change = sign * directions(again, found.cause) @ found.amplitudes
+            # Robots that are out of order in several ways may look alike in one; what they have in common is not all.
+            alike = _alike(found.robots, robots, np.flatnonzero(np.isfinite(values)))
+            if alike and np.sum(within.weights[found.robots] >= 1.0) >= _least(within.count):
+                left = float(np.linalg.slogdet(np.mean(within.errors, axis=0) + within.spread_matrix)[1])
+                tried.append((left, found, within))
+    # What splits robots in one part shows in others, as torques of another unit do in all; least is left beside itself.
+    return min(tried, key=lambda one: one[0])[1:] if tried else None
+
+
+def _alike(found: Numbers, robots: Numbers, known: Numbers) -> bool:
+    """Whether a heap that was sorted anew is still the one, or the other, that was told apart: only these are two."""
+    inside = np.isin(known, found)
+    shared = [np.sum(inside & one) / np.sum(inside | one) for one in (np.isin(known, robots), ~np.isin(known, robots))]
+    return bool(max(shared) > 0.5)
 
 
 def _common(

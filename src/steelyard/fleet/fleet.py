@@ -21,7 +21,7 @@ from steelyard.identification.log_reader import Progress
 from steelyard.identification.prediction_verdict import WRONG
 from steelyard.regression.parameter_covariance import FEWEST_DEGREES, NORMAL
 
-from .causes import Cause, gains_in_own_motion, possible_causes, variations
+from .causes import TURNABLE, Cause, gains_in_own_motion, possible_causes, variations
 from .checkpoints import Checkpoints, checkpoint_key
 from .executors import Executor, Here
 from .log_reduction import first_of, run_in_order
@@ -38,6 +38,9 @@ Kind = Literal["batch", "siblings", "drift"]
 KINDS = ("batch", "siblings", "drift")  # in the order in which they are told
 MOST_SENTENCES = 40
 """The most sentences that are printed; the tables have all findings."""
+MANY_TIMES = 3.0
+"""Error beside that of the siblings whose data is explained, above which that of a robot is not: of a model that lacks
+something, errors vary by half; the other sign of one joint's torque leaves seven times as much."""
 ROUGH = 5
 """Robots of a group below which intervals hold less than they say: of links that were named in simulated fleets of
 four, which are those where chance made the others look alike, 6 of 10 held the truth; of five, 9 of 10."""
@@ -146,7 +149,8 @@ class Fleet:
         Batches, then robots that differ from their siblings, then those that have drifted; the surest first.
     remarks : tuple of str
     unexplained : tuple of RobotRow
-        Whose own data no parameters explain, while that of most siblings is explained. No part of them is compared.
+        Whose own data no parameters that a robot can have explain, while that of siblings is explained. No part of
+        them is compared.
     """
 
     manifest: FleetManifest
@@ -464,12 +468,7 @@ def identify_fleet(
             "each is compared with those of its own model alone."
         )
     if strange:
-        errors = [f"{rows[k].entry.label} ({100.0 * rows[k].values['least_squares_error']:.3g} %)" for k in strange]
-        remarks.append(
-            f"No parameters explain the data of {listed(errors)}: so much of the torques is left by least squares, "
-            "while the data of most siblings is explained. So these are not compared with siblings: see whether their "
-            "logs are of these robots, in the units, with the signs and with the joints in the order that are stated."
-        )
+        remarks.append(_unexplained([rows[k] for k in strange]))
     filtered = sum(bool(row.values.get("filtered")) for row in rows)
     if filtered:
         remarks.append(
@@ -550,20 +549,43 @@ def _grouped(rows: Sequence[RobotRow], copies: Container[int]) -> dict[tuple[str
 
 
 def _strangers(rows: Sequence[RobotRow], grouped: Mapping[Any, Sequence[int]]) -> list[int]:
-    """Numbers of rows whose own data no parameters explain, in groups where those of most others are explained.
+    """Numbers of rows whose own data no parameters explain, in groups where those of others are explained.
 
     What such a robot differs in is no friction and no mass: compared all the same, one whose log was in degrees lacked
     all of a link, and one with the joints in another order had a link that was lighter by twice what it weighs. Where
-    most models are wrong, something that all robots have is missing in them, and what they show can be compared. One
-    that is wrong as masses of no credible robot explain the data, such as where a torque reads ten times too much, is
-    told by that torque.
+    most models are wrong, something that all robots have is missing in them, and what they show can be compared; but
+    for those that leave many times what is left in the others. One that is wrong as masses of no credible robot explain
+    the data, such as where a torque reads ten times too much, is told by that torque; but for those whose torques all
+    have the other sign, where there are as many of them that there is no mean.
     """
     found: list[int] = []
     for numbers in grouped.values():
         wrong = [k for k in numbers if rows[k].values["word"] == "wrong"]
-        if 2 * len(wrong) < len(numbers):
-            found += [k for k in wrong if float(rows[k].values["least_squares_error"]) > WRONG]
+        errors = {k: float(rows[k].values["least_squares_error"]) for k in numbers}
+        explained = [k for k in numbers if k not in wrong]
+        few = 2 * len(wrong) < len(numbers)
+        if wrong and (few or len(explained) >= FEWEST):
+            most = MANY_TIMES * float(np.median([errors[k] for k in explained]))
+            usual = np.median([rows[k].values["base"] for k in explained], axis=0)
+            found += [k for k in wrong if errors[k] > (min(most, WRONG) if few else most)]
+            found += [k for k in wrong if not few and errors[k] <= most and _is_turned(rows[k], usual)]
     return sorted(found)
+
+
+def _is_turned(row: RobotRow, usual: Array) -> bool:
+    """Whether base parameters are the opposite of the usual ones, as where the sign of all torques is."""
+    precision = 1.0 / np.diagonal(row.values["covariance"])
+    return bool(np.sum(precision * row.values["base"] * usual) < -0.5 * np.sum(precision * usual**2))
+
+
+def _unexplained(rows: Sequence[RobotRow]) -> str:
+    errors = [max(float(row.values[key]) for key in ("least_squares_error", "relative_error")) for row in rows]
+    told = listed([f"{row.entry.label} ({100.0 * error:.3g} %)" for row, error in zip(rows, errors, strict=True)])
+    return (
+        f"No parameters that a robot can have explain the data of {told}: so much of the torques is left, while the "
+        "data of siblings is explained. So these are not compared with siblings: see whether their logs are of these "
+        "robots, in the units, with the signs and with the joints in the order that are stated."
+    )
 
 
 def _copies(rows: Sequence[RobotRow]) -> dict[int, int]:
@@ -931,7 +953,7 @@ def sentence(one: Deviation, kind: Kind, *, when: str = "", since: str = "") -> 
             f"{'heavier' if sign > 0.0 else 'lighter'} than {others} ({ends[0]:.2g} to {ends[1]:.2g} kg), "
             f"{100.0 * abs(one.amplitude):.2g} %, if it is made like {'it was' if kind == 'drift' else 'theirs'}"
         )
-    elif cause.kind == "gain":
+    elif cause.kind in TURNABLE:
         measured = cause.what.removesuffix(" gain")
         text = (
             f"The {measured} measured at {cause.part} for the same motion is {1.0 + one.amplitude:.3g} times {others} "
@@ -950,8 +972,11 @@ def sentence(one: Deviation, kind: Kind, *, when: str = "", since: str = "") -> 
         )
     if kind == "drift":
         text += f", since {since}" if since else ""
-    if cause.kind == "gain" and 1.0 + one.amplitude < 0.0:
-        text += ", as where the sign of the torque or of the position is turned; see how this joint is wired and logged"
+    if cause.kind in TURNABLE and 1.0 + one.amplitude < 0.0:
+        wired = "this joint is wired and logged" if cause.kind == "gain" else "they are logged"
+        text += f", as where the sign of the torque or of the position is turned; see how {wired}"
+    elif cause.kind == "scale":
+        text += ", as where they are logged in another unit or by another controller"
     elif cause.kind == "gain":
         text += ", as with a sensor of another scale or another motor constant"
     elif cause.kind == "link":

@@ -532,16 +532,29 @@ class _Tests:
     def heap(self) -> tuple[Heap, SiblingVariation] | None:
         """Find robots that all have another amount of something, see `find_heap`."""
         tried = [(k, known_amplitudes(self.amplitude[:, k], self.error[:, k] ** -2)) for k in self.single]
-        tried += [(k, self.problem.amplitudes_of(own)) for k, own in self.own.items()]
+        # What a gain does to a robot was found with what has been taken off, which therefore looks like a gain.
+        moved = self.taken_off.any(axis=1)
+        tried += [(k, np.where(moved, np.nan, self.problem.amplitudes_of(own))) for k, own in self.own.items()]
         return find_heap(self.problem, tried, self.causes, self.directions_of, self.beside, LIKELY)
 
     def take_off(self, heap: Heap, within: SiblingVariation) -> None:
         """Take what robots have in common off their base parameters, and hold all robots against each other anew."""
         self.taken_off[heap.robots] += heap.change
+        if heap.cause in self.own:
+            self.own[heap.cause][heap.robots] -= heap.change
         problem = self.problem
         problem.bases = problem.bases.copy()
-        problem.bases[heap.robots] -= heap.change
-        problem.variances, problem.spread_matrix, problem.mean = within.variances, within.spread_matrix, within.mean
+        if self.causes[heap.cause].kind == "scale":  # of the noise, too, and of what siblings vary by
+            times = 1.0 + float(heap.amplitudes[0])
+            problem.errors = problem.errors.copy()
+            problem.bases[heap.robots] /= times
+            problem.errors[heap.robots] /= times**2
+            for own in self.own.values():
+                own[heap.robots] /= times
+            problem.begin(problem.bases)
+        else:
+            problem.bases[heap.robots] -= heap.change
+            problem.variances, problem.spread_matrix, problem.mean = within.variances, within.spread_matrix, within.mean
         problem.settle(problem.bases, {})
         self.measure()
 
@@ -651,11 +664,13 @@ class _Tests:
         its siblings, has it 16 % of theirs above the other three; without that, it was told as a gain of the torque,
         or its viscous friction was told apart. None where that does not change how much it varies.
         """
-        if self.causes[cause].kind not in ("friction", "term") or not self.causes[cause].has_ratio:
+        if self.causes[cause].kind not in ("friction", "term", "scale") or not self.causes[cause].has_ratio:
             return None
         nothing = self.direction(robot, cause)[:, 0] == 0.0
         within = ~np.any(self.problem.directions[nothing], axis=0)
-        squares = np.clip([has] if self.was is None else [has, had], 0.0, MOST_VARIED) ** 2
+        squares = np.array([has] if self.was is None else [has, had]) ** 2
+        if self.causes[cause].kind != "scale":  # of which all that a robot has is a multiple
+            squares = np.clip([has] if self.was is None else [has, had], 0.0, MOST_VARIED) ** 2
         more = float(squares.mean()) - 1.0  # a change varies with what there is after it, and with what was before
         return (self.problem.directions[:, within], more * self.problem.variances[within]) if within.any() else None
 
