@@ -29,7 +29,7 @@ from .manifest import FleetEntry, FleetManifest
 from .packed import unpacked
 from .robot_estimate import description_of, inputs_of, model_of, robot_estimate, something_came, task_of, with_contents
 from .siblings import FEWEST, LEAST_HELD, Batch, Deviation, SiblingComparison, compare_siblings, held_before
-from .variation import median_of_shown, shown_parameters, unexplained
+from .variation import median_of_shown, pseudo_inverse, shown_parameters, unexplained
 
 __all__ = ["Finding", "Fleet", "RobotGroup", "RobotRow", "identify_fleet"]
 
@@ -864,30 +864,44 @@ def _common(drift: SiblingComparison) -> list[tuple[Cause, float, float, float]]
 
     freedom = max(len(drift.robot_probability) - 1.0, 1.0)
     inverse = np.asarray(np.linalg.pinv(drift.mean_covariance, hermitian=True))
-    found = []
-    chosen: list[Array] = []
-    for _ in range(4):  # the likeliest, then what is left beside it
-        whole = unexplained(inverse, np.column_stack(chosen)) if chosen else inverse
-        best: tuple[float, Cause, float, float] | None = None
-        for cause in drift.causes:
-            if cause.kind == "link":
-                continue
-            g = cause.directions[:, 0]
-            told = float(g @ whole @ g)
-            if told <= 0.02 * float(g @ inverse @ g):
-                continue
-            value, error = float(g @ whole @ drift.mean) / told, told**-0.5
-            chance = 2.0 * float(stdtr(freedom, -abs(value) / error))
-            if best is None or chance < best[0]:
-                best = (chance, cause, value, error)
-        if best is None or best[0] > SURE / len(drift.causes):
+
+    def together(causes: Sequence[Cause]) -> tuple[Array, Array]:
+        """The mean changes by these causes, each beside the others, and their standard errors."""
+        columns = np.hstack([one.directions for one in causes])
+        covariance = pseudo_inverse(columns.T @ inverse @ columns)
+        return covariance @ (columns.T @ (inverse @ drift.mean)), np.sqrt(np.diagonal(covariance))
+
+    def chances(causes: Sequence[Cause]) -> Array:
+        values, errors = together(causes)
+        return np.asarray(2.0 * stdtr(freedom, -np.abs(values) / np.maximum(errors, 1e-300)))
+
+    sure = SURE / len(drift.causes)
+    left = [cause for cause in drift.causes if cause.kind != "link"]
+    chosen: list[Cause] = []
+    while left:  # the likeliest, then what is left beside it
+        whole = unexplained(inverse, np.hstack([one.directions for one in chosen])) if chosen else inverse
+        columns = np.hstack([cause.directions for cause in left])
+        told = np.sum(columns * (whole @ columns), axis=0)
+        shown = told > 0.02 * np.sum(columns * (inverse @ columns), axis=0)
+        away = np.where(shown, np.abs(columns.T @ whole @ drift.mean) / np.sqrt(np.where(shown, told, 1.0)), 0.0)
+        best = int(np.argmax(away))
+        if 2.0 * float(stdtr(freedom, -away[best])) > sure:
             break
-        _, cause, value, error = best
-        reach = float(stdtrit(freedom, 0.975)) * error
-        low, high = _of_first(cause, value - reach), _of_first(cause, value + reach)
-        found.append((cause, _of_first(cause, value), low, high))
-        chosen.append(cause.directions[:, 0])
-    return found
+        cause = left.pop(best)
+        factors = [one for one in chosen if one.kind == "friction" and one.part == cause.part and cause.kind == "term"]
+        if factors:  # friction that does not change by one factor: its terms are told, each by its own
+            left.append(cause)
+            chosen.remove(factors[0])
+        else:
+            chosen.append(cause)
+    while chosen and float(np.max(chances(chosen))) > sure:  # what those that were found later explain as well
+        del chosen[int(np.argmax(chances(chosen)))]
+    if not chosen:
+        return []
+    values, errors = together(chosen)
+    reach = float(stdtrit(freedom, 0.975)) * errors
+    ends = zip(chosen, values, values - reach, values + reach, strict=True)
+    return [(cause, *(_of_first(cause, float(one)) for one in told)) for cause, *told in ends]  # type: ignore[misc]
 
 
 def _of_first(cause: Cause, change: float) -> float:
