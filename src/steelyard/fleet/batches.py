@@ -281,15 +281,19 @@ def _common(
     together, left = own.sum(axis=0), variation.mean_covariance
     others = variation.precision - together
     total = variation.precision @ variation.mean - np.einsum("rij,rj->i", own, variation.moved[robots])
-    away = variation.bases[robots] - np.linalg.solve(others, total)
+    mean = np.linalg.solve(others, total)
+    away = variation.bases[robots] - mean
     seen = np.einsum("rij,rj->ri", own, away)
     seen_all = seen.sum(axis=0)
     # What any difference of the means would explain, of which each cause leaves some.
     score = seen_all - together @ left @ seen_all
     most = float(score @ np.linalg.pinv(together - together @ left @ together, rcond=1e-9, hermitian=True) @ score)
-    tried = []
+    tried, alongs = [], []
     for k, cause in enumerate(causes):
         along = directions(robots, k)
+        if cause.kind == "scale":  # a multiple of the mean itself, from which medians are further than it is known
+            along = np.broadcast_to(mean[:, None], along.shape)
+        alongs.append(along)
         weighed = own @ along  # (m, n_b, k)
         crossed = weighed.sum(axis=0)
         told = np.einsum("rij,rik->jk", along, weighed) - crossed.T @ left @ crossed
@@ -312,7 +316,7 @@ def _common(
     best = order[0]
     near = tuple(k for k in order[1:] if chances[best] - chances[k] <= likely and tried[k][5] > IMPOSSIBLE)
     amplitude, told, weights, explained, _, _ = tried[best]
-    change = directions(robots, best) @ amplitude
+    change = alongs[best] @ amplitude
     apart = float(np.sqrt(np.median(np.einsum("ri,rij,rj->r", change, own, change))))
     return Heap(robots, best, near, amplitude, told, change, weights, explained, apart, odds)
 

@@ -16,7 +16,7 @@ __all__ = ["Cause", "gains_in_own_motion", "possible_causes", "variations"]
 Array = NDArray[np.float64]
 Kind = Literal["term", "friction", "mass", "link", "gain", "scale"]
 
-FACTORS = ("friction", "mass", "gain", "scale")  # kinds of causes with one amplitude, by which all of something is multiplied
+FACTORS = ("friction", "mass", "gain", "scale")  # kinds with one amplitude, by which all of something is multiplied
 FRICTION = ("damping", "friction")  # as a description calls viscous and Coulomb friction
 TURNABLE = ("gain", "scale")  # which may have the other sign
 ALL_LINKS = 1e-6
@@ -53,8 +53,8 @@ class Cause:
         ``"torque gain of all joints"``.
     kind : {"term", "friction", "mass", "link", "gain", "scale"}
         One parameter of a drive; all friction of a drive, by one factor; all of a link, by one factor; a link whose
-        mass, centre of mass and inertia may be any; the torques that are measured at a joint, all by one factor; those of
-        all joints, by one factor, as where they are in another unit.
+        mass, centre of mass and inertia may be any; the torques that are measured at a joint, all by one factor; those
+        of all joints, by one factor, as where they are in another unit.
     part : str
         The joint or the link, or ``"all joints"``.
     what : str

@@ -248,6 +248,7 @@ class Fleet:
         for one in self.findings:
             differing.setdefault((one.robot, one.date), []).append(one)
         chance: dict[int, float] = {}
+        unexplained = [(row.entry.id, row.entry.date) for row in self.unexplained]
         for group in self.groups:
             if group.siblings is not None:
                 chance.update(zip(group.latest, map(float, group.siblings.robot_probability), strict=True))
@@ -276,6 +277,7 @@ class Fleet:
                     "batch": ", ".join(common.get((row.entry.group, row.entry.id), [])) or None,
                     "differs": None if number not in chance else any(one.kind == "siblings" for one in own),
                     "probability": chance.get(number),
+                    "unexplained": (row.entry.id, row.entry.date) in unexplained,
                     "drifted": any(one.kind == "drift" for one in own),
                     "cause": own[0].deviation.cause.name if own else None,
                     "sentence": " ".join(one.sentence for one in own) or None,
@@ -292,14 +294,16 @@ class Fleet:
         """The long table: each parameter of each robot and date, and each cause against the siblings, by column.
 
         Base parameters have the interval of the data alone; standard parameters are those of the answer; those of
-        siblings are ratios or differences, drawn towards the siblings by as much as the data leaves open.
+        siblings are ratios or differences, drawn towards the siblings by as much as the data leaves open, but for
+        those of robots that differ. Units are those of what has one, and empty for ratios.
         """
         parts: list[dict[str, Any]] = []
 
-        def add(row: RobotRow, kind: str, names: Sequence[str], value: Array, lower: Array, upper: Array) -> None:
-            parts.append(
-                {"row": row, "kind": kind, "names": list(names), "value": value, "lower": lower, "upper": upper}
-            )
+        def add(
+            row: RobotRow, kind: str, names: Sequence[str], units: Sequence[str | None], value: Array, *ends: Array
+        ) -> None:
+            part = {"row": row, "kind": kind, "names": list(names), "units": list(units), "value": value}
+            parts.append(part | dict(zip(("lower", "upper"), ends, strict=True)))
 
         for row in self.rows:
             model = _model_of(row)
@@ -311,15 +315,16 @@ class Fleet:
             if not values["filtered"]:
                 half = NORMAL * np.sqrt(np.diagonal(values["covariance"]))
             half = np.where(np.isfinite(half), half, np.nan)
-            add(row, "base", model.base_parameters().expressions, base, base - half, base + half)
+            add(row, "base", model.base_parameters().expressions, [None] * len(base), base, base - half, base + half)
             parameters = np.asarray(values["parameters"])
             open_ended = np.full(len(parameters), np.nan)
             if values["table"]:
                 rows = values["table"]
                 told = [np.array([_number(one[key]) for one in rows]) for key in ("value", "lower", "upper")]
-                add(row, "answer", [one["name"] for one in rows], *told)
+                add(row, "answer", [one["name"] for one in rows], [one["unit"] for one in rows], *told)
             else:
-                add(row, "answer", [str(name) for name in model.parameter_names], parameters, open_ended, open_ended)
+                names, none = [str(name) for name in model.parameter_names], [None] * len(parameters)
+                add(row, "answer", names, none, parameters, open_ended, open_ended)
         for group in self.groups:
             for kind, numbers, compared in (
                 ("beside siblings", group.latest, group.siblings),
@@ -328,12 +333,12 @@ class Fleet:
                 if compared is None:
                     continue
                 kept = [k for k, cause in enumerate(compared.causes) if cause.kind != "link"]
-                names = [compared.causes[k].name for k in kept]
+                names, units = ([getattr(compared.causes[k], key) for k in kept] for key in ("name", "unit"))
                 nominal = np.array([compared.causes[k].nominal for k in kept])
                 value, error = (nominal * one[:, kept] for one in compared.shrunk)
                 for place, number in enumerate(numbers):
                     half = NORMAL * error[place]
-                    add(self.rows[number], kind, names, value[place], value[place] - half, value[place] + half)
+                    add(self.rows[number], kind, names, units, value[place], value[place] - half, value[place] + half)
         counts = [len(part["names"]) for part in parts]
         whose = [part["row"].entry for part, count in zip(parts, counts, strict=True) for _ in range(count)]
         columns: dict[str, list[Any] | Array] = {
@@ -342,6 +347,7 @@ class Fleet:
         }
         columns["kind"] = [part["kind"] for part, count in zip(parts, counts, strict=True) for _ in range(count)]
         columns["parameter"] = [name for part in parts for name in part["names"]]
+        columns["unit"] = [unit for part in parts for unit in part["units"]]
         for key in ("value", "lower", "upper"):
             columns[key] = np.concatenate([part[key] for part in parts]) if parts else np.zeros(0)
         return columns
