@@ -992,7 +992,7 @@ def sentence(one: Deviation, kind: Kind, *, when: str = "", since: str = "") -> 
         )
     if kind == "drift":
         text += f", since {since}" if since else ""
-    if cause.kind in TURNABLE and 1.0 + one.amplitude < 0.0:
+    if cause.kind in TURNABLE and 1.0 + (high if cause.kind == "scale" else one.amplitude) < 0.0:
         wired = "this joint is wired and logged" if cause.kind == "gain" else "they are logged"
         text += f", as where the sign of the torque or of the position is turned; see how {wired}"
     elif cause.kind == "scale":

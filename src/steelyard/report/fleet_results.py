@@ -97,7 +97,7 @@ _FINDINGS = {
 
 
 def _frame(rows: Sequence[Mapping[str, Any]], kinds: Mapping[str, type]) -> polars.DataFrame:
-    """A table whose columns have the same types, whether or not there is anything in them; no number is null."""
+    """A table whose columns have the same types, whether or not there is anything in them; NaN becomes null."""
     import polars as pl
 
     types = {str: pl.String, int: pl.Int64, float: pl.Float64, bool: pl.Boolean}
