@@ -191,6 +191,20 @@ def test_torques_of_a_batch_may_be_in_another_unit(factor: float, more: float, t
     assert found.differs == ((7,) if more else ())
 
 
+def test_all_that_a_batch_has_in_common_is_told_each_beside_the_others(tmp_path: Path) -> None:
+    """A third of the arms is warm: viscous friction by 0.3, and Coulomb friction by 0.55."""
+    warm, held = tuple(range(0, 40, 3)), []
+    found = compared(Arms(tmp_path), 40, dict.fromkeys(warm, ("warm", 0.3)))
+    assert {batch.deviation.cause.name for batch in found.batches} == {f"F{a}j{k}" for a in "vc" for k in (1, 2, 3)}
+    for batch in found.batches:
+        factor = 0.3 if batch.deviation.cause.name.startswith("Fv") else 0.3**0.5
+        assert batch.robots == warm
+        assert batch.deviation.amplitude == pytest.approx(factor - 1.0, abs=0.06)
+        held.append(batch.deviation.lower < factor - 1.0 < batch.deviation.upper)
+    assert sum(held) >= 5
+    assert found.differs == ()
+
+
 @pytest.mark.parametrize("fault", [("joint3", 1.6), ("link2", 1.2), ("payload", 1.0), ("gain2", 1.2)])
 def test_what_one_batch_has_makes_no_other(fault: tuple[str, float], tmp_path: Path) -> None:
     """What a torque's gain does was found with it; without it, half of the others had another gain, or friction."""

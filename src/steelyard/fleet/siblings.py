@@ -18,8 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 from steelyard.errors import InputError
 from steelyard.regression.factor import eigenvectors
 
-from .batches import Heap, find_heap
-from .causes import IMPOSSIBLE, Cause
+from .batches import CHANCE, Heap, beside_each_other, common_part, find_heap
+from .causes import IMPOSSIBLE, TURNABLE, Cause
 from .tails import tails_of
 from .variation import (
     EFFICIENCY,
@@ -55,7 +55,7 @@ batches. Short logs have fewer: with 30 for all, one robot whose log had 140 row
 of ten."""
 
 MOST_BATCHES = 4
-"""Ways in which batches differ that are told."""
+"""Batches that are told, each with as many parts as it differs in."""
 
 ROUNDS = 3
 """Times that the variances are found anew without what was found to be unusual."""
@@ -356,13 +356,20 @@ def compare_siblings(
     tests = _Tests(problem, causes, scaled, each, of_robot, scale, rate, was)
     problem.settle(problem.bases, {})
     tests.measure()
-    batches: list[Batch] = []
+    heaps: dict[tuple[int, ...], list[tuple[Heap, SiblingVariation]]] = {}
     # What has changed is told robot by robot, and as the change of all.
-    while before is None and len(batches) < MOST_BATCHES and (split := tests.heap()) is not None:
-        heap, within = split
-        common = _in_common(heap, within, tests, confidence)
-        batches.append(Batch(tuple(map(int, heap.robots)), common, heap.apart, heap.odds))
-        tests.take_off(heap, within)
+    while before is None and len(heaps) < MOST_BATCHES and (split := tests.heap()) is not None:
+        parts = heaps.setdefault(tuple(map(int, split[0].robots)), [])
+        part: tuple[Heap, SiblingVariation] | None = split
+        while part is not None:
+            parts.append(part)
+            tests.take_off(*part)
+            part = tests.more_in_common(parts)
+    batches = [
+        Batch(robots, _in_common(heap, within, tests, confidence), heap.apart, heap.odds)
+        for robots, parts in heaps.items()
+        for heap, within in tests.beside_each_other(parts)
+    ]
     moved = problem.bases
     found: list[_Found] = []
     for number in range(ROUNDS):
@@ -562,6 +569,63 @@ class _Tests:
             problem.variances, problem.spread_matrix, problem.mean = within.variances, within.spread_matrix, within.mean
         problem.settle(problem.bases, {})
         self.measure()
+
+    def more_in_common(self, parts: Sequence[tuple[Heap, SiblingVariation]]) -> tuple[Heap, SiblingVariation] | None:
+        """In what the robots of a batch differ beside its parts, by a test of two means: who belongs to it is known.
+
+        A part in which two heaps overlap parts no robots; left alone, it counts as what siblings vary by, and draws the
+        others by how the errors of both are correlated.
+        """
+        from scipy.special import fdtrc
+
+        last = parts[-1][0]
+        given = last.robots, self.causes, self.directions_of, self.beside, LIKELY, last.odds
+        moved, within = self.problem.bases.copy(), self.problem.copied()
+        moved[last.robots] -= common_part(self.problem, *given).change
+        within.begin(moved)
+        within.settle(moved, {})
+        found = common_part(within, *given)
+        size, freedom = len(found.amplitudes), max(self.problem.count - 2.0, 1.0)
+        if float(fdtrc(size, freedom, found.explained / size)) > CHANCE / len(self.causes):
+            return None
+        # What a gain does to these robots was found with what was taken off.
+        taken = [one.cause for one, _ in parts]
+        told = found.cause not in taken and self.causes[found.cause].kind not in TURNABLE
+        return (found, within) if told else None
+
+    def beside_each_other(self, parts: list[tuple[Heap, SiblingVariation]]) -> list[tuple[Heap, SiblingVariation]]:
+        """Estimate what one batch has in common in several parts together, and take off what that changes."""
+        alone = [one for one in parts if self.causes[one[0].cause].kind in TURNABLE]  # of which no more is taken off
+        several = self.by_terms([heap for heap, _ in parts if self.causes[heap.cause].kind not in TURNABLE])
+        if len(several) < 2:
+            return parts
+        found = beside_each_other(self.problem, several, self.directions_of)
+        robots = several[0].robots
+        more = np.sum([new.change - old.change for new, old in zip(found, several, strict=True)], axis=0)
+        self.taken_off[robots] += more
+        self.problem.bases[robots] -= more
+        self.problem.settle(self.problem.bases, {})
+        self.measure()
+        return alone + [(heap, self.problem.copied()) for heap in found]
+
+    def by_terms(self, heaps: list[Heap]) -> list[Heap]:
+        """Tell friction that differs as a whole, and in one of its two terms as well, by both terms, each by its own."""
+        found = list(heaps)
+        for place, whole in enumerate(heaps):
+            of = self.causes[whole.cause]
+            if of.kind != "friction":
+                continue
+            for index, term in enumerate(heaps):
+                own = self.causes[term.cause]
+                left = self.directions[whole.cause] - self.directions[term.cause]
+                same = own.kind == "term" and own.part == of.part
+                others = [k for k in self.single if same and np.allclose(self.directions[k], left, rtol=1e-9)]
+                if others:
+                    change = whole.amplitudes[0] * self.directions[term.cause][:, 0]
+                    amplitudes = term.amplitudes + whole.amplitudes
+                    found[index] = replace(term, amplitudes=amplitudes, change=term.change + change)
+                    found[place] = replace(whole, cause=others[0], near=(), change=whole.change - change)
+        return found
 
     def against_others(self, robot: int) -> tuple[Array, Array]:
         """The inverse covariance of a robot's deviation from the mean of the others, and the deviation."""
