@@ -596,9 +596,10 @@ class _Tests:
     def beside_each_other(self, parts: list[tuple[Heap, SiblingVariation]]) -> list[tuple[Heap, SiblingVariation]]:
         """Estimate what one batch has in common in several parts together, and take off what that changes."""
         alone = [one for one in parts if self.causes[one[0].cause].kind in TURNABLE]  # of which no more is taken off
-        several = self.by_terms([heap for heap, _ in parts if self.causes[heap.cause].kind not in TURNABLE])
+        several = [heap for heap, _ in parts if self.causes[heap.cause].kind not in TURNABLE]
         if len(several) < 2:
             return parts
+        several = self.by_links(self.by_terms(several))
         found = beside_each_other(self.problem, several, self.directions_of)
         robots = several[0].robots
         more = np.sum([new.change - old.change for new, old in zip(found, several, strict=True)], axis=0)
@@ -609,7 +610,7 @@ class _Tests:
         return alone + [(heap, self.problem.copied()) for heap in found]
 
     def by_terms(self, heaps: list[Heap]) -> list[Heap]:
-        """Tell friction that differs as a whole, and in one of its two terms as well, by both terms, each by its own."""
+        """Tell friction that differs as a whole, and in one of its two terms as well, by both terms."""
         found = list(heaps)
         for place, whole in enumerate(heaps):
             of = self.causes[whole.cause]
@@ -625,6 +626,19 @@ class _Tests:
                     amplitudes = term.amplitudes + whole.amplitudes
                     found[index] = replace(term, amplitudes=amplitudes, change=term.change + change)
                     found[place] = replace(whole, cause=others[0], near=(), change=whole.change - change)
+        return found
+
+    def by_links(self, heaps: list[Heap]) -> list[Heap]:
+        """Tell a mass that differs, of a link that differs in more, by the link, beside which it has no number."""
+        found = list(heaps)
+        for mass in [one for one in heaps if self.causes[one.cause].kind == "mass"]:
+            for place, link in enumerate(found):
+                of = self.causes[link.cause]
+                if of.kind == "link" and of.part == self.causes[mass.cause].part:
+                    also = np.linalg.pinv(self.directions[link.cause]) @ mass.change[0]
+                    found[place] = replace(link, amplitudes=link.amplitudes + also, change=link.change + mass.change)
+                    found.remove(mass)
+                    break
         return found
 
     def against_others(self, robot: int) -> tuple[Array, Array]:
