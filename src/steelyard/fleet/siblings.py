@@ -161,6 +161,8 @@ class SiblingComparison:
     tails : ndarray
         (len(causes),): how heavy the tails are of what siblings vary by, as reciprocals of the degrees of freedom of
         Student's distribution; zero where it is normal.
+    freedom : ndarray
+        (R, len(causes)): degrees of freedom of Student's distribution by which being as far out is held against chance.
     probability : ndarray
         (R, len(causes)) of being as far out by chance.
     robot_probability : ndarray
@@ -182,6 +184,7 @@ class SiblingComparison:
     among: Array = field(repr=False)
     common: Array = field(repr=False)
     tails: Array = field(repr=False)
+    freedom: Array = field(repr=False)
     probability: Array = field(repr=False)
     robot_probability: Array = field(repr=False)
     deviations: tuple[Deviation, ...] = field(repr=False)
@@ -218,8 +221,7 @@ class SiblingComparison:
         """(len(causes),): the amplitude of each cause that half of the robots that have it would be named for."""
         from scipy.special import stdtrit
 
-        share = np.median((self.among / self.error) ** 2, axis=0)
-        freedom = 1.0 / np.maximum(self.tails * share**2, 1e-6)
+        freedom = np.median(self.freedom, axis=0)
         return np.asarray(-stdtrit(freedom, 0.5 * max(self.threshold, 1e-300)) * np.median(self.error, axis=0))
 
 
@@ -400,6 +402,7 @@ def compare_siblings(
         tests.among,
         tests.common,
         tests.tails,
+        tests.degrees,
         tests.probability,
         tests.robot_probability,
         tuple(deviations),
@@ -450,15 +453,18 @@ class _Tested(NamedTuple):
     freedom: Array
     share: Array
 
-    def chances(self, tails: Array | float) -> Array:
-        """Probabilities of explaining as much by chance, where siblings vary with these tails (see `tails_of`).
+    def degrees(self, tails: Array | float) -> Array:
+        """Degrees of freedom of the variances, where siblings vary with these tails (see `tails_of`).
 
         By Satterthwaite's rule: a variance that differs from robot to robot is as one of which little is known.
         """
+        return np.asarray(1.0 / (1.0 / self.freedom + tails * self.share**2))
+
+    def chances(self, tails: Array | float) -> Array:
+        """Probabilities of explaining as much by chance, where siblings vary with these tails."""
         from scipy.special import fdtrc
 
-        freedom = 1.0 / (1.0 / self.freedom + tails * self.share**2)
-        return np.asarray(fdtrc(self.sizes, freedom, self.explained / self.sizes))
+        return np.asarray(fdtrc(self.sizes, self.degrees(tails), self.explained / self.sizes))
 
 
 class _Tests:
@@ -516,7 +522,7 @@ class _Tests:
         whole = _Tested(*(np.array(one) for one in zip(*told, strict=True)))
         self.amplitude, self.error, self.among = whole.amplitude, whole.error, whole.among
         self.tails = self.tails_of_siblings(whole)
-        self.probability = whole.chances(self.tails)
+        self.probability, self.degrees = whole.chances(self.tails), whole.degrees(self.tails)
 
     def tails_of_siblings(self, whole: _Tested) -> Array:
         """Reciprocals of degrees of freedom of what siblings vary by, of each cause, see `tails_of`."""
