@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from .causes import IMPOSSIBLE, Cause
 from .variation import SiblingVariation, pseudo_inverse
 
-__all__ = ["CHANCE", "Heap", "beside_each_other", "common_part", "find_heap", "two_heaps"]
+__all__ = ["Heap", "beside_each_other", "common_part", "find_heap", "two_heaps"]
 
 Array = NDArray[np.float64]
 Numbers = NDArray[np.intp]
