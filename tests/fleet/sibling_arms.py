@@ -27,14 +27,15 @@ FRICTION = ((1.0, 2.0), (0.8, 1.5), (0.5, 1.0))
 
 class Arms:
     """Arms whose links vary by 1 %, friction by 5 %; a fault multiplies friction of a joint, all of a link or a torque,
-    or is a payload.
+    or all torques, or is a payload; or the arms are warmer, so that viscous friction is less by a factor and Coulomb
+    friction by its root.
 
     Those of another reach have a second link of another length. What they vary by is normal, or has the tails of
-    Student's distribution with some degrees of freedom.
+    Student's distribution with some degrees of freedom. All may have the same motion.
     """
 
-    def __init__(self, folder: Path, reach: float = 1.0, freedom: float | None = None) -> None:
-        self.folder, self.freedom = folder, freedom
+    def __init__(self, folder: Path, reach: float = 1.0, freedom: float | None = None, alike: bool = False) -> None:
+        self.folder, self.freedom, self.alike = folder, freedom, alike
         text = ROBOT.replace('["pi/2", 0.3, 0.1', f'["pi/2", {0.3 * reach}, 0.1')
         (folder / "robot.toml").write_text(text, encoding="utf-8")
         self.model = sy.Model.load(folder / "robot.toml")
@@ -65,6 +66,8 @@ class Arms:
                 values[index] *= 1.0 + 0.05 * vary()
             if fault.startswith("joint") and name in (f"Fvj{fault[5:]}", f"Fcj{fault[5:]}"):
                 values[index] *= factor
+            if fault == "warm" and name.startswith("F"):
+                values[index] *= factor if name.startswith("Fv") else factor**0.5
         if fault == "payload":  # a lump of so many kilograms on the flange
             lump = sy.Inertia.from_com(factor, [0.0, 0.05, 0.1], 0.002 * factor * np.eye(3))
             values[self.model.link_columns[-1]] += lump.parameters
@@ -72,6 +75,7 @@ class Arms:
             values[self.model.link_columns[int(fault[4:]) - 1]] *= factor
         t = np.arange(0.0, duration, 0.01)[:, None]
         w, phase = 2 * np.pi * np.array([0.2, 0.31, 0.43]), random.uniform(0.0, 6.0, 3)
+        phase = np.ones(3) if self.alike else phase
         q = np.sin(w * t + phase) + 0.3 * np.sin(2.3 * w * t)
         dq = w * np.cos(w * t + phase) + 0.69 * w * np.cos(2.3 * w * t)
         ddq = -(w**2) * np.sin(w * t + phase) - 0.3 * (2.3 * w) ** 2 * np.sin(2.3 * w * t)
@@ -84,7 +88,7 @@ class Arms:
         lasting = lfilter([np.sqrt(1 - 0.9**2)], [1.0, -0.9], noise.normal(size=torque.shape), axis=0)
         torque = torque + 0.2 * (lasting + noise.normal(size=torque.shape))
         if fault.startswith("gain"):
-            torque[:, int(fault[4:]) - 1] *= factor
+            torque[:, slice(None) if fault == "gains" else int(fault[4:]) - 1] *= factor
         return sy.Information.from_samples(self.model, sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque))
 
     def manifest(self, rows: list[str], *, more: str = "") -> Path:

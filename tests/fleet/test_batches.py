@@ -178,6 +178,43 @@ def test_what_a_batch_has_in_common_is_named(fault: str, factor: float, name: st
     assert len(set(surest) & set(robots)) <= 1  # nearly none of a batch is named for what all of it has
 
 
+@pytest.mark.parametrize(("factor", "more"), [(1.2, 0.0), (-1.0, 0.0), (0.8, 1.5)])
+def test_torques_of_a_batch_may_be_in_another_unit(factor: float, more: float, tmp_path: Path) -> None:
+    """The joints were told one after the other, and the rest in batches of other robots."""
+    robots = tuple(range(0, 30, 3))
+    faults = dict.fromkeys(robots, ("gains", factor)) | ({7: ("joint2", more)} if more else {})
+    found = compared(Arms(tmp_path, alike=True), 30, faults)
+    [batch] = found.batches
+    assert batch.robots == robots
+    assert batch.deviation.cause.name == "torque gain of all joints"
+    assert batch.deviation.amplitude == pytest.approx(factor - 1.0, abs=0.01)  # links vary by 1 %, friction by 5 %
+    assert found.differs == ((7,) if more else ())
+
+
+def test_all_that_a_batch_has_in_common_is_told_each_beside_the_others(tmp_path: Path) -> None:
+    """A third of the arms is warm: viscous friction by 0.3, and Coulomb friction by 0.55."""
+    warm, held = tuple(range(0, 40, 3)), []
+    found = compared(Arms(tmp_path), 40, dict.fromkeys(warm, ("warm", 0.3)))
+    assert {batch.deviation.cause.name for batch in found.batches} == {f"F{a}j{k}" for a in "vc" for k in (1, 2, 3)}
+    for batch in found.batches:
+        factor = 0.3 if batch.deviation.cause.name.startswith("Fv") else 0.3**0.5
+        assert batch.robots == warm
+        assert batch.deviation.amplitude == pytest.approx(factor - 1.0, abs=0.06)
+        held.append(batch.deviation.lower < factor - 1.0 < batch.deviation.upper)
+    assert sum(held) >= 5
+    assert found.differs == ()
+
+
+@pytest.mark.parametrize("fault", [("joint3", 1.6), ("link2", 1.2), ("payload", 1.0), ("gain2", 1.2)])
+def test_what_one_batch_has_makes_no_other(fault: tuple[str, float], tmp_path: Path) -> None:
+    """What a torque's gain does was found with it; without it, half of the others had another gain, or friction."""
+    for count, step in ((24, 4), (60, 10)):
+        robots = tuple(range(0, count, step))
+        found = compared(Arms(tmp_path, alike=True), count, dict.fromkeys(robots, fault))
+        assert [batch.robots for batch in found.batches] in ([robots], [])
+        assert found.batches or set(found.differs) == set(robots)
+
+
 def test_the_heap_is_told_whose_torque_reads_wrong(tmp_path: Path) -> None:
     """It is the larger one here: what a wrong scale does depends on each robot's motion, and the others are alike."""
     robots = tuple(number for number in range(40) if number % 10 > 2)
@@ -251,6 +288,7 @@ def test_a_batch_is_one_finding_of_the_fleet(
         (pl.col("kind") == "beside siblings") & (pl.col("parameter") == "friction of joint2")
     )
     heap, others = (beside.filter(pl.col("robot").is_in(batch) == inside)["value"].median() for inside in (True, False))
+    assert set(beside["unit"]) == {""}  # parts of what the others have
     assert heap == pytest.approx(factor - 1.0, abs=0.05)  # with what it has in common with its batch
     assert others == pytest.approx(0.0, abs=0.03)
 

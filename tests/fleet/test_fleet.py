@@ -151,6 +151,37 @@ def test_what_changed_in_all_robots_is_a_part_of_what_was(arms: Arms) -> None:
     assert value == pytest.approx(-50.0, abs=4.0)
 
 
+def test_tables_have_no_number_that_is_none(arms: Arms) -> None:
+    """A link as a whole has no size: NaN, which Polars takes for the largest number, is left out."""
+    rows = [one for k in range(12) for one in entries(arms, k, ("payload", 3.0) if k == 4 else ("", 1.0))]
+    save_fleet(identify_fleet(arms.manifest(rows)), arms.folder / "result")
+    found = pl.read_parquet(arms.folder / "result" / "findings.parquet")
+    assert found["cause"].to_list() == ["link3"]
+    assert found.select("change", "lower", "upper", "ratio").row(0) == (None,) * 4
+    beside = pl.read_parquet(arms.folder / "result" / "parameters.parquet").filter(pl.col("kind") == "beside siblings")
+    units = dict(beside.select("parameter", "unit").unique().iter_rows())
+    assert (units["Fvj1"], units["Fcj2"], units["mass of link3"]) == ("N·m·s/rad", "N·m", "kg")
+    assert units["friction of joint1"] == units["torque gain of all joints"] == ""
+
+
+def test_all_that_changed_in_all_robots_is_told(arms: Arms) -> None:
+    """In the warm, viscous friction of three joints is less by 30 %, and Coulomb friction by 16 %: six changes."""
+    rows = []
+    for number in range(8):
+        rows += entries(arms, number, ("warm", 1.0), ("warm", 0.7))
+    told = [one for one in identify_fleet(arms.manifest(rows)).remarks if "on average" in one]
+    found = {}
+    for one in told:
+        name, numbers = re.findall(r"the (\w+ friction of \w+) changed", one), re.findall(r"([+-][0-9.]+) %", one)
+        found[name[0]] = tuple(map(float, numbers))
+    assert set(found) == {f"{what} friction of joint{k}" for what in ("viscous", "Coulomb") for k in (1, 2, 3)}
+    assert len(told) == 6
+    for name, (value, lower, upper) in found.items():
+        true = -30.0 if name.startswith("viscous") else 100.0 * (0.7**0.5 - 1.0)
+        assert lower - 1.0 <= value <= upper + 1.0  # two digits are told
+        assert value == pytest.approx(true, abs=4.0)
+
+
 @pytest.mark.slow
 def test_a_robot_that_was_unusual_is_held_against_what_it_was_itself(arms: Arms) -> None:
     """Friction that was twice that of the siblings, and is three times theirs, has grown by a half."""
@@ -228,6 +259,27 @@ def test_a_torque_that_reads_half_of_what_it_did_has_halved(arms: Arms) -> None:
     assert [value for _, value in found["drift", "R6"].history] == pytest.approx([-0.25, -0.5], abs=0.03)
 
 
+@pytest.mark.parametrize("fault", ["gain2", "gains"])
+def test_half_of_a_fleet_whose_torques_have_the_other_sign_is_told(fault: str, arms: Arms, called: Called) -> None:
+    """Of one joint, or of all: with no majority, nothing was said of them."""
+    rows = []
+    for number in range(8):
+        rows += entries(arms, number, (fault, -1.0 if number % 2 else 1.0))
+    code, said = called("fleet", arms.manifest(rows), "--output", arms.folder / "result")
+    assert code == 1, said
+    turned = ["R1", "R3", "R5", "R7"]
+    robots = pl.read_parquet(arms.folder / "result" / "robots.parquet")
+    assert robots.filter(pl.col("unexplained"))["robot"].to_list() == turned
+    assert robots.filter(pl.col("differs").is_null())["robot"].to_list() == turned
+    document = json.loads((arms.folder / "result" / "fleet.json").read_text(encoding="utf-8"))
+    assert document["findings"] == []
+    [remark] = [one for one in document["remarks"] if "explain the data of" in one]
+    assert all(f"{robot} (" in remark for robot in turned)
+    page = (arms.folder / "result" / "fleet.html").read_text(encoding="utf-8")
+    assert page.count("not explained") == 4  # in the table of all robots
+    assert "<dt>Not explained</dt><dd>4" in page
+
+
 @pytest.mark.slow
 def test_a_log_that_no_robot_of_this_kind_made_is_not_told_as_a_worn_one(arms: Arms, called: Called) -> None:
     """One log is in degrees, one has its joints in reverse order: neither is a link that lost all its mass or more."""
@@ -247,7 +299,7 @@ def test_a_log_that_no_robot_of_this_kind_made_is_not_told_as_a_worn_one(arms: A
     entries = "".join(f'[[robots]]\nid = "R{number}"\nlogs = ["{number}.csv"]\n' for number in range(8))
     manifest.write_text(f'robot = "robot.toml"\n{entries}', encoding="utf-8")
     code, said = called("fleet", manifest, "--output", arms.folder / "result", "--quiet")
-    assert code == 0, said
+    assert code == 1, said
     document = json.loads((arms.folder / "result" / "fleet.json").read_text(encoding="utf-8"))
     assert not {one["robot"] for one in document["findings"]} & {"R6", "R7"}
     assert document["unexplained"] == ["R6", "R7"]

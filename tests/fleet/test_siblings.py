@@ -298,6 +298,34 @@ def test_a_torque_of_the_other_sign_is_told_as_such(tmp_path: Path) -> None:
         assert one.amplitude == pytest.approx(-2.0, abs=0.1)
 
 
+@pytest.mark.parametrize("factor", [-1.0, 0.5, 1.2, 1000.0])
+def test_torques_in_another_unit_are_told_as_such(factor: float, tmp_path: Path) -> None:
+    """All of them, by one factor: they were two heavier links, or a friction of -65 times that of the siblings."""
+    [one] = Compared(tmp_path, 12).with_fault(4, "gains", factor).deviations
+    assert (one.robot, one.cause.name) == (4, "torque gain of all joints")
+    assert one.lower < factor - 1.0 < one.upper
+    assert one.amplitude == pytest.approx(factor - 1.0, rel=0.03)
+    told = sentence(one, "siblings")
+    turned = "where the sign of the torque or of the position is turned; see how they are logged"
+    assert (turned if factor < 0.0 else "where they are logged in another unit") in told
+
+
+def test_what_a_robot_that_differs_has_is_not_drawn_towards_its_siblings() -> None:
+    """Noise is as large as what siblings vary by, so half of any difference of theirs is taken away, and none of 20."""
+    random = np.random.default_rng(13)
+    own = random.normal(size=(30, 2))
+    own[4, 0] += 20.0
+    bases = own + random.normal(size=own.shape)
+    found = compare_siblings(bases, np.broadcast_to(np.eye(2), (30, 2, 2)), (ONE, OTHER), np.eye(2))
+    assert found.differs == (4,)
+    value, error = found.shrunk
+    assert abs(value[4, 0] - (own[4, 0] - found.mean[0])) < 2.0 * error[4, 0]
+    assert error[4, 0] == pytest.approx(1.0, abs=0.1)
+    usual = np.arange(30) != 4
+    slope = np.polyfit(bases[usual, 0] - found.mean[0], value[usual, 0], 1)[0]
+    assert slope == pytest.approx(0.5, abs=0.2)
+
+
 def test_no_link_weighs_less_than_nothing() -> None:
     """What two causes explain as well is told by the one that can be; what cannot be is told so where it is alone."""
     mass = Cause("mass of link1", "mass", "link1", "mass", "kg", 1.0, np.eye(2)[:, :1])
@@ -405,6 +433,8 @@ def test_torque_gains_are_causes_of_each_joint_that_has_them() -> None:
     gains = np.arange(1.0, 1.0 + 2 * model.base_parameters().count).reshape(-1, 2)
     without = possible_causes(model, np.ones(model.parameter_count))
     causes = possible_causes(model, np.ones(model.parameter_count), gains=gains)
-    assert [cause.name for cause in causes[len(without) :]] == ["torque gain of joint1", "force gain of joint2"]
-    assert np.array_equal(np.column_stack([cause.directions for cause in causes[len(without) :]]), gains)
-    assert variations(model, causes).shape[1] == variations(model, without).shape[1] + 2
+    names = ["torque gain of joint1", "force gain of joint2", "torque gain of all joints"]
+    assert [cause.name for cause in causes[len(without) :]] == names
+    told = np.column_stack([cause.directions for cause in causes[len(without) :]])
+    assert np.array_equal(told, np.column_stack([gains, gains.sum(axis=1)]))
+    assert variations(model, causes).shape[1] == variations(model, without).shape[1] + 3

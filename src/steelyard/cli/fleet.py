@@ -27,7 +27,8 @@ def fleet(
 ) -> None:
     """Estimate many robots; tell which differ, fall into batches or have drifted: exit 0 none, 1 some.
 
-    Exits 3 where nothing came of some entry; the others are there.
+    Exits 1, too, where no parameters explain the data of a robot. Exits 3 where nothing came of some entry; the others
+    are there.
 
     \b
     Examples:
@@ -55,5 +56,5 @@ def fleet(
         echo(f"Look at {output / 'fleet.html'}")
     if found.failed:
         raise typer.Exit(3)
-    if found.findings:
+    if found.findings or found.unexplained:
         raise typer.Exit(1)

@@ -14,14 +14,15 @@ from steelyard.dynamics import Model, MotorSide
 __all__ = ["Cause", "gains_in_own_motion", "possible_causes", "variations"]
 
 Array = NDArray[np.float64]
-Kind = Literal["term", "friction", "mass", "link", "gain"]
+Kind = Literal["term", "friction", "mass", "link", "gain", "scale"]
 
-FACTORS = ("friction", "mass", "gain")  # kinds of causes with one amplitude, by which all of something is multiplied
+FACTORS = ("friction", "mass", "gain", "scale")  # kinds with one amplitude, by which all of something is multiplied
 FRICTION = ("damping", "friction")  # as a description calls viscous and Coulomb friction
+TURNABLE = ("gain", "scale")  # which may have the other sign
 ALL_LINKS = 1e-6
 """Part of a column of base parameters that counts as one: what is less is rounding of their rules."""
 
-USUAL_CHANGES = {"gain": 0.1, "mass": 0.2, "friction": 0.5, "term": 0.5}
+USUAL_CHANGES = {"gain": 0.1, "scale": 0.1, "mass": 0.2, "friction": 0.5, "term": 0.5}
 """Half of all changes of a kind are taken to be within a factor of e to the power of this. Scales of sensors and
 constants of motors are off by a few percent, friction by half; the distribution of Cauchy has tails, so that none is
 excluded. At the last joint of an arm, whose torque is mostly friction, one looks like the other: a worn gearbox was
@@ -48,12 +49,14 @@ class Cause:
     Attributes
     ----------
     name : str
-        ``"Fcj3"``, ``"friction of elbow"``, ``"mass of forearm"``, ``"forearm"``, ``"torque gain of elbow"``.
-    kind : {"term", "friction", "mass", "link", "gain"}
+        ``"Fcj3"``, ``"friction of elbow"``, ``"mass of forearm"``, ``"forearm"``, ``"torque gain of elbow"``,
+        ``"torque gain of all joints"``.
+    kind : {"term", "friction", "mass", "link", "gain", "scale"}
         One parameter of a drive; all friction of a drive, by one factor; all of a link, by one factor; a link whose
-        mass, centre of mass and inertia may be any; the torques that are measured at a joint, all by one factor.
+        mass, centre of mass and inertia may be any; the torques that are measured at a joint, all by one factor; those
+        of all joints, by one factor, as where they are in another unit.
     part : str
-        The joint or the link.
+        The joint or the link, or ``"all joints"``.
     what : str
         Such as ``"Coulomb friction"``, ``"mass"``.
     unit : str
@@ -86,7 +89,7 @@ class Cause:
         >>> mass.can_be(0.5), mass.can_be(0.02), mass.can_be(-1.0)
         (True, False, False)
         """
-        if not self.has_ratio or self.kind == "gain":
+        if not self.has_ratio or self.kind in TURNABLE:
             return True
         return ratio >= (LIGHTEST if self.kind == "mass" else 0.0)
 
@@ -106,9 +109,9 @@ class Cause:
             return 0.0
         if not self.can_be(highest):
             return IMPOSSIBLE
-        size = abs(ratio) if self.kind == "gain" else ratio
+        size = abs(ratio) if self.kind in TURNABLE else ratio
         change = np.log(np.clip(size, LIGHTEST, 1.0 / LIGHTEST)) / USUAL_CHANGES[self.kind]
-        return float(-np.log1p(change**2)) + (TURNED if ratio < 0.0 and self.kind == "gain" else 0.0)
+        return float(-np.log1p(change**2)) + (TURNED if ratio < 0.0 and self.kind in TURNABLE else 0.0)
 
 
 def possible_causes(
@@ -187,6 +190,10 @@ def possible_causes(
             joint = robot.joints[number]
             what = "torque gain" if joint.rotates else "force gain"
             found.append(Cause(f"{what} of {joint.name}", "gain", joint.name, what, "", 1.0, direction))
+        if len(robot.driving_joints) > 1:
+            # They add up to the base parameters, in whatever motion.
+            every = np.sum(gains, axis=1)[:, None]
+            found.append(Cause("torque gain of all joints", "scale", "all joints", "torque gain", "", 1.0, every))
     largest = np.abs(K).max(initial=0.0)
     return tuple(c for c in found if np.abs(c.directions).max(initial=0.0) > ALL_LINKS * largest * _least(c))
 

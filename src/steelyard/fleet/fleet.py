@@ -21,7 +21,7 @@ from steelyard.identification.log_reader import Progress
 from steelyard.identification.prediction_verdict import WRONG
 from steelyard.regression.parameter_covariance import FEWEST_DEGREES, NORMAL
 
-from .causes import Cause, gains_in_own_motion, possible_causes, variations
+from .causes import TURNABLE, Cause, gains_in_own_motion, possible_causes, variations
 from .checkpoints import Checkpoints, checkpoint_key
 from .executors import Executor, Here
 from .log_reduction import first_of, run_in_order
@@ -29,7 +29,7 @@ from .manifest import FleetEntry, FleetManifest
 from .packed import unpacked
 from .robot_estimate import description_of, inputs_of, model_of, robot_estimate, something_came, task_of, with_contents
 from .siblings import FEWEST, LEAST_HELD, Batch, Deviation, SiblingComparison, compare_siblings, held_before
-from .variation import median_of_shown, shown_parameters, unexplained
+from .variation import median_of_shown, pseudo_inverse, shown_parameters, unexplained
 
 __all__ = ["Finding", "Fleet", "RobotGroup", "RobotRow", "identify_fleet"]
 
@@ -38,6 +38,9 @@ Kind = Literal["batch", "siblings", "drift"]
 KINDS = ("batch", "siblings", "drift")  # in the order in which they are told
 MOST_SENTENCES = 40
 """The most sentences that are printed; the tables have all findings."""
+MANY_TIMES = 3.0
+"""Error beside that of the siblings whose data is explained, above which that of a robot is not: of a model that lacks
+something, errors vary by half; the other sign of one joint's torque leaves seven times as much."""
 ROUGH = 5
 """Robots of a group below which intervals hold less than they say: of links that were named in simulated fleets of
 four, which are those where chance made the others look alike, 6 of 10 held the truth; of five, 9 of 10."""
@@ -146,7 +149,8 @@ class Fleet:
         Batches, then robots that differ from their siblings, then those that have drifted; the surest first.
     remarks : tuple of str
     unexplained : tuple of RobotRow
-        Whose own data no parameters explain, while that of most siblings is explained. No part of them is compared.
+        Whose own data no parameters that a robot can have explain, while that of siblings is explained. No part of
+        them is compared.
     """
 
     manifest: FleetManifest
@@ -244,6 +248,7 @@ class Fleet:
         for one in self.findings:
             differing.setdefault((one.robot, one.date), []).append(one)
         chance: dict[int, float] = {}
+        unexplained = [(row.entry.id, row.entry.date) for row in self.unexplained]
         for group in self.groups:
             if group.siblings is not None:
                 chance.update(zip(group.latest, map(float, group.siblings.robot_probability), strict=True))
@@ -272,6 +277,7 @@ class Fleet:
                     "batch": ", ".join(common.get((row.entry.group, row.entry.id), [])) or None,
                     "differs": None if number not in chance else any(one.kind == "siblings" for one in own),
                     "probability": chance.get(number),
+                    "unexplained": (row.entry.id, row.entry.date) in unexplained,
                     "drifted": any(one.kind == "drift" for one in own),
                     "cause": own[0].deviation.cause.name if own else None,
                     "sentence": " ".join(one.sentence for one in own) or None,
@@ -288,14 +294,16 @@ class Fleet:
         """The long table: each parameter of each robot and date, and each cause against the siblings, by column.
 
         Base parameters have the interval of the data alone; standard parameters are those of the answer; those of
-        siblings are ratios or differences, drawn towards the siblings by as much as the data leaves open.
+        siblings are ratios or differences, drawn towards the siblings by as much as the data leaves open, but for
+        those of robots that differ. Units are those of what has one, and empty for ratios.
         """
         parts: list[dict[str, Any]] = []
 
-        def add(row: RobotRow, kind: str, names: Sequence[str], value: Array, lower: Array, upper: Array) -> None:
-            parts.append(
-                {"row": row, "kind": kind, "names": list(names), "value": value, "lower": lower, "upper": upper}
-            )
+        def add(
+            row: RobotRow, kind: str, names: Sequence[str], units: Sequence[str | None], value: Array, *ends: Array
+        ) -> None:
+            part = {"row": row, "kind": kind, "names": list(names), "units": list(units), "value": value}
+            parts.append(part | dict(zip(("lower", "upper"), ends, strict=True)))
 
         for row in self.rows:
             model = _model_of(row)
@@ -307,15 +315,16 @@ class Fleet:
             if not values["filtered"]:
                 half = NORMAL * np.sqrt(np.diagonal(values["covariance"]))
             half = np.where(np.isfinite(half), half, np.nan)
-            add(row, "base", model.base_parameters().expressions, base, base - half, base + half)
+            add(row, "base", model.base_parameters().expressions, [None] * len(base), base, base - half, base + half)
             parameters = np.asarray(values["parameters"])
             open_ended = np.full(len(parameters), np.nan)
             if values["table"]:
                 rows = values["table"]
                 told = [np.array([_number(one[key]) for one in rows]) for key in ("value", "lower", "upper")]
-                add(row, "answer", [one["name"] for one in rows], *told)
+                add(row, "answer", [one["name"] for one in rows], [one["unit"] for one in rows], *told)
             else:
-                add(row, "answer", [str(name) for name in model.parameter_names], parameters, open_ended, open_ended)
+                names, none = [str(name) for name in model.parameter_names], [None] * len(parameters)
+                add(row, "answer", names, none, parameters, open_ended, open_ended)
         for group in self.groups:
             for kind, numbers, compared in (
                 ("beside siblings", group.latest, group.siblings),
@@ -324,12 +333,12 @@ class Fleet:
                 if compared is None:
                     continue
                 kept = [k for k, cause in enumerate(compared.causes) if cause.kind != "link"]
-                names = [compared.causes[k].name for k in kept]
+                names, units = ([getattr(compared.causes[k], key) for k in kept] for key in ("name", "unit"))
                 nominal = np.array([compared.causes[k].nominal for k in kept])
                 value, error = (nominal * one[:, kept] for one in compared.shrunk)
                 for place, number in enumerate(numbers):
                     half = NORMAL * error[place]
-                    add(self.rows[number], kind, names, value[place], value[place] - half, value[place] + half)
+                    add(self.rows[number], kind, names, units, value[place], value[place] - half, value[place] + half)
         counts = [len(part["names"]) for part in parts]
         whose = [part["row"].entry for part, count in zip(parts, counts, strict=True) for _ in range(count)]
         columns: dict[str, list[Any] | Array] = {
@@ -338,6 +347,7 @@ class Fleet:
         }
         columns["kind"] = [part["kind"] for part, count in zip(parts, counts, strict=True) for _ in range(count)]
         columns["parameter"] = [name for part in parts for name in part["names"]]
+        columns["unit"] = [unit for part in parts for unit in part["units"]]
         for key in ("value", "lower", "upper"):
             columns[key] = np.concatenate([part[key] for part in parts]) if parts else np.zeros(0)
         return columns
@@ -464,12 +474,7 @@ def identify_fleet(
             "each is compared with those of its own model alone."
         )
     if strange:
-        errors = [f"{rows[k].entry.label} ({100.0 * rows[k].values['least_squares_error']:.3g} %)" for k in strange]
-        remarks.append(
-            f"No parameters explain the data of {listed(errors)}: so much of the torques is left by least squares, "
-            "while the data of most siblings is explained. So these are not compared with siblings: see whether their "
-            "logs are of these robots, in the units, with the signs and with the joints in the order that are stated."
-        )
+        remarks.append(_unexplained([rows[k] for k in strange]))
     filtered = sum(bool(row.values.get("filtered")) for row in rows)
     if filtered:
         remarks.append(
@@ -550,20 +555,43 @@ def _grouped(rows: Sequence[RobotRow], copies: Container[int]) -> dict[tuple[str
 
 
 def _strangers(rows: Sequence[RobotRow], grouped: Mapping[Any, Sequence[int]]) -> list[int]:
-    """Numbers of rows whose own data no parameters explain, in groups where those of most others are explained.
+    """Numbers of rows whose own data no parameters explain, in groups where those of others are explained.
 
     What such a robot differs in is no friction and no mass: compared all the same, one whose log was in degrees lacked
     all of a link, and one with the joints in another order had a link that was lighter by twice what it weighs. Where
-    most models are wrong, something that all robots have is missing in them, and what they show can be compared. One
-    that is wrong as masses of no credible robot explain the data, such as where a torque reads ten times too much, is
-    told by that torque.
+    most models are wrong, something that all robots have is missing in them, and what they show can be compared; but
+    for those that leave many times what is left in the others. One that is wrong as masses of no credible robot explain
+    the data, such as where a torque reads ten times too much, is told by that torque; but for those whose torques all
+    have the other sign, where there are as many of them that there is no mean.
     """
     found: list[int] = []
     for numbers in grouped.values():
         wrong = [k for k in numbers if rows[k].values["word"] == "wrong"]
-        if 2 * len(wrong) < len(numbers):
-            found += [k for k in wrong if float(rows[k].values["least_squares_error"]) > WRONG]
+        errors = {k: float(rows[k].values["least_squares_error"]) for k in numbers}
+        explained = [k for k in numbers if k not in wrong]
+        few = 2 * len(wrong) < len(numbers)
+        if wrong and (few or len(explained) >= FEWEST):
+            most = MANY_TIMES * float(np.median([errors[k] for k in explained]))
+            usual = np.median([rows[k].values["base"] for k in explained], axis=0)
+            found += [k for k in wrong if errors[k] > (min(most, WRONG) if few else most)]
+            found += [k for k in wrong if not few and errors[k] <= most and _is_turned(rows[k], usual)]
     return sorted(found)
+
+
+def _is_turned(row: RobotRow, usual: Array) -> bool:
+    """Whether base parameters are the opposite of the usual ones, as where the sign of all torques is."""
+    precision = 1.0 / np.diagonal(row.values["covariance"])
+    return bool(np.sum(precision * row.values["base"] * usual) < -0.5 * np.sum(precision * usual**2))
+
+
+def _unexplained(rows: Sequence[RobotRow]) -> str:
+    errors = [max(float(row.values[key]) for key in ("least_squares_error", "relative_error")) for row in rows]
+    told = listed([f"{row.entry.label} ({100.0 * error:.3g} %)" for row, error in zip(rows, errors, strict=True)])
+    return (
+        f"No parameters that a robot can have explain the data of {told}: so much of the torques is left, while the "
+        "data of siblings is explained. So these are not compared with siblings: see whether their logs are of these "
+        "robots, in the units, with the signs and with the joints in the order that are stated."
+    )
 
 
 def _copies(rows: Sequence[RobotRow]) -> dict[int, int]:
@@ -842,30 +870,44 @@ def _common(drift: SiblingComparison) -> list[tuple[Cause, float, float, float]]
 
     freedom = max(len(drift.robot_probability) - 1.0, 1.0)
     inverse = np.asarray(np.linalg.pinv(drift.mean_covariance, hermitian=True))
-    found = []
-    chosen: list[Array] = []
-    for _ in range(4):  # the likeliest, then what is left beside it
-        whole = unexplained(inverse, np.column_stack(chosen)) if chosen else inverse
-        best: tuple[float, Cause, float, float] | None = None
-        for cause in drift.causes:
-            if cause.kind == "link":
-                continue
-            g = cause.directions[:, 0]
-            told = float(g @ whole @ g)
-            if told <= 0.02 * float(g @ inverse @ g):
-                continue
-            value, error = float(g @ whole @ drift.mean) / told, told**-0.5
-            chance = 2.0 * float(stdtr(freedom, -abs(value) / error))
-            if best is None or chance < best[0]:
-                best = (chance, cause, value, error)
-        if best is None or best[0] > SURE / len(drift.causes):
+
+    def together(causes: Sequence[Cause]) -> tuple[Array, Array]:
+        """The mean changes by these causes, each beside the others, and their standard errors."""
+        columns = np.hstack([one.directions for one in causes])
+        covariance = pseudo_inverse(columns.T @ inverse @ columns)
+        return covariance @ (columns.T @ (inverse @ drift.mean)), np.sqrt(np.diagonal(covariance))
+
+    def chances(causes: Sequence[Cause]) -> Array:
+        values, errors = together(causes)
+        return np.asarray(2.0 * stdtr(freedom, -np.abs(values) / np.maximum(errors, 1e-300)))
+
+    sure = SURE / len(drift.causes)
+    left = [cause for cause in drift.causes if cause.kind != "link"]
+    chosen: list[Cause] = []
+    while left:  # the likeliest, then what is left beside it
+        whole = unexplained(inverse, np.hstack([one.directions for one in chosen])) if chosen else inverse
+        columns = np.hstack([cause.directions for cause in left])
+        told = np.sum(columns * (whole @ columns), axis=0)
+        shown = told > 0.02 * np.sum(columns * (inverse @ columns), axis=0)
+        away = np.where(shown, np.abs(columns.T @ whole @ drift.mean) / np.sqrt(np.where(shown, told, 1.0)), 0.0)
+        best = int(np.argmax(away))
+        if 2.0 * float(stdtr(freedom, -away[best])) > sure:
             break
-        _, cause, value, error = best
-        reach = float(stdtrit(freedom, 0.975)) * error
-        low, high = _of_first(cause, value - reach), _of_first(cause, value + reach)
-        found.append((cause, _of_first(cause, value), low, high))
-        chosen.append(cause.directions[:, 0])
-    return found
+        cause = left.pop(best)
+        factors = [one for one in chosen if one.kind == "friction" and one.part == cause.part and cause.kind == "term"]
+        if factors:  # friction that does not change by one factor: its terms are told, each by its own
+            left.append(cause)
+            chosen.remove(factors[0])
+        else:
+            chosen.append(cause)
+    while chosen and float(np.max(chances(chosen))) > sure:  # what those that were found later explain as well
+        del chosen[int(np.argmax(chances(chosen)))]
+    if not chosen:
+        return []
+    values, errors = together(chosen)
+    reach = float(stdtrit(freedom, 0.975)) * errors
+    ends = zip(chosen, values, values - reach, values + reach, strict=True)
+    return [(cause, *(_of_first(cause, float(one)) for one in told)) for cause, *told in ends]  # type: ignore[misc]
 
 
 def _of_first(cause: Cause, change: float) -> float:
@@ -931,7 +973,7 @@ def sentence(one: Deviation, kind: Kind, *, when: str = "", since: str = "") -> 
             f"{'heavier' if sign > 0.0 else 'lighter'} than {others} ({ends[0]:.2g} to {ends[1]:.2g} kg), "
             f"{100.0 * abs(one.amplitude):.2g} %, if it is made like {'it was' if kind == 'drift' else 'theirs'}"
         )
-    elif cause.kind == "gain":
+    elif cause.kind in TURNABLE:
         measured = cause.what.removesuffix(" gain")
         text = (
             f"The {measured} measured at {cause.part} for the same motion is {1.0 + one.amplitude:.3g} times {others} "
@@ -950,8 +992,11 @@ def sentence(one: Deviation, kind: Kind, *, when: str = "", since: str = "") -> 
         )
     if kind == "drift":
         text += f", since {since}" if since else ""
-    if cause.kind == "gain" and 1.0 + one.amplitude < 0.0:
-        text += ", as where the sign of the torque or of the position is turned; see how this joint is wired and logged"
+    if cause.kind in TURNABLE and 1.0 + (high if cause.kind == "scale" else one.amplitude) < 0.0:
+        wired = "this joint is wired and logged" if cause.kind == "gain" else "they are logged"
+        text += f", as where the sign of the torque or of the position is turned; see how {wired}"
+    elif cause.kind == "scale":
+        text += ", as where they are logged in another unit or by another controller"
     elif cause.kind == "gain":
         text += ", as with a sensor of another scale or another motor constant"
     elif cause.kind == "link":

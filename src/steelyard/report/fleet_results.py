@@ -71,6 +71,7 @@ _ROBOTS = dict.fromkeys(_TEXT, str) | {
     "total_mass": float,
     "differs": bool,
     "probability": float,
+    "unexplained": bool,
     "drifted": bool,
 }
 _FINDINGS = {
@@ -96,19 +97,22 @@ _FINDINGS = {
 
 
 def _frame(rows: Sequence[Mapping[str, Any]], kinds: Mapping[str, type]) -> polars.DataFrame:
-    """A table whose columns have the same types, whether or not there is anything in them."""
+    """A table whose columns have the same types, whether or not there is anything in them; NaN becomes null."""
     import polars as pl
 
     types = {str: pl.String, int: pl.Int64, float: pl.Float64, bool: pl.Boolean}
     names = list(rows[0]) if rows else list(kinds)
-    return pl.DataFrame([pl.Series(name, [row[name] for row in rows], dtype=types[kinds[name]]) for name in names])
+    columns = [pl.Series(name, [row[name] for row in rows], dtype=types[kinds[name]]) for name in names]
+    return pl.DataFrame([one.fill_nan(None) if one.dtype == pl.Float64 else one for one in columns])
 
 
 def _long(fleet: Fleet) -> polars.DataFrame:
     import polars as pl
 
     columns = fleet.parameter_columns()
-    texts = {name: pl.Series(name, columns[name], dtype=pl.String) for name in ("robot", "date", "kind", "parameter")}
+    texts = {
+        name: pl.Series(name, columns[name], dtype=pl.String) for name in ("robot", "date", "kind", "parameter", "unit")
+    }
     numbers = {
         name: pl.Series(name, np.asarray(columns[name]), dtype=pl.Float64).fill_nan(None)
         for name in ("value", "lower", "upper")
