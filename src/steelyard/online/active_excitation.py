@@ -384,8 +384,8 @@ class ActiveExcitation:
         self._last_time = t
         plan = self._plan
         assert plan is not None
-        room, width = plan.bound, plan.bandwidth
-        share = self._share.follow(t, q, reference.dq[k], dq, self._damping)
+        share = self._share.follow(t, q, reference.dq[k], dq, self._damping, np.abs(self._command) >= self.limits.torque)
+        room, width = np.minimum(np.maximum(share, 1.0) * plan.bound, self.limits.torque), plan.bandwidth
         part = np.sqrt(share)
         inertia = part[:, None] * plan.inertia[k] * part
         push = width * (inertia @ (width * np.clip(error, -REACH, REACH)))
@@ -393,7 +393,7 @@ class ActiveExcitation:
         self._damping = 2.0 * DAMPING * root * (inertia @ (root * speed_error))
         known = plan.knowledge.information.count > 0
         # A link of which nothing is known but that it swings like a light one is not to be driven as a heavy one.
-        forward = reference.torque[k] * (1.0 if known else share)
+        forward = reference.torque[k] * (1.0 if known else np.minimum(share, 1.0))
         command = forward + self._integral + push + self._damping
         if self._joins:  # other gains and another model: the torque passes over without a jump
             self._jump, self._joins = self._command - command, False
@@ -856,7 +856,7 @@ class ActiveExcitation:
         plan.bandwidth = BANDWIDTH * np.clip((1.0 - SURE * spreads / values).min(axis=0), LEAST_SHARE, 1.0)
         before = self._plan
         if before is not None and before.stiffness.any():
-            plan.bandwidth = np.minimum(plan.bandwidth, np.sqrt(GROWTH * before.stiffness / own))
+            plan.bandwidth = np.minimum(plan.bandwidth, np.sqrt(GROWTH * before.stiffness * np.maximum(self._share.values, 1.0) / own))
         plan.stiffness = plan.bandwidth**2 * own
         rows = self._rows(q, dq, ddq)
         spread = np.sqrt(np.einsum("skb,bc,skc->sk", rows, knowledge.covariance, rows)).max(axis=0)
@@ -968,7 +968,7 @@ class ActiveExcitation:
 
     def _trouble(self, q: Array, dq: Array, error: Array) -> str:
         """Return why the motion must be broken off, or nothing."""
-        if self._stage == "stopping":
+        if self._stage in ("hold", "stopping"):  # the reference stands still already, or is on its way to
             return ""
         names = self.model.robot.joint_names
         assert self._plan is not None

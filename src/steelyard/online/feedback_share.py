@@ -9,15 +9,18 @@ __all__ = ["FeedbackShare"]
 
 Array = NDArray[np.float64]
 
-FIRST = 1.0 / 64.0
+FIRST = 1.0 / 256.0
 """With which all joints begin. With the whole feedback at once, robots of a thirtieth of the credible masses passed
 their limits of velocity 30 to 170 times over, since their swing grows tenfold within a few samples."""
 RISE = 0.004
 """s in which a share doubles. The robot falls for some 20 ms meanwhile, to a quarter of the limits of velocity of
 simulated arms."""
 AGAIN = 0.02  # s in which it doubles once it was taken back
-TAKEN_BACK = 0.25  # by which a share is multiplied where its joint swings
+TAKEN_BACK = 1.0 / 16.0  # by which a share is multiplied where its joint swings
 CEILING = 0.5  # of the share at which a joint swung, to which it rises again
+RUNAWAY = 0.2
+"""Of the limit of velocity, from which a joint that goes on getting faster has more inertia than its feedback is for"""
+MOST = 1000.0
 LEAST = 1.0 / 256.0  # share below which none is taken back, so that a joint that others swing is not let go
 SWING = 0.03
 """Of the limit of velocity, by which a velocity must turn back to count: a reference turns ten times more slowly than
@@ -64,14 +67,14 @@ class FeedbackShare:
         size = len(velocity)
         self.values: Array = np.full(size, FIRST)
         self.taken_back: list[tuple[float, int]] = []
-        self._least = SWING * velocity
-        self._most, self._doubling = np.ones(size), np.full(size, RISE)
+        self._least, self._runaway = SWING * velocity, RUNAWAY * velocity
+        self._most, self._doubling = np.full(size, MOST), np.full(size, RISE)
         self._direction, self._extreme = np.zeros(size), np.zeros(size)  # no direction before a joint moves
         self._turned = np.full(size, -np.inf)
         self._work, self._reading = np.zeros(size), np.full(size, np.inf)
         self._last: tuple[float, Array] | None = None
 
-    def follow(self, t: float, q: Array, wanted: Array, dq: Array, damping: Array) -> Array:
+    def follow(self, t: float, q: Array, wanted: Array, dq: Array, damping: Array, weak: Array) -> Array:
         """Take in a measurement, and return the shares (N,) until the next one.
 
         Parameters
@@ -86,11 +89,14 @@ class FeedbackShare:
         if self._last is not None and t > self._last[0]:
             passed, way = t - self._last[0], q - self._last[1]
             self._work += damping * (way - passed * wanted)
-            self.values = np.minimum(self.values * np.exp2(np.minimum(passed / self._doubling, 60.0)), self._most)
             moved = way != 0.0
             self._reading = np.where(moved, np.minimum(self._reading, np.abs(way)), self._reading)
             least = np.maximum(self._least, READINGS * self._reading / passed)
             further = self._direction * (dq - self._extreme) > 0.0
+            runs_away = ~weak & further & (self._direction * (dq - wanted) > self._runaway)
+            goal = np.where(runs_away, MOST, np.minimum(np.maximum(self.values, 1.0), self._most))
+            self.values = np.minimum(self.values * np.exp2(np.minimum(passed / self._doubling, 60.0)), goal)
+            self._most = np.maximum(self._most, self.values)
             self._extreme = np.where(further, dq, self._extreme)
             for joint in np.flatnonzero(np.abs(dq - self._extreme) > least):
                 self._turn(t, int(joint), float(dq[joint]))
@@ -99,7 +105,8 @@ class FeedbackShare:
 
     def release(self) -> None:
         """Let all shares rise to one again, since the feedback is now for inertias that were measured."""
-        self._most[:] = 1.0
+        self._most[:] = MOST
+        self.values = np.minimum(self.values, 1.0)
 
     def _turn(self, t: float, joint: int, speed: float) -> None:
         starts = self._direction[joint] == 0.0
