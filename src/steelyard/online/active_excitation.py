@@ -17,7 +17,7 @@ from steelyard.dynamics import Model
 from steelyard.errors import InputError, SteelyardError
 from steelyard.estimators import EntropicPrior
 from steelyard.estimators.estimator import proved_estimate
-from steelyard.estimators.fitting_problems import WarmFit
+from steelyard.estimators.fitting_problems import CAREFUL, WarmFit
 from steelyard.estimators.prior import PreparedPrior
 from steelyard.excitation import MotionConstraint, MotionLimits, QuinticTrajectory
 from steelyard.excitation.criterion import Criterion, Subset
@@ -104,6 +104,7 @@ followed perfectly would be known no sooner."""
 OVERSPEED = 0.6
 """Of the room between the largest velocity of a plan and the limit, beyond which the motion is broken off: a slow plan
 is stopped at a lower velocity than a fast one."""
+FIT_STEPS = 300  # of a search for the estimate; 60 are the usual number
 NOISE_ROUNDS = 3  # in which the noise and the rows that the parameters use up are made to agree
 PRIOR_WEIGHTS = tuple(0.2 * 0.1**k for k in range(8))
 """Of the distance from the assumed distribution of mass, which grows with the ratio of inertias: with 2, one that is
@@ -590,8 +591,7 @@ class ActiveExcitation:
         """The search for the estimate, and what it stays near to."""
         feasible, known = FeasibleSet(self.model), self._credible
         prior = EntropicPrior(known.prior.parameters, term_deviations=known.term_deviations)
-        search = WarmFit(feasible)
-        search.begin(self._inside)
+        search = WarmFit(feasible, to_boundary=CAREFUL)
         return search, prior.prepare(feasible, PRIOR_WEIGHTS[0])
 
     @cached_property
@@ -647,18 +647,27 @@ class ActiveExcitation:
         inverse = np.linalg.inv(root)
         return root, inverse @ inverse.T
 
-    def _spent(self, noise: Array, info: Information, trust: float) -> Array:
+    def _spent(self, noise: Array, info: Information, covariance: Array) -> Array:
         """Return how many independent rows of each joint (N,) the fit uses up: its part of the trace of the hat matrix.
 
         A fit leaves that many rows less of the noise (MacKay, "Bayesian interpolation", Neural Computation 4, 1992).
         """
-        covariance = self._covariance(noise, info, trust)[1]
         found = np.zeros(self.model.dof)
         for k, factor in enumerate(info.measured):
             rows = factor.triangle[:, :-1]
             own = covariance[np.ix_(factor.columns, factor.columns)]
             found[k] = np.sum((rows @ own) * rows) / (noise[k] ** 2 * self._correlation)
         return found
+
+    def _trust(self, parameters: Array, covariance: Array, trust: float) -> float:
+        """Return the part of the precision of the prior that is left where measurements contradict it.
+
+        As many parameters as are measured are as far from what was assumed as it says, in its standard deviations
+        (MacKay, eq. 4.8 there); what was not measured may be as far.
+        """
+        off = np.asarray(self._base.K) @ (parameters - self._credible.parameters)
+        measured = self._base.count - trust * float(np.sum(self._prior_precision * covariance))
+        return min(1.0, measured / float(off @ self._prior_precision @ off))
 
     def _known(self, parameters: Array, noise: Array, info: Information, trust: float) -> _Knowledge:
         base = np.asarray(self._base.K) @ parameters
@@ -720,40 +729,37 @@ class ActiveExcitation:
         fresh = Information.from_samples(self.model, samples, batch_means=False)
         info = before.information + fresh
         noise = before.noise
-        parameters, trust = self._fitted(info, noise)
+        parameters, trust = self._fitted(info, noise), 1.0
         residual = np.asarray(info.joint_rms_error(np.asarray(self._base.K) @ parameters))
         counts = np.array([factor.count for factor in info.measured]) / self._correlation
         first = FIRST_COUNT * (FIRST_NOISE * self._credible.torque_sizes) ** 2
         squares = np.where(counts > 0, counts * residual**2, 0.0)
         for _ in range(NOISE_ROUNDS):
-            free = np.maximum(counts - self._spent(noise, info, trust), 0.0)
+            covariance = self._covariance(noise, info, trust)[1]
+            free = np.maximum(counts - self._spent(noise, info, covariance), 0.0)
             noise = np.sqrt((first + squares) / (FIRST_COUNT + free))
+            trust = self._trust(parameters, covariance, trust)
         return self._known(parameters, noise, info, trust), used
 
-    def _fitted(self, info: Information, noise: Array) -> tuple[Array, float]:
-        """Return the parameters (n,) by what was measured and what is assumed, and the part of its weight that is left.
+    def _fitted(self, info: Information, noise: Array) -> Array:
+        """Return the parameters (n,) by what was measured and what is assumed.
 
         What is assumed has the largest weight with which it takes no more from the fit than noise does from as many
         parameters (the discrepancy principle of Morozov, 1966).
         """
         problem = info.reduced(1.0 / noise)
         search, prior = self._search
-
-        def fit(weight: float) -> tuple[Array, float]:
-            # So many rows tell as much as one independent one; the noise is in the weights.
-            found = search.solve(problem.R, problem.rho, self._correlation, prior, weight)
-            if not found.converged:  # the answer before was a bad place to begin
-                search.begin(self._inside)
-                found = search.solve(problem.R, problem.rho, self._correlation, prior, weight)
-            left = problem.R @ (np.asarray(self._base.K) @ found.parameters) - problem.rho
-            return found.parameters, float(left @ left) / self._correlation
-
-        _, least = fit(PRIOR_WEIGHTS[-1])
+        assumed = problem.R @ (np.asarray(self._base.K) @ self._inside)
+        # Of the robots whose masses are in the assumed ratios, one that is as heavy as what was measured.
+        search.begin(max(float(assumed @ problem.rho) / float(assumed @ assumed), 1.0) * self._inside)
+        fits = []
         for weight in PRIOR_WEIGHTS:
-            parameters, left = fit(weight)
-            if left - least <= self._base.count:
-                break
-        return parameters, weight / PRIOR_WEIGHTS[0]
+            # So many rows tell as much as one independent one; the noise is in the weights.
+            found = search.solve(problem.R, problem.rho, self._correlation, prior, weight, most_steps=FIT_STEPS)
+            left = problem.R @ (np.asarray(self._base.K) @ found.parameters) - problem.rho
+            fits.append((float(left @ left) / self._correlation, found.parameters))
+        least = min(left for left, _ in fits)
+        return next(parameters for left, parameters in fits if left - least <= self._base.count)
 
     def _next(self, log: Array, time: float, state: State) -> _Plan:
         """Learn from what was recorded, and plan the motion that begins at a time in a state of the reference."""
