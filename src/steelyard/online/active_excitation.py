@@ -747,19 +747,25 @@ class ActiveExcitation:
         What is assumed has the largest weight with which it takes no more from the fit than noise does from as many
         parameters (the discrepancy principle of Morozov, 1966).
         """
-        problem = info.reduced(1.0 / noise)
+        problem, K = info.reduced(1.0 / noise), np.asarray(self._base.K)
         search, prior = self._search
-        assumed = problem.R @ (np.asarray(self._base.K) @ self._inside)
-        # Of the robots whose masses are in the assumed ratios, one that is as heavy as what was measured.
-        search.begin(max(float(assumed @ problem.rho) / float(assumed @ assumed), 1.0) * self._inside)
-        fits = []
-        for weight in PRIOR_WEIGHTS:
+        # Of robots whose masses are in the assumed ratios, one that is as heavy as what was measured. From a robot of a
+        # hundredth of the masses, or from an answer with another weight, which is next to the boundary, a search crawls.
+        size = float(np.linalg.norm(problem.rho) / np.linalg.norm(problem.R @ (K @ self._inside)))
+
+        def fit(weight: float) -> tuple[Array, float]:
+            search.begin(max(size, 1.0) * self._inside)
             # So many rows tell as much as one independent one; the noise is in the weights.
             found = search.solve(problem.R, problem.rho, self._correlation, prior, weight, most_steps=FIT_STEPS)
-            left = problem.R @ (np.asarray(self._base.K) @ found.parameters) - problem.rho
-            fits.append((float(left @ left) / self._correlation, found.parameters))
-        least = min(left for left, _ in fits)
-        return next(parameters for left, parameters in fits if left - least <= self._base.count)
+            left = problem.R @ (K @ found.parameters) - problem.rho
+            return found.parameters, float(left @ left) / self._correlation
+
+        _, least = fit(PRIOR_WEIGHTS[-1])
+        for weight in PRIOR_WEIGHTS:
+            parameters, left = fit(weight)
+            if left - least <= self._base.count:
+                break
+        return parameters
 
     def _next(self, log: Array, time: float, state: State) -> _Plan:
         """Learn from what was recorded, and plan the motion that begins at a time in a state of the reference."""
