@@ -486,7 +486,7 @@ def test_a_limit_that_there_is_not_is_used_by_no_motion() -> None:
     q, dq = np.array([[9.0, -5.0, 0.5], [11.0, 1.5, -1.5]]), np.array([[1.0, 0.2, 0.1], [0.5, 0.4, 0.3]])
     limits = MotionLimits.of("abc", lower=[-np.inf, -np.inf, -2.0], upper=[np.inf, 1.0, 1.0], velocity=2.0)
     done = SimulatedExcitation(
-        excitation=SimpleNamespace(limits=limits),
+        excitation=SimpleNamespace(limits=limits, taken_back=[]),
         result=SimpleNamespace(q=q, dq=dq, torque=100.0 * dq, joint_names=limits.joint_names, t=np.array([0.0, 1.0])),
         estimate=None,
         truth="",
