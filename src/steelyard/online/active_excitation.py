@@ -553,7 +553,7 @@ class ActiveExcitation:
     def __repr__(self) -> str:
         return (
             f"ActiveExcitation({self.model.robot.name}: {self._stage} at {self._last_time - self._started:.1f} s, "
-            f"expected torque error {self.expected_error:.2%}{''.join(f'; {what}' for _, what in self.exceeded)})"
+            f"expected torque error {self.expected_error:.2%})"
         )
 
     # Planning
@@ -681,7 +681,7 @@ class ActiveExcitation:
         """
         off = np.asarray(self._base.K) @ (parameters - self._credible.parameters)
         measured = self._base.count - trust * float(np.sum(self._prior_precision * covariance))
-        return min(1.0, measured / float(off @ self._prior_precision @ off))
+        return float(min(1.0, measured / (off @ self._prior_precision @ off)))
 
     def _known(self, parameters: Array, noise: Array, info: Information, trust: float) -> _Knowledge:
         base = np.asarray(self._base.K) @ parameters
@@ -744,7 +744,7 @@ class ActiveExcitation:
         info = before.information + fresh
         counts = np.array([factor.count for factor in info.measured]) / self._correlation
         first = FIRST_COUNT * (FIRST_NOISE * self._credible.torque_sizes) ** 2
-        noise, most = before.noise, np.inf
+        noise, most = before.noise, np.full(self.model.dof, np.inf)
         for _ in range(FIT_ROUNDS):
             weighted_by = noise
             parameters, trust = self._fitted(info, noise), 1.0
@@ -1016,7 +1016,7 @@ class ActiveExcitation:
                 return f"{names[int(np.flatnonzero(bad)[0])]} {what}"
         return ""
 
-    def _tell_excess(self, t: float, dq: Array, full: Array) -> None:
+    def _tell_excess(self, t: float, dq: Array, full: NDArray[np.bool_]) -> None:
         """Keep when a joint first passed its limit of velocity, and why."""
         for k in np.flatnonzero((np.abs(dq) > self.limits.velocity) & ~self._fast):
             self._fast[k] = True
