@@ -64,9 +64,9 @@ class FeedbackShare:
 
     >>> share, q, dq, largest = FeedbackShare(np.array([2.0])), np.zeros(1), np.array([0.05]), 0.0
     >>> torque = asked = np.zeros(1)
-    >>> full = np.array([False])
+    >>> rises = np.array([True])
     >>> for k in range(1000):
-    ...     torque, asked = asked, -1500.0 * share.follow(0.001 * k, q, np.zeros(1), dq, torque, full) * dq
+    ...     torque, asked = asked, -1500.0 * share.follow(0.001 * k, q, np.zeros(1), dq, torque, rises) * dq
     ...     dq = dq + 0.001 * torque
     ...     q, largest = q + 0.001 * dq, max(largest, float(abs(dq[0])))
     >>> largest < 0.3, len(share.taken_back) > 0, float(abs(dq[0])) < 0.01
@@ -84,7 +84,9 @@ class FeedbackShare:
         self._work, self._reading = np.zeros(size), np.full(size, np.inf)
         self._last: tuple[float, Array] | None = None
 
-    def follow(self, t: float, q: Array, wanted: Array, dq: Array, damping: Array, full: NDArray[np.bool_]) -> Array:
+    def follow(
+        self, t: float, q: Array, wanted: Array, dq: Array, damping: Array, may_rise: NDArray[np.bool_]
+    ) -> Array:
         """Take in a measurement, and return the shares (N,) until the next one.
 
         Parameters
@@ -95,8 +97,9 @@ class FeedbackShare:
             (N,) positions, velocities of the reference, and velocities as the feedback knows them.
         damping : ndarray
             (N,) torques of the damping since the measurement before, N·m or N.
-        full : ndarray
-            (N,) whether the drive is at its limit of torque, so that more feedback would not hold the joint either.
+        may_rise : ndarray
+            (N,) whether the share may rise beyond one: not where the drive is at its limit of torque, nor in a fast
+            motion, whose torques drive a light joint beyond its reference, too.
         """
         if self._last is not None and t > self._last[0]:
             passed, way = t - self._last[0], q - self._last[1]
@@ -105,7 +108,7 @@ class FeedbackShare:
             self._reading = np.where(moved, np.minimum(self._reading, np.abs(way)), self._reading)
             least = np.maximum(self._least, READINGS * self._reading / passed)
             further = self._direction * (dq - self._extreme) > 0.0
-            runs_away = ~full & further & (self._direction * (dq - wanted) > self._runaway)
+            runs_away = may_rise & further & (self._direction * (dq - wanted) > self._runaway)
             goal = np.where(runs_away, MOST, np.minimum(np.maximum(self.values, 1.0), self._most))
             self.values = np.minimum(
                 self.values
