@@ -1026,7 +1026,7 @@ class ActiveExcitation:
                 "its drive is at its limit of torque"
                 if full[k]
                 else (
-                    "it swings, having less inertia than its feedback was for"
+                    "it swings, since its inertia is far from what its feedback was for"
                     if swings
                     else "it has more inertia than its feedback was for, or was pushed"
                 )

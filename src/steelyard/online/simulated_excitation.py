@@ -94,7 +94,7 @@ class SimulatedExcitation:
                         "Its drive was at its limit of torque by then and could not hold it: state the torque that the "
                         "drive has, or begin where gravity pulls less at that joint."
                         if weak
-                        else "It swung, since it has far less inertia than its kinematics suggest: design a motion "
+                        else "It swung, since its inertia is far from what its kinematics suggest: design a motion "
                         "from the masses that it has instead, without --on-the-fly."
                         if swung
                         else f"Do not move a robot so: state limits of {name} that are lower by as much, or begin "
