@@ -112,7 +112,11 @@ class FeedbackShare:
             goal = np.where(runs_away, MOST, np.minimum(np.maximum(self.values, 1.0), self._most))
             self.values = np.minimum(
                 self.values
-                * np.exp2(np.minimum(passed / np.where(runs_away & (self.values >= 1.0), FAST, self._doubling), 60.0)),
+                * np.exp2(
+                    np.minimum(
+                        passed / np.where(runs_away & (self.values >= 1.0), max(FAST, passed), self._doubling), 60.0
+                    )
+                ),
                 goal,
             )
             self._most = np.maximum(self._most, self.values)
