@@ -85,9 +85,10 @@ HEAVY = """<robot name="arm"><link name="base"/>
 <link name="l3"><inertial><origin xyz="-0.12 0.1 -0.06"/><mass value="4.5"/>
   <inertia ixx="0.079" iyy="0.127" izz="0.115" ixy="0" ixz="0" iyz="0"/></inertial></link>
 <joint name="j3" type="revolute"><parent link="l2"/><child link="l3"/><origin xyz="0.05 0 0.3"/><axis xyz="0 1 0"/>
-  <limit lower="-3" upper="3" velocity="5" effort="300"/></joint></robot>
+  <limit lower="-3" upper="3" velocity="5" effort="1"/></joint></robot>
 """
-"""A last link of 4.5 kg, which its kinematics, without another joint behind it, do not make credible."""
+"""A last link of 4.5 kg, which its kinematics, without another joint behind it, do not make credible, and which its
+drive cannot hold."""
 
 
 @pytest.mark.slow
@@ -98,6 +99,7 @@ def test_a_limit_that_the_true_motion_exceeds_is_said_everywhere(run, tmp_path):
     code, out, err = run("excite", "-q", tmp_path / "arm.urdf", *options)
     assert code == 3, err
     said = re.search(r"exceeds a limit: j3 uses (\d+\.\d)% of its limit of velocity, at", " ".join(out.split()))
+    assert "Its drive was at its limit of torque" in " ".join(out.split())
     log = sy.Recording.read(tmp_path / "out" / "log.csv")
     measured = np.abs(np.gradient(log.q[:, 2], log.t)).max()  # by the encoders
     assert float(said[1]) == pytest.approx(100.0 * measured / 2.0, abs=2.0)

@@ -663,6 +663,10 @@ warm ones lose their centre and take 30; 0.05 takes 9 to 12 cold, 3 to 6 warm (t
 TO_BOUNDARY = 0.95
 """Part of the way to the boundary of the set that a step goes at most."""
 
+CAREFUL = 0.3
+"""The same of searches that begin far from their end. Long steps lead to the boundary, along which they crawl: with the
+usual part searches for robots of ten times the assumed masses had not arrived after 3000 steps; with this, 60 do."""
+
 SHORTEST = 1e-6
 """Part of a step: where rounding lets even this leave the set, the search has ended."""
 
@@ -708,11 +712,15 @@ class WarmFit:
     A primal-dual interior-point method whose every iterate lies inside the set, so that it may be stopped at any time.
     Linear conditions have multipliers; matrices stay positive definite by a barrier as small as the complementarity,
     and by the prior's own logarithm of determinants. The margins (rows,) are stacked matrices that are subtracted from
-    the blocks of the set; its margin in SI where absent.
+    the blocks of the set; its margin in SI where absent. A step goes at most a part `to_boundary` of the way to
+    the boundary of the set.
     """
 
-    def __init__(self, feasible_set: FeasibleSet, margins: Vector | None = None) -> None:
+    def __init__(
+        self, feasible_set: FeasibleSet, margins: Vector | None = None, to_boundary: float = TO_BOUNDARY
+    ) -> None:
         self.feasible_set = feasible_set
+        self._to_boundary = to_boundary
         self.K = np.asarray(feasible_set.K)
         stack = feasible_set.stack
         self.margins = feasible_set.margin * stack.identity if margins is None else margins
@@ -804,8 +812,8 @@ class WarmFit:
             decrease = -float(gradient @ step)
             change = self._rows @ step
             change_of_multipliers = barrier / slacks - multipliers - stiffness * change
-            length = min(1.0, TO_BOUNDARY * self._longest(point, step, slacks, change))
-            dual_length = min(1.0, TO_BOUNDARY * _times_until_zero(multipliers, change_of_multipliers))
+            length = min(1.0, self._to_boundary * self._longest(point, step, slacks, change))
+            dual_length = min(1.0, self._to_boundary * _times_until_zero(multipliers, change_of_multipliers))
             moved = point + length * step
             while length > SHORTEST and not self.inside(moved):
                 length *= 0.5

@@ -89,10 +89,14 @@ class SimulatedExcitation:
                     index = int(np.nanargmax(part[:, joint]))
                     pulled = self._parts.get("torque")
                     weak = pulled is not None and float(np.mean(pulled[: index + 1, joint] > 0.999)) > WEAK
+                    swung = self.result.joint_names[joint] in [swinging for _, swinging in self.excitation.taken_back]
                     remedy = (
                         "Its drive was at its limit of torque by then and could not hold it: state the torque that the "
                         "drive has, or begin where gravity pulls less at that joint."
                         if weak
+                        else "It swung, since its inertia is far from what its kinematics suggest: design a motion "
+                        "from the masses that it has instead, without --on-the-fly."
+                        if swung
                         else f"Do not move a robot so: state limits of {name} that are lower by as much, or begin "
                         "where gravity pulls less at that joint."
                     )
