@@ -21,7 +21,7 @@ from steelyard.recording import (
     process_chunks,
 )
 from steelyard.recording.diagnosis import advanced, noise_deviation, resolution, saturation_levels
-from steelyard.recording.diagnosis.detectors import _largest_around, _may_rest
+from steelyard.recording.diagnosis.detectors import _largest_around, _may_rest, stuck_torque_duration
 from steelyard.recording.diagnosis.rest import HeldJoints
 
 RATE = 1000.0
@@ -466,3 +466,21 @@ def test_joints_with_names_are_called_by_them() -> None:
     assert HeldJoints.of(still).remarks(still)[0].startswith("Joint 'Elbow' does not move")
     samples = recording.process(cutoff=10.0, saturation=True)
     assert any("of joint 'joint4'" in remark for remark in samples.remarks)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_no_stretch_is_missed_by_looking_at_bends_first(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    rate = (250.0, 500.0, 1000.0, 2000.0)[seed % 4]
+    t = np.arange(12000) / rate
+    q = np.stack([np.sin(1.7 * t) + np.sin(0.9 * t), np.cos(1.1 * t) + np.sin(2.3 * t)], axis=1)
+    torque = 5.0 * np.stack([np.cos(1.3 * t + seed), np.sin(2.1 * t)], axis=1)
+    torque += (0.0, 0.02, 0.3)[seed % 3] * random.normal(size=torque.shape)
+    rows = int(0.6 * rate)
+    torque[4000 : 4000 + rows, 0] = torque[4000, 0]
+    torque[7000 : 7000 + rows, 1] = np.linspace(torque[7000, 1], torque[7000 + rows, 1], rows)
+    recording = Recording(t=t, q=q, torque=torque)
+    tolerance, duration = stuck_torque_duration(recording)
+    searched = find_stuck_torque(recording, duration, tolerance)
+    assert searched
+    assert np.array_equal(find_stuck_torque(recording).flags, searched.flags)
