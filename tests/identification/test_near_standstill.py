@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from two_joint_arm import LINKS, two_joint_model
 
 import steelyard as sy
 from steelyard.identification import near_standstill
@@ -16,16 +17,14 @@ NOISE = 0.05
 
 @pytest.fixture(scope="module")
 def model():
-    rows = [("pi/2", 0.0, 0.3, "q"), (0, 0.4, 0, "q")]
-    return sy.Model(sy.Robot.from_dh(rows).with_terms(sy.Viscous(), sy.Coulomb(), sy.Offset()))
+    return two_joint_model()
 
 
 @pytest.fixture(scope="module")
 def truth(model):
-    links = [[0.3, 0.0, 0.0, 0.3, 0.0, 0.2, 0.4, 0.05, 0.1, 2.0], [0.1, 0.0, 0.0, 0.2, 0.0, 0.2, 0.3, 0.0, 0.05, 1.5]]
     names = {str(name): column for column, name in enumerate(model.parameter_names)}
     values = np.zeros(len(names))
-    for columns, link in zip(model.link_columns, links, strict=True):
+    for columns, link in zip(model.link_columns, LINKS, strict=True):
         values[columns] = link
     for joint in (1, 2):
         for name, value in (("Fv", 0.4), ("Fc", 1.0), ("Fo", 0.1)):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from two_joint_arm import LINKS, two_joint_model
 
 import steelyard as sy
 from steelyard.identification.repeated_motion import repeated_errors
@@ -13,15 +14,13 @@ PERIOD, RATE = 1000, 100.0  # rows, Hz
 
 @pytest.fixture(scope="module")
 def model():
-    rows = [("pi/2", 0.0, 0.3, "q"), (0, 0.4, 0, "q")]
-    return sy.Model(sy.Robot.from_dh(rows).with_terms(sy.Viscous(), sy.Coulomb(), sy.Offset()))
+    return two_joint_model()
 
 
 @pytest.fixture(scope="module")
 def truth(model):
-    links = [[0.3, 0.0, 0.0, 0.3, 0.0, 0.2, 0.4, 0.05, 0.1, 2.0], [0.1, 0.0, 0.0, 0.2, 0.0, 0.2, 0.3, 0.0, 0.05, 1.5]]
     values = np.full(model.parameter_count, 0.5)
-    for columns, link in zip(model.link_columns, links, strict=True):
+    for columns, link in zip(model.link_columns, LINKS, strict=True):
         values[columns] = link
     return values
 

@@ -126,13 +126,12 @@ class _Task:
     rotors: bool
     contents: tuple[LogContent, ...] = ()
 
-    def model(self) -> Model:
+    def model(self, informations: Sequence[tuple[str, Information]]) -> Model:
         """The model of what was reduced before, which may have been with the rotors or without; else as is asked."""
         model = Model.from_file(self.file)
         wider = wider_model(self.file, model) or model
-        for path in self.informations[:1]:
-            expressions = Information.load(path).base_expressions
-            return next((one for one in (model, wider) if one.base_parameters().expressions == expressions), wider)
+        for path, one in informations[:1]:
+            return one.model_among([wider, model], path)
         return wider if self.rotors else model
 
 
@@ -141,7 +140,7 @@ def reduced_logs(
     model: Model,
     logs: Sequence[GivenLog],
     each: Callable[[ReducedLog], None] | None = None,
-    informations: Sequence[str] = (),
+    informations: Sequence[tuple[str, Information]] = (),
 ) -> ReducedDataSet:
     """Reduce the logs of one robot in this process, in the base parameters of a model, and add what was reduced before.
 
@@ -152,9 +151,9 @@ def reduced_logs(
             f"{file.path}: joints give way, as the table [elastic] says, and the sums of logs are those of a rigid "
             "robot; use `steelyard identify` for each, or take a robot file without this table."
         )
-    earlier = [Information.load(path) for path in informations]
-    for path, information in zip(informations, earlier, strict=True):
-        information.require_model(model, path)
+    for path, information in informations:
+        information.model_among([model], path)
+    earlier = [information for _, information in informations]
     written = written_states(logs)
     reader = LogReader(file, model)
     reader.require_torques()
@@ -170,7 +169,7 @@ def reduced_logs(
         parts.append(one.information)
     require_unwritten(written)
     own = [replace(Information.total(parts), batch_means=tree.total())] if parts else []
-    names = (*map(str, logs), *informations)
+    names = (*map(str, logs), *(path for path, _ in informations))
     copies = copies_among([(name, "identification", one) for name, one in zip(names, [*parts, *earlier], strict=True)])
     stretches = [part for one in own for part in one.stretches(blocks)]
     return ReducedDataSet(
@@ -183,9 +182,10 @@ def reduced_logs(
 
 
 def _reduced(common: Any, task: _Task) -> bytes:
-    contents = require_once(task.logs, [(path, Information.load(path)) for path in task.informations])
     with unchanged(task.contents):
-        found = reduced_logs(task.file, task.model(), task.logs, informations=task.informations)
+        informations = [(path, Information.load(path)) for path in task.informations]
+        contents = require_once(task.logs, informations)
+        found = reduced_logs(task.file, task.model(informations), task.logs, informations=informations)
     found = replace(found, information=replace(found.information, contents=contents))
     return packed([getattr(found, one.name) for one in fields(found)])
 

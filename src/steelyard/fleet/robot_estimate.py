@@ -184,7 +184,7 @@ def _estimate(task: dict[str, Any]) -> dict[str, Any]:
         parts = [Information.load(path) for path in task["informations"]]
         known = _known_for(robot, parts[0], task["informations"][0])
         for path, part in zip(task["informations"], parts, strict=True):
-            part.require_model(known.model, path)
+            part.model_among([known.model], path)
         information, stretches, remarks = Information.total(parts), tuple(parts), list(parts[0].remarks)
         if len(parts) < FEWEST_FOLDS:
             stretches = ()
@@ -269,10 +269,7 @@ def _estimate(task: dict[str, Any]) -> dict[str, Any]:
 def _known_for(robot: Description, information: Information, path: str) -> Known:
     """What is known of the model of which an Information is; with rotors where it has them and nothing states terms."""
     _, models = _file_and_models(robot)
-    known = [model.base_parameters().expressions for model in models]
-    index = known.index(information.base_expressions) if information.base_expressions in known else 0
-    information.require_model(models[index], path)
-    return known_of(robot, index > 0)
+    return known_of(robot, information.model_among(models, path) is not models[0])
 
 
 def _reduced(
@@ -294,7 +291,7 @@ def _validation(known: Known, paths: Sequence[str]) -> tuple[list[Information], 
             information = Information.load(path)
         else:
             information = reduced_logs(known.file, known.model, given_logs([path], None)[0], each.append).information
-        information.require_model(known.model, path)
+        information.model_among([known.model], path)
         found.append(information)
     return found, each
 

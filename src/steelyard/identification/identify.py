@@ -246,10 +246,11 @@ def identify(
         reader.remarks.extend(friction_choice.remarks)
     feasible_set = FeasibleSet(model, consistency, limits)
     wider = wider_model(file, model)
-    if any(one.base_expressions == model.base_parameters().expressions for _, one in informations):
-        wider = None  # they were reduced without rotors
     for path, one in informations:
-        one.require_model(wider or model, path)
+        if one.model_among([wider or model, model], path) is model:
+            wider = None  # it was reduced without rotors, and all of them are to be
+    for path, one in informations:
+        one.model_among([wider or model], path)
     read = reduced_logs(reader, logs, validation, wider or model, reduction, say, informations)
     information = read.information
     folds = FEWEST_FOLDS if model.parameter_count > MANY_PARAMETERS else FOLDS

@@ -1022,15 +1022,11 @@ class ActiveExcitation:
         for k in np.flatnonzero((np.abs(dq) > self.limits.velocity) & ~self._fast):
             self._fast[k] = True
             swings = any(joint == k for _, joint in self._share.taken_back)
-            why = (
-                "its drive is at its limit of torque"
-                if full[k]
-                else (
-                    "it swings, since its inertia is far from what its feedback was for"
-                    if swings
-                    else "it has more inertia than its feedback was for, or was pushed"
-                )
-            )
+            why = "it has more inertia than its feedback was for, or was pushed"
+            if swings:
+                why = "it swings, since its inertia is far from what its feedback was for"
+            if full[k]:
+                why = "its drive is at its limit of torque"
             name = self.model.robot.joint_names[k]
             self.exceeded.append((t - self._started, f"{name} turned faster than its limit of velocity: {why}"))
 

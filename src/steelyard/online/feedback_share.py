@@ -110,15 +110,8 @@ class FeedbackShare:
             further = self._direction * (dq - self._extreme) > 0.0
             runs_away = may_rise & further & (self._direction * (dq - wanted) > self._runaway)
             goal = np.where(runs_away, MOST, np.minimum(np.maximum(self.values, 1.0), self._most))
-            self.values = np.minimum(
-                self.values
-                * np.exp2(
-                    np.minimum(
-                        passed / np.where(runs_away & (self.values >= 1.0), max(FAST, passed), self._doubling), 60.0
-                    )
-                ),
-                goal,
-            )
+            doubling = np.where(runs_away & (self.values >= 1.0), max(FAST, passed), self._doubling)
+            self.values = np.minimum(self.values * np.exp2(np.minimum(passed / doubling, 60.0)), goal)
             self._most = np.maximum(self._most, self.values)
             self._extreme = np.where(further, dq, self._extreme)
             for joint in np.flatnonzero(np.abs(dq - self._extreme) > least):

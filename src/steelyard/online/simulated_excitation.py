@@ -91,15 +91,19 @@ class SimulatedExcitation:
                     weak = pulled is not None and float(np.mean(pulled[: index + 1, joint] > 0.999)) > WEAK
                     swung = self.result.joint_names[joint] in [swinging for _, swinging in self.excitation.taken_back]
                     remedy = (
-                        "Its drive was at its limit of torque by then and could not hold it: state the torque that the "
-                        "drive has, or begin where gravity pulls less at that joint."
-                        if weak
-                        else "It swung, since its inertia is far from what its kinematics suggest: design a motion "
-                        "from the masses that it has instead, without --on-the-fly."
-                        if swung
-                        else f"Do not move a robot so: state limits of {name} that are lower by as much, or begin "
-                        "where gravity pulls less at that joint."
+                        f"Do not move a robot so: state limits of {name} that are lower by as much, or begin where "
+                        "gravity pulls less at that joint."
                     )
+                    if swung:
+                        remedy = (
+                            "It swung, since its inertia is far from what its kinematics suggest: design a motion from "
+                            "the masses that it has instead, without --on-the-fly."
+                        )
+                    if weak:
+                        remedy = (
+                            "Its drive was at its limit of torque by then and could not hold it: state the torque that "
+                            "the drive has, or begin where gravity pulls less at that joint."
+                        )
                     found.append(
                         f"The motion exceeds a limit: {self.result.joint_names[joint]} uses {most:.1%} of its limit of "
                         f"{name}, at {self.result.t[index]:.1f} s. {remedy}"

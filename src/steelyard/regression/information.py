@@ -320,16 +320,23 @@ class Information:
             contents=(*self.contents, *other.contents),
         )
 
-    def require_model(self, model: Model, path: str) -> None:
-        """Refuse an Information from a file that is not of a model."""
-        base, own = model.base_parameters(), set(model.base_parameters().expressions)
-        if self.base_expressions == base.expressions:
-            return
+    def model_among(self, models: Sequence[Model], path: str) -> Model:
+        """Return of which of some models an Information from a file is.
+
+        Raises
+        ------
+        InputError
+            If it is of none; the message tells how it differs from the first.
+        """
+        found = next((one for one in models if one.base_parameters().expressions == self.base_expressions), None)
+        if found is not None:
+            return found
+        base, own = models[0].base_parameters(), set(models[0].base_parameters().expressions)
         alone = next((one for one in self.base_expressions if one not in own), None)
         told = f"; it alone has {shortened(alone, 60)}" if alone is not None else ""
         raise InputError(
-            f"{path}: is of another robot or of other terms than {model.robot.name}: {self.base_count} base parameters "
-            f"where this has {base.count}{told}; reduce the logs with this robot."
+            f"{path}: is of another robot or of other terms than {models[0].robot.name}: {self.base_count} base "
+            f"parameters where this has {base.count}{told}; reduce the logs with this robot."
         )
 
     def stretches(self, blocks: TimeBlocks, count: int = FOLDS) -> tuple[Information, ...]:

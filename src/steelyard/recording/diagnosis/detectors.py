@@ -213,8 +213,13 @@ def noise_deviation(values: ArrayLike) -> Array:
         return np.zeros(columns.shape[1])
     # Column by column, each of which the cache holds, takes half of the time.
     medians = [np.median(np.abs(np.diff(column, n=4))) for column in np.ascontiguousarray(columns.T)]
+    return _white(np.array(medians))
+
+
+def _white(medians: Array) -> Array:
+    """Return the standard deviation of white noise by medians of the sizes of its fourth differences."""
     # 1, 4, 6, 4, 1 squared and added.
-    return np.asarray(NORMAL * np.array(medians) / np.sqrt(70.0))
+    return np.asarray(NORMAL * medians / np.sqrt(70.0))
 
 
 def saturation_levels(torque: ArrayLike) -> Array:
@@ -611,8 +616,7 @@ def _may_stand_still(recording: Measurements) -> bool:
     blocks = bends[: len(bends) // block * block].reshape(-1, block, bends.shape[1])
     # Fourth differences, see `noise_deviation`, of a part of the blocks: twice that is more than the noise of all.
     fourth = np.abs(np.diff(blocks[::PARTED], n=2, axis=1)).reshape(-1, bends.shape[1])
-    noise = NORMAL * np.median(fourth, axis=0) / np.sqrt(70.0)
-    least = np.maximum(2.0 * STRAIGHT * noise, 4e-9 * np.abs(recording.torque).max(axis=0))
+    least = np.maximum(2.0 * STRAIGHT * _white(np.median(fourth, axis=0)), 4e-9 * np.abs(recording.torque).max(axis=0))
     return bool(np.any(np.all(np.abs(blocks) <= least, axis=1)))
 
 
