@@ -100,7 +100,8 @@ def test_identify_adds_days_to_its_logs(days, run):
 @pytest.mark.parametrize(
     ("given", "told"),
     [
-        (["day.json"], "holds no rows that can be looked at"),
+        (["day.json", "--validate", "day.json"], "wrote is data of a fit"),
+        (["day.json", "--validate", "second.csv"], "has rows that"),
         (["log.csv", "day.json", "--friction", "auto"], "holds no rows, which"),
         (["log.csv", "day.json", "--estimator", "momentum"], "holds no rows, which"),
         (["second.csv", "day.json"], "has rows that"),
@@ -117,6 +118,40 @@ def test_what_identify_cannot_add_is_one_sentence(days, run, given, told):
     assert (code, len(err.splitlines())) == (2, 1)
     assert told in err
     assert not (days / "result").exists()
+
+
+def test_identify_needs_no_rows(days, run):
+    rows, robot = (days / "log.csv").read_text().splitlines(keepends=True), days / "robot.toml"
+    parts = [f"part{k}" for k in range(3)]
+    for k, name in enumerate(parts):
+        (days / f"{name}.csv").write_text("".join([rows[0], *rows[1 + k * len(rows) // 3 : (k + 1) * len(rows) // 3]]))
+        assert run("reduce", robot, days / f"{name}.csv", "-o", days / f"{name}.json", "-q")[0] == 0
+    for name, given, options in (
+        ("read", [f"{name}.csv" for name in parts], []),
+        ("added", [f"{name}.json" for name in parts], []),
+        ("one", ["part0.json"], []),
+        ("tried", ["part0.json"], ["--validate", days / "part2.csv"]),
+    ):
+        assert run("identify", robot, *(days / one for one in given), *options, "-o", days / name, "-q")[0] == 0
+    added, read = (sy.Estimate.load(days / name) for name in ("added", "read"))
+    np.testing.assert_allclose(added.unconstrained_base, read.unconstrained_base, rtol=1e-7, atol=1e-9)
+    np.testing.assert_allclose(added.base, read.base, rtol=0.02, atol=0.02 * np.abs(read.base).max())
+    model, feasible = sy.Model.load(robot), sy.Estimate.load(days / "one").parameters
+    assert feasible is not None
+    masses = np.array([feasible[columns[9]] for columns in model.link_columns])
+    assert (masses > 0.0).all()
+    said = {
+        name: json.loads((days / name / "run.json").read_text())["prediction"] for name in ("added", "one", "tried")
+    }
+    assert said["added"]["source"] == "3 stretches of the logs, each left out in turn"
+    assert said["one"]["source"] == "the data of the fit itself"
+    assert said["tried"]["source"] == "the validation log"
+    page = (days / "one" / "report.html").read_text()
+    assert "no three stretches of logs, or files of steelyard reduce" in page
+    assert "Columns of the logs" not in page
+    assert "Columns of the logs" in (days / "tried" / "report.html").read_text()
+    with pytest.raises(sy.InputError, match="identify with a log beside them"):
+        sy.report.torque_svg(sy.identify(robot, days / "part0.json"))
 
 
 def test_a_fleet_takes_the_files_in_the_place_of_logs(days, run):

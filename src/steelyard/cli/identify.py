@@ -10,12 +10,12 @@ import typer
 
 from .choices import (
     CHUNK_ROWS,
+    LOG,
     AllowExtensions,
     ChunkRows,
     ClusterAddress,
     ConsistencyOption,
     Json,
-    Logs,
     Quiet,
     RobotArgument,
     Tls,
@@ -38,7 +38,9 @@ __all__ = ["identify"]
 def identify(
     context: typer.Context,
     robot: RobotArgument,
-    logs: Logs,
+    logs: Annotated[
+        list[str], typer.Argument(metavar="LOG...", help=f"{LOG} A .json of steelyard reduce stands for its logs.")
+    ],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for the results.")],
     validate: Annotated[
         list[str] | None, typer.Option("--validate", help="Log that is predicted without refitting; may be repeated.")
@@ -97,6 +99,7 @@ def identify(
       steelyard identify robot.toml run1.csv run2.csv --set processing.cutoff=8 --output result
       steelyard identify robot.toml run1.csv --output result --json --quiet
       steelyard identify robot.toml 'logs/**/*.parquet' --workers 4 --output result
+      steelyard identify robot.toml run2.csv day1.json --output result
       steelyard identify leg.toml sweeps.csv --from positions --output result
     """
     from contextlib import nullcontext

@@ -94,8 +94,9 @@ def doubts_of(
     samples = {log.name: log.samples for log in read.logs}
     mistakes = mistakes_in_logs(reader, reader.file, priors, read.given, samples, errors, say, well)
     scale: WrongScale | None = None
-    if not read.changes and not reader.units_are_suspect:
-        seen, layout = [log.samples for log in read.logs if log.fitted], reader.layouts.get(read.logs[0].name)
+    seen = [log.samples for log in read.logs if log.fitted]
+    if seen and not read.changes and not reader.units_are_suspect:
+        layout = reader.layouts.get(read.logs[0].name)
         scale = wrong_scale(reader.model, lambda: None if mistakes else free(), seen, reader.file, layout)
     # Of several logs, one alone may have another unit than all the others.
     if scale is not None and (len(seen) == 1 or len(mistakes) > 1):

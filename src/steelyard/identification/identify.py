@@ -97,7 +97,7 @@ def identify(
     data : path, Recording, Samples, data frame, mapping of arrays, structured array, or sequence of these
         Each is one log. Paths: files recorded side by side are joined by ``+``. Columns of data frames (pandas, Polars,
         PyArrow) and of arrays are found by their names as those of a file are; an array (S, N) stands for N columns.
-        A ``.json`` is an Information of logs that were reduced before, which is added to that of the logs.
+        A ``.json`` is an Information of logs that were reduced before; no log is needed beside it.
         A Recording is in SI units already, and Samples need no processing either.
     validate : the same, optional
         Logs on which both estimates are tried without refitting.
@@ -168,12 +168,7 @@ def identify(
     say = progress or (lambda _: None)
     data_of_logs, earlier = without_informations(data)
     logs, validation = given_logs(data_of_logs, validate)
-    if not logs and earlier:
-        raise InputError(
-            f"{earlier[0]}: holds no rows that can be looked at; give one log at least beside it, or name it in a "
-            "manifest of `steelyard fleet`."
-        )
-    if not logs:
+    if not logs and not earlier:
         raise InputError(
             "At least one log is needed to identify a robot; give the path of one, such as a CSV or a bag."
         )
@@ -235,7 +230,7 @@ def identify(
     limits = given_constraints(file, constraints)
 
     say(f"{model.robot.name}: {model.dof} joints, {model.base_parameters().count} base parameters")
-    reader.decide(logs, say)
+    reader.decide(logs or validation, say)
     friction_choice: FrictionChoice | None = None
     if friction == "auto":
         from .chosen_friction import choose_friction  # what is not asked for is not loaded

@@ -596,7 +596,7 @@ def _confirmation(identification: Identification) -> Iterator[NextStep]:
     if identification.prediction.source == UNTESTED:
         yield NextStep(
             "Try the model on a motion that it has not seen.",
-            "Nothing was held out, because the logs are too short.",
+            "Nothing was held out, since there are no three stretches of data to leave out in turn.",
             f"steelyard identify {robot} {logs} --validate OTHER_LOG --output DIR",
             "console",
         )

@@ -637,7 +637,8 @@ def _sentences(word: Word, model: float, own: float, source: str, tested: bool, 
     found = [f"The model {said}: {model:.1%} of the torques of {source} are left unexplained, noise aside."]
     if not tested:
         found.append(
-            "Nothing was held out, because the logs are too short; record a longer motion, or give --validate LOG."
+            "Nothing was held out, since there are no three stretches of logs, or files of steelyard reduce, to leave "
+            "out in turn; record a longer motion, or give --validate LOG."
         )
     elif word in ("poor", "wrong") and own <= 0.5 * model and saved:
         found.append(

@@ -140,8 +140,10 @@ def reduced_logs(
     reader.remarks.extend(copies.values())
     for name, one in informations:
         reader.remarks.append(f"{name}: {one.count} rows that were reduced before are in the fit, and not looked at.")
-    information = Information.total([log.information for log in kept if log.fitted])
-    information = Information.total([replace(information, batch_means=means.total()), *earlier])
+    fitted = [log.information for log in kept if log.fitted]
+    if fitted:
+        fitted = [replace(Information.total(fitted), batch_means=means.total())]
+    information = Information.total([*fitted, *earlier])
     given = {str(log): log for log in (*validation, *logs)}
     told = tuple(sentences)
     return ReducedLogs(given, tuple(kept), information, tuple(earlier), blocks, copies, changes, drifts, told)

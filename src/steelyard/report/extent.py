@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+from steelyard.errors import InputError
 from steelyard.files import listed
 from steelyard.identification import Identification, Prediction
 
@@ -20,7 +21,14 @@ def default_log(identification: Identification) -> int:
     """Return which prediction comes first: that of the first log for validation, or else of the first log.
 
     It is always among the logs that are shown.
+
+    Raises
+    ------
+    InputError
+        Where there is none.
     """
+    if not identification.predictions:
+        raise InputError("no torques can be drawn of logs that were reduced before; identify with a log beside them.")
     roles = [prediction.role for prediction in identification.predictions]
     return roles.index("validation") if "validation" in roles else 0
 

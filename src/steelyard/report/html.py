@@ -77,7 +77,13 @@ def report_html(identification: Identification) -> str:
     >>> "An impossible robot" in sy.report.torque_svg(result), "<title>1 rod: " in sy.report.robot_svg(result)
     (True, True)
     """
-    parts = [Section(key, title, text) for key, title, write in _SECTIONS if (text := write(identification))]
+    # Of what was reduced before nothing is known of single logs.
+    empty = () if identification.predictions else ("errors", "columns", "processing")
+    parts = [
+        Section(key, title, text)
+        for key, title, write in _SECTIONS
+        if key not in empty and (text := write(identification))
+    ]
     name = identification.model.robot.name
     return html_document(
         f"{name}: identified parameters",

@@ -385,7 +385,7 @@ def open_log(path: Path, columns: LogColumns | None = None) -> LogFile:
     kind = log_format(".db3" if is_bag else path.suffix)
     if kind is None:
         known = ", ".join(f".{suffix}" for suffix in LOG_FORMATS.names())
-        reduced = " What `steelyard reduce` wrote is for `steelyard fleet`." if path.suffix.lower() == ".json" else ""
+        reduced = " What `steelyard reduce` wrote is data of a fit." if path.suffix.lower() == ".json" else ""
         raise InputError(f"{path} has the suffix {path.suffix!r}; logs are read from {known}.{reduced}")
     if not is_bag:
         require_file(path, REMEDY)
