@@ -112,3 +112,10 @@ def test_the_answer_says_so(model, truth):
         assert any("repeats every 10 s" in sentence for sentence in table.sentences) is bool(returning)
         rows[returning] = table["Fvj2"].upper - table["Fvj2"].lower
     assert rows[0.9] > 1.3 * rows[0.0]
+
+
+def test_what_is_saved_to_compare_robots_knows_it(model, truth):
+    samples = samples_of(model, truth, 4, 1.0)
+    four, one = (sy.identify(model, some).estimate for some in (samples, samples.rows(PERIOD, 2 * PERIOD)))
+    assert four.standard_error == pytest.approx(one.standard_error, rel=0.35)
+    np.testing.assert_allclose(np.sqrt(np.diag(four.covariance)), four.standard_error, rtol=1e-9)

@@ -349,7 +349,13 @@ def identify(
             standstill=standstill,
             repeated=repeated_errors(information, unconstrained, left_of_fit),
         )
-        estimate = replace(estimate, parameter_table=tuple(table.to_list()))
+        assert table.covariance is not None
+        estimate = replace(
+            estimate,
+            parameter_table=tuple(table.to_list()),
+            standard_error=table.covariance.standard_error,
+            error_correlation=table.covariance.error_correlation,
+        )
 
     def free() -> Estimate:
         # Within the masses of the prior torques in wrong units find no robot; without, one of another weight.

@@ -160,10 +160,13 @@ class ParameterTable:
     ----------
     sentences : tuple of str
         Which numbers are known only together.
+    covariance : ParameterCovariance or None
+        Of the base parameters, with all the errors on which the intervals rest; None where not known.
     """
 
     rows: tuple[ParameterRow, ...]
     sentences: tuple[str, ...] = field(default=(), repr=False)
+    covariance: ParameterCovariance | None = field(default=None, repr=False, compare=False)
 
     @property
     def confidence(self) -> float | None:
@@ -447,7 +450,8 @@ def parameter_table(
         )
     rows = _within_total_mass(rows, about)
     assumed = {row.name for row in rows if row.basis == "assumed"}
-    sentences = _known_together(info, feasible_set, unconstrained, assumed, (shares, rotor_names))
+    noise, rotors = covariance.standard_error, (shares, rotor_names)
+    sentences = _known_together(info, feasible_set, unconstrained, noise, assumed, rotors)
     if drawn:
         lie = "lies outside its interval" if len(drawn) == 1 else "lie outside their intervals"
         shown = listed(drawn, MOST_SENTENCES)
@@ -480,7 +484,7 @@ def parameter_table(
         sentences += _without_rotors([row for row, of in kinds if of.kind == "principal" or row.name[:3] in DIAGONAL])
     if told is not None and feasible_set.parameter_count > MANY_PARAMETERS:
         sentences.insert(0, TOO_MANY)
-    return ParameterTable(tuple(rows), tuple(sentences))
+    return ParameterTable(tuple(rows), tuple(sentences), covariance)
 
 
 def _shares_of_rotors(feasible_set: FeasibleSet) -> tuple[Array, list[str]]:
@@ -746,6 +750,7 @@ def _known_together(
     info: Information,
     feasible_set: FeasibleSet,
     unconstrained: Estimate,
+    standard_error: Array,
     assumed: set[str],
     rotors: tuple[Array, list[str]],
 ) -> list[str]:
@@ -758,7 +763,7 @@ def _known_together(
     found = []
     for base, expression in enumerate(unconstrained.base_expressions):
         parts = [names[index] for index in np.flatnonzero(feasible_set.K[base])]
-        error, value = unconstrained.standard_error[base], unconstrained.base[base]
+        error, value = standard_error[base], unconstrained.base[base]
         if len(parts) > 1 and assumed.intersection(parts) and 2.0 * error <= MEASURED * abs(value):
             count = len(assumed.intersection(parts))
             row = np.asarray(feasible_set.K[base], dtype=float)

@@ -72,8 +72,8 @@ class Estimate:
         (n_b,), SI units.
     standard_error : ndarray
         (n_b,) of the base parameters, from `ParameterCovariance`: with the correlation of the residuals in time where
-        the Information tells of it, otherwise each row an independent one (thesis eq. 4.27). Infinite where the data
-        says nothing.
+        the Information tells of it, otherwise each row an independent one (thesis eq. 4.27); where there is a
+        `parameter_table`, with all errors on which its intervals rest. Infinite where the data says nothing.
     parameter_names : tuple of str
         The n standard parameters; empty where only base parameters are known.
     parameters : ndarray or None

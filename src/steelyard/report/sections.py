@@ -74,7 +74,8 @@ def _all_logs(identification: Identification, names: Sequence[str], shown: Seque
 def base_parameters(identification: Identification) -> Markup:
     """Return the table of base parameters, weak ones marked."""
     before, after = identification.unconstrained, identification.estimate
-    relative = before.relative_standard_error
+    with np.errstate(divide="ignore", invalid="ignore"):
+        relative = after.standard_error / np.abs(before.base)
     told = not before.filtered_torque
     rows, muted = [], []
     for index, (name, expression) in enumerate(zip(before.base_names, before.base_expressions, strict=True)):
