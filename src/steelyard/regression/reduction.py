@@ -53,11 +53,11 @@ CHUNK = 24576
 in which long logs are processed, so that these are cut, and never joined."""
 
 FEWEST_EXACT = 8192
-"""Samples from which on neighbouring rows are combined in what follows other samples of the same log."""
+"""Samples of a log from which on neighbouring rows are combined, a multiple of 1024: so many tell how much of columns
+and noise may be lost. *Measured*, logs of 37 500 to a million rows: a sixth less processor time."""
 
 EXACT = 2**17
-"""Samples from which on neighbouring rows are combined, a multiple of 1024: two minutes at 1 kHz. Up to there every
-row goes into the factors as it is."""
+"""The same of samples that are at hand, two minutes at 1 kHz: what is made of them is exact up to there."""
 
 WHOLE_BLOCK = 1024
 """Samples that are factored at a time where the rows of all joints stand side by side."""
