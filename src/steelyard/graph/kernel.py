@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -392,6 +392,22 @@ class Kernel:
     def _cached(self, count: int) -> int:
         """Return the last argument of a compiled function for a batch."""
         return -1 if 8 * count * self._width >= _LARGE else 1
+
+    def bound(self, *arrays: Array) -> Callable[[], None]:
+        """Return a call that reads and writes the memory of these arrays, with nothing to do around it.
+
+        Parameters
+        ----------
+        *arrays : ndarray
+            One for each argument and one for the outputs, all C-contiguous doubles that are not replaced: (S, width),
+            or (width,) where an argument is uniform.
+        """
+        count = len(arrays[-1])
+        function = self.single_function if count == 1 else self.batch_function
+        pointers = (ctypes.c_void_p(address_of(array)) for array in arrays)
+        bound = partial(function, ctypes.c_int64(count), *pointers, ctypes.c_int64(1))
+        bound.memory = (self, arrays)  # type: ignore[attr-defined]  # which addresses do not keep
+        return bound
 
     def direct(
         self, shape: tuple[int, ...], *, several: bool = False, otherwise: Callable[..., Any] | None = None
