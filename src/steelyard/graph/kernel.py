@@ -13,7 +13,7 @@ from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache, partial
-from itertools import pairwise
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -37,18 +37,20 @@ _ROOMS = ("robot", "graph", "dynamics")
 
 
 @cache
-def source_digest() -> str | None:
-    """Return a digest of the rooms that turn a description into machine code, or None where they cannot be read."""
+def source_digest(*others: str) -> str | None:
+    """Return a digest of the rooms that turn a description into machine code, or None where they cannot be read.
+
+    Files of other rooms that compose functions by themselves may be added.
+    """
     package = Path(__file__).resolve().parent.parent
     digest = hashlib.sha256()
     try:
-        for room in _ROOMS:
-            files = sorted((package / room).rglob("*.py"))
-            if not files:
-                return None
-            for path in files:
-                content = path.read_bytes()
-                digest.update(f"{path.relative_to(package).as_posix()} {len(content)}\n".encode() + content)
+        rooms = [sorted((package / room).rglob("*.py")) for room in _ROOMS]
+        if not all(rooms):
+            return None
+        for path in [*chain(*rooms), *(Path(other).resolve() for other in others)]:
+            content = path.read_bytes()
+            digest.update(f"{path.relative_to(package).as_posix()} {len(content)}\n".encode() + content)
     except OSError:
         return None
     return digest.hexdigest()
