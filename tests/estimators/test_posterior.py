@@ -8,7 +8,7 @@ from scipy.stats import truncnorm
 import steelyard as sy
 from steelyard.errors import InputError
 from steelyard.estimators import ESTIMATORS, ConstantPullbackPrior, EntropicPrior, bayesian, posterior
-from steelyard.estimators.posterior import effective_count, split_r_hat
+from steelyard.estimators.posterior import _Walk, effective_count, split_r_hat
 from steelyard.feasibility.constraints import MeasuredMass
 from steelyard.regression import ParameterCovariance
 
@@ -74,6 +74,24 @@ def test_what_physics_cuts_off_is_cut_off_the_normal_distribution():
     assert found.largest_r_hat < 1.01
     assert all(feasible_set.contains(sample) for sample in found.samples)
     assert feasible_set.contains(found.estimate.parameters)
+
+
+def test_a_chain_that_begins_at_the_boundary_comes_to_the_others(monkeypatch):
+    model, info = pendulum(0.5)
+    feasible_set = sy.FeasibleSet(model)
+    usual = _Walk.starts
+
+    def starts(walk, chains):
+        points = usual(walk, chains)
+        outside = np.array([2.0, 0.0, 0.0, 2.0, 0.0, 2.0, 0.1, 0.2, 0.0, 0.0, 0.5])  # a first moment without mass
+        ways = [share * (outside - points[0]) for share in 1.0 - np.geomspace(1e-9, 1.0, 200)]
+        points[0] += (1.0 - 1e-3) * next(way for way in ways if feasible_set.contains(points[0] + way))
+        return points
+
+    monkeypatch.setattr(_Walk, "starts", starts)
+    found = posterior(info, feasible_set, EntropicPrior(np.append(BODY, 0.5)), 11.0, steps=300, names=["m1"])
+    assert found.largest_r_hat < 1.03
+    assert found.least_effective_count > 200
 
 
 @pytest.mark.slow

@@ -275,6 +275,20 @@ def test_the_result_of_a_single_sample_is_not_overwritten(kernel):
     np.testing.assert_allclose(first, expected(motion)[0], rtol=1e-12)
 
 
+@pytest.mark.parametrize("count", [1, 3, 13])
+def test_a_bound_call_follows_what_stands_in_its_arrays_and_keeps_them(count):
+    kernel = Kernel(pendulum(), cache=NO_CACHE)
+    motion, parameters, out = np.empty((count, 3)), np.array(PARAMETERS), np.empty((count, 2))
+    call, alive = kernel.bound(motion, parameters, out), weakref.ref(parameters)
+    del kernel, parameters
+    gc.collect()
+    assert alive() is not None
+    for own in motions(2 * count).reshape(2, count, 3):
+        motion[...] = own
+        call()
+        np.testing.assert_allclose(out, expected(own), rtol=1e-12)
+
+
 @pytest.mark.parametrize("count", [1, 3, 8, 13])
 def test_the_functions_behind_a_kernel_are_c_functions(kernel, count):
     motion, out = motions(count), np.full((count + 1, 2), np.nan)

@@ -1,6 +1,7 @@
 """Kernels with an identity: what a warm cache knows, and what it must not be believed."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,7 +9,8 @@ import pytest
 from steelyard.errors import InputError
 from steelyard.graph import Argument, Function, Graph, Kernel, ObjectCache, Output, kernel, sin
 from steelyard.graph.cache import pack, unpack
-from steelyard.graph.kernel import Signature
+from steelyard.graph.kernel import Signature, source_digest
+from steelyard.simulation import compiled
 
 X = np.random.default_rng(4).normal(size=(20, 2))
 SCALE = np.array([3.0])
@@ -97,13 +99,13 @@ def test_different_identities_and_forms_are_kept_apart(cache):
 
 def test_other_code_of_the_package_makes_it_again(cache, monkeypatch):
     Kernel(example, identity="example", cache=cache)(X, SCALE)
-    monkeypatch.setattr(kernel, "source_digest", lambda: "another version")
+    monkeypatch.setattr(kernel, "source_digest", lambda *_: "another version")
     with pytest.raises(AssertionError, match="was built"):
         Kernel(never, identity="example", cache=cache)(X, SCALE)
 
 
 def test_without_readable_sources_the_assembly_is_the_key(cache, monkeypatch):
-    monkeypatch.setattr(kernel, "source_digest", lambda: None)
+    monkeypatch.setattr(kernel, "source_digest", lambda *_: None)
     Kernel(example, identity="example", cache=cache)(X, SCALE)
     (file,) = cache.folder.iterdir()
     stamp = file.stat().st_mtime_ns
@@ -178,3 +180,10 @@ def test_a_signature_is_the_same_after_json():
     signature = Signature.of(example(), compact=True)
     assert Signature.from_json(signature.to_json()) == signature
     assert Signature.from_json("[") is None
+
+
+def test_digests_tell_the_files_of_other_rooms_and_whether_they_can_be_read():
+    digests = {source_digest(), source_digest(kernel.__file__), source_digest(compiled.__file__)}
+    assert len(digests) == 3
+    assert None not in digests
+    assert source_digest(str(Path(compiled.__file__).with_name("nowhere.py"))) is None

@@ -25,6 +25,7 @@ __all__ = [
     "Verbose",
     "WeightsOption",
     "Workers",
+    "given_options",
     "numbers",
 ]
 
@@ -80,6 +81,11 @@ ConsistencyOption = Annotated[
 ]
 
 WeightsOption = Annotated[Literal["joint", "none"], typer.Option(help="How the joints are weighted.")]
+
+
+def given_options(context: typer.Context) -> set[str]:
+    """Return the names of the options that were given, rather than left as they are."""
+    return {name for name in context.params if str(context.get_parameter_source(name)).endswith("COMMANDLINE")}
 
 
 def numbers(text: str, option: str, example: str) -> list[float]:

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
-from .choices import AllowExtensions, Quiet, RobotArgument, numbers
+from .choices import AllowExtensions, Quiet, RobotArgument, given_options, numbers
 from .results_folder import require_results_folder
 from .terminal import echo, progress, show_excitation, show_on_the_fly
 
@@ -98,7 +98,7 @@ def excite(
     read = (robot, limits, prior_information, estimate and estimate_file(estimate))
     require_apart(output, read, ON_THE_FLY_FILES if on_the_fly else EXCITATION_FILES)
     if on_the_fly:
-        named = _named(context)
+        named = given_options(context)
         _on_the_fly(
             robot,
             output,
@@ -153,16 +153,11 @@ _DESIGN_ALONE = (
 _ON_THE_FLY_ALONE = ("accuracy", "longest")
 
 
-def _named(context: typer.Context) -> set[str]:
-    """Return the options that were given, rather than left as they are."""
-    return {name for name in context.params if str(context.get_parameter_source(name)).endswith("COMMANDLINE")}
-
-
 def _require_meaning(context: typer.Context, on_the_fly: bool) -> None:
     """Refuse options that would be passed over in silence."""
     from steelyard.errors import InputError
 
-    named = _named(context)
+    named = given_options(context)
     for name in _DESIGN_ALONE if on_the_fly else _ON_THE_FLY_ALONE:
         if name in named:
             kind = (

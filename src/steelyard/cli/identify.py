@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -23,6 +23,7 @@ from .choices import (
     Verbose,
     WeightsOption,
     Workers,
+    given_options,
 )
 from .many_logs import many_logs
 from .results_folder import require_results_folder
@@ -111,21 +112,7 @@ def identify(
     file = load_robot(robot, lines, topic=topic, allow_extensions=allow_extensions)
     require_apart(output, (file.path, file.robot.source, *map(Path, (*logs, *(validate or ())))))
     if measured == "positions":
-        unused = {
-            "--prior": prior != "auto",
-            "--prior-weight": prior_weight is not None,
-            "--consistency": consistency != "full",
-            "--prefer": prefer != "auto",
-            "--residual-slack": residual_slack != 5e-4,
-            "--estimator": estimator != "fit",
-            "--workers": workers != 1,
-            "--cluster": cluster is not None,
-            "--tls": bool(tls),
-            "--chunk-rows": chunk_rows != CHUNK_ROWS,
-            "--force": force,
-            "--table": table,
-            "--verbose": verbose,
-        }
+        unused = sorted(given_options(context).intersection(_TORQUES_ALONE), key=_TORQUES_ALONE.index)
         _from_positions(file, logs, validate or [], output, weights, friction, unused, json=json, quiet=quiet)
         return
     require_replaceable(output, file.robot)
@@ -162,6 +149,12 @@ def identify(
         raise typer.Exit(3)
 
 
+_TORQUES_ALONE = (
+    "prior", "prior_weight", "consistency", "prefer", "residual_slack", "estimator", "workers", "cluster", "tls",
+    "chunk_rows", "force", "table", "verbose",
+)  # fmt: skip
+
+
 def _from_positions(
     file: RobotFile,
     logs: Sequence[str],
@@ -169,7 +162,7 @@ def _from_positions(
     output: Path,
     weights: str,
     friction: str,
-    unused: Mapping[str, bool],
+    unused: Sequence[str],
     *,
     json: bool,
     quiet: bool,
@@ -179,9 +172,9 @@ def _from_positions(
     from steelyard.identification import identify_from_positions
     from steelyard.report import require_apart
 
-    given = next((name for name, stated in unused.items() if stated), None)
-    if given is not None:
-        raise InputError(f"{given} belongs to identification from torques; leave it out with --from positions.")
+    if unused:
+        name = unused[0].replace("_", "-")
+        raise InputError(f"--{name} belongs to identification from torques; leave it out with --from positions.")
     if file.robot.source is not None:  # whose copy with the results has the same name
         require_apart(output, (file.robot.source,), (file.robot.source.name,))
     with progress(quiet=quiet) as say:

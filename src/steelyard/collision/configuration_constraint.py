@@ -134,8 +134,7 @@ def check_possible(constraint: ConfigurationConstraint, remedy: str) -> None:
         if value < 0:
             raise InputError(
                 f"{constraint.name}: {label} is violated by {-value:.3g} m or more at each of {CONFIGURATIONS_TRIED} "
-                "random "
-                f"configurations within the limits of the joints; {remedy}"
+                f"random configurations within the limits of the joints; {remedy}"
             )
 
 

@@ -137,8 +137,7 @@ class SelfCollision(DistanceConstraint):
         if less:
             found.append(
                 f"Not all links can be {1000.0 * self._asked:.3g} mm apart in any configuration, so that these are "
-                "held to "
-                f"half of the widest distance that they reach: {'; '.join(less)}."
+                f"held to half of the widest distance that they reach: {'; '.join(less)}."
             )
         if self._left_out:
             pairs = ", ".join(f"{pair.first} and {pair.second}" for pair in self._left_out)

@@ -128,7 +128,7 @@ def _attempts(problem: ConicProblem, accuracy: float, iterations: int) -> ConicS
     if found.outcome not in _UNFINISHED:
         return found
     balanced = balance.apply(problem.symmetric)
-    best, least = found, _error(balanced, balance, found)
+    best, least = found, optimality_error(balanced, *balance.into(found))
     taken, seconds = found.iterations, found.seconds
     for attempt in attempts[1:]:
         scaling = balance
@@ -143,7 +143,7 @@ def _attempts(problem: ConicProblem, accuracy: float, iterations: int) -> ConicS
                 best = found
                 break
             continue
-        error = _error(balanced, balance, found)
+        error = optimality_error(balanced, *balance.into(found))
         if found.outcome is Outcome.SOLVED and error > DOUBT * accuracy:
             found = replace(found, outcome=Outcome.ALMOST_SOLVED)
         if (found.outcome is Outcome.SOLVED) or error < least:
@@ -151,12 +151,6 @@ def _attempts(problem: ConicProblem, accuracy: float, iterations: int) -> ConicS
         if best.outcome is Outcome.SOLVED:
             break
     return replace(best, iterations=taken, seconds=seconds)
-
-
-def _error(balanced: ConicProblem, balance: Scaling, found: ConicSolution) -> float:
-    """Error of optimality in the units of the first attempt, so that attempts can be compared."""
-    primal, slack, dual = found.primal / balance.columns, found.slack * balance.rows, found.dual / balance.rows
-    return optimality_error(balanced, primal, slack, dual)
 
 
 def clarabel_settings(accuracy: float) -> Any:

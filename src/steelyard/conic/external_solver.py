@@ -219,7 +219,7 @@ def run_program(
                 f"the answer of {program.title} cannot be read (exit code {done.returncode}, its last words: {last}); "
                 'use another solver, such as solver="clarabel".'
             ) from error
-    return Answer(answer.outcome, answer.status, answer.x, answer.dual, answer.iterations, seconds)
+    return replace(answer, seconds=seconds)
 
 
 def _read_solution_file(output: ProgramOutput, problem: SemidefiniteProgram) -> tuple[Vector, Vector]:

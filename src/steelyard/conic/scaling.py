@@ -47,6 +47,14 @@ class Scaling:
             cones=problem.cones,
         )
 
+    def into(self, solution: ConicSolution) -> tuple[Vector, Vector, Vector]:
+        """The x, s and z of a solution, in the new units."""
+        return (
+            solution.primal / self.columns,
+            solution.slack * self.rows,
+            solution.dual / self.rows * self.objective,
+        )
+
     def undo(self, solution: ConicSolution) -> ConicSolution:
         """The solution in the old units."""
         return replace(

@@ -91,15 +91,13 @@ def solve_with_scs(problem: ConicProblem, accuracy: float = 1e-8, iterations: in
         if found.outcome is Outcome.STOPPED:
             best = best or found
             break
-        error = optimality_error(
-            balanced, found.primal / balance.columns, found.slack * balance.rows, found.dual / balance.rows
-        )
+        error = optimality_error(balanced, *balance.into(found))
         if best is None or error < least:
             best, least = found, error
         if taken >= most or (found.outcome is Outcome.SOLVED and error <= 10 * accuracy):
             break
         scaling = scaling_around(problem, found.slack, floor)
-        start = (found.primal / scaling.columns, found.slack * scaling.rows, found.dual / scaling.rows)
+        start = scaling.into(found)
         length *= GROWTH
     assert best is not None
     outcome = best.outcome
@@ -110,9 +108,10 @@ def solve_with_scs(problem: ConicProblem, accuracy: float = 1e-8, iterations: in
 
 def _proves(balanced: ConicProblem, balance: Scaling, found: ConicSolution) -> bool:
     """Return whether a direction that SCS returned is a proof of infeasibility or unboundedness."""
+    primal, _, dual = balance.into(found)
     if found.outcome is Outcome.INFEASIBLE:
-        return infeasibility_error(balanced, found.dual / balance.rows) <= PROOF_ERROR
-    return recession_error(balanced, found.primal / balance.columns) <= PROOF_ERROR
+        return infeasibility_error(balanced, dual) <= PROOF_ERROR
+    return recession_error(balanced, primal) <= PROOF_ERROR
 
 
 def _padded(problem: ConicProblem) -> ConicProblem:

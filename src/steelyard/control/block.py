@@ -156,8 +156,7 @@ class ControlBlock(ABC):
             f"{type(self).__name__} is unstable with these gains on {self._part.model.robot.name}: near rest at "
             f"q = {np.round(places[worst], 3).tolist()} errors grow by a factor of {growth[worst]:.3g} every "
             f"{self.sample_time:g} s, most of all at joint {joint!r}. {remedy}, shorten the sample time, or take "
-            "velocities that "
-            "lag less."
+            "velocities that lag less."
         )
 
     def start(self, measurement: Measurement) -> None:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import ctypes
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +12,6 @@ from steelyard.dynamics import Model
 from steelyard.dynamics.functions import given_parameters
 from steelyard.errors import InputError
 from steelyard.files.arguments import positive
-from steelyard.graph.kernel import address_of
 
 __all__ = ["ModelPart"]
 
@@ -170,10 +167,7 @@ class ModelPart:
         result = out.reshape((*shape, kernel.width))
         if count == 0:
             return lambda *motion: result.copy()
-        function = kernel.single_function if count == 1 else kernel.batch_function
-        samples = ctypes.c_int64(count)
-        pointers = (ctypes.c_void_p(address_of(array)) for array in (*arguments, out))
-        compute = partial(function, samples, *pointers, ctypes.c_int64(1))
+        compute = kernel.bound(*arguments, out)
 
         def call(*motion: Array) -> Array:
             for place, array in zip(places, motion, strict=True):
@@ -181,6 +175,4 @@ class ModelPart:
             compute()
             return result.copy()
 
-        # The pointers do not keep the memory alive.
-        call.memory = (arguments, out, kernel)  # type: ignore[attr-defined]
         return call

@@ -201,9 +201,8 @@ def _default_controller(
         if frequency < _SLOWEST:
             raise InputError(
                 f"No gains of the default controller have a margin along this trajectory, at {1.0 / sample_time:g} Hz "
-                "and "
-                f"with an inertia that is believed to be {ratios.min():.3g} to {ratios.max():.3g} times the true one; "
-                "raise the rate, give other nominal parameters, or a controller."
+                f"and with an inertia that is believed to be {ratios.min():.3g} to {ratios.max():.3g} times the true "
+                "one; raise the rate, give other nominal parameters, or a controller."
             )
     gains = {"kp": frequency**2, "kd": 2.0 * frequency}
     controller = FeedforwardTracking(

@@ -61,22 +61,20 @@ DRIVING = 0.02
 RIDGE = 1e-10
 """Added to the squared lengths of columns, so that what a stretch does not show has a value."""
 REACH = 1.4
-"""Factor by which a shape may go beyond those that were tried first."""
+"""Factor by which a shape may go beyond those that were tried first; its square in the search of one law alone."""
 MANY_SHAPES, PROMISING = 3, 0.7
-"""Shapes of a law from which on they are searched together, where the best that was tried first explains this part of
-what the best other law does."""
+"""Numbers of a law's shape from which on the search begins at several shapes, and only where the best that was tried
+first explains this part of what the best other law does."""
 HOPEFUL = 0.01
 """Part of the squared residual that the best shape that was tried first explains at least where others are searched:
 the error would fall by half of it."""
 STARTS, STEPS = 2, 12
-"""Shapes from which a search of several numbers begins, with another last one each, since in between there are local
-optima; and steps of Gauss and Newton that it takes at most. Four starts found nothing better on 20 robots."""
+"""Shapes from which a search of so many numbers begins, with another last one each, since in between there are local
+optima; and steps of Gauss and Newton that every search takes at most. Four starts found nothing better on 20 robots."""
 FORGOTTEN = 0.25
 """Part of its range that a joint moves before rows of a log are used for laws with a state: what they
 remember at the first row is not known. It is forgotten by the exponential of this over the presliding displacement.
 With rows from the first on, the wrong first state cost as much as all the noise does."""
-SWEEPS = 4
-"""Rounds in which the shapes of the laws that were chosen are moved, each with half the step of the one before."""
 MOST_LAWS = 4
 """Laws that are added at most, one after the other."""
 MOST_RISE = 1.05
@@ -911,7 +909,7 @@ class _Joint:
         if most - plain < HOPEFUL * float(rest @ rest):
             pass  # no shape will do
         elif len(candidate.shape_names) < MANY_SHAPES:
-            best = self._polished(candidate, best, shapes, basis, left, SWEEPS - 1)
+            best, _ = self._searched(candidate, best, shapes, basis, left)
         elif most - plain > PROMISING * self._most(candidate):
             pairs = list(zip(found, shapes, strict=True))
             starts = [max(pair for pair in pairs if pair[1][-1] == v) for v in {one[-1]: None for one in shapes}]
@@ -1050,10 +1048,7 @@ class _Joint:
                     basis = _with_columns(basis, other.columns)
             left = self.torque - basis @ (basis.T @ self.torque)
             shapes = law.candidate.shapes(self.motion)
-            if len(law.candidate.shape_names) < MANY_SHAPES:
-                law.shape = self._polished(law.candidate, law.shape, shapes, basis, left, SWEEPS)
-            else:
-                law.shape, _ = self._searched(law.candidate, law.shape, shapes, basis, left)
+            law.shape, _ = self._searched(law.candidate, law.shape, shapes, basis, left)
             ((law.columns, law.lengths),) = self._columns(law.candidate, [law.shape])
             if law.candidate.kind == "lugre" and not self._dissipates(self.laws):
                 law.columns[:, 1] = 0.0
@@ -1068,68 +1063,35 @@ class _Joint:
     def _searched(
         self, candidate: FrictionCandidate, shape: Shape, shapes: Sequence[Shape], basis: Array, left: Array
     ) -> tuple[Shape, float]:
-        """Search several shapes together, from one of those that were tried, and what they explain (Gauss, Newton)."""
+        """Search the numbers of a shape together, from one of those that were tried, and what they explain."""
         from scipy.optimize import least_squares
 
-        tried = np.log(np.array(shapes))
+        free = [candidate.shape_names.index(name) for name in candidate.free_names]
+        logarithms = np.log([[one[k] for k in free] for one in shapes])
         reach = 2.0 * np.log(REACH)
-        lower, upper = tried.min(axis=0) - reach, tried.max(axis=0) + reach
-        step = np.full(len(lower), 1e-3)
 
-        def unexplained(logarithms: Array) -> Array:
-            ((columns, _),) = self._columns(candidate, [tuple(float(one) for one in np.exp(logarithms))])
+        def unexplained(moved: Array) -> Array:
+            ((columns, _),) = self._columns(candidate, [at(moved)])
             beyond = columns - basis @ (basis.T @ columns)
             rows = np.column_stack([beyond, left])
             return np.asarray(left - beyond @ _solved(rows.T @ rows, np.array(candidate.nonnegative)))
 
+        def at(moved: Array) -> Shape:
+            numbers = dict(zip(free, np.exp(moved).tolist(), strict=True))
+            return tuple(numbers.get(k, number) for k, number in enumerate(shape))
+
+        if not free:
+            return shape, float(left @ left) - float(np.sum(unexplained(np.zeros(0)) ** 2))
         found = least_squares(
             unexplained,
-            np.log(np.array(shape)),
-            bounds=(lower, upper),
-            diff_step=step,
+            np.log([shape[k] for k in free]),
+            bounds=(logarithms.min(axis=0) - reach, logarithms.max(axis=0) + reach),
+            diff_step=np.full(len(free), 1e-3),
             xtol=1e-4,
             ftol=1e-6,
             max_nfev=STEPS,
         )
-        return tuple(float(one) for one in np.exp(found.x)), float(left @ left) - 2.0 * float(found.cost)
-
-    def _polished(
-        self,
-        candidate: FrictionCandidate,
-        shape: Shape,
-        shapes: Sequence[Shape],
-        basis: Array,
-        left: Array,
-        sweeps: int,
-    ) -> Shape:
-        """Move a shape to where it explains most: parabolas in the logarithm of each of its numbers in turn."""
-        free = [candidate.shape_names.index(name) for name in candidate.free_names]
-        tried = np.log(np.array([[one[k] for k in free] for one in shapes]).reshape(len(shapes), len(free)))
-        here = np.log(np.array(shape)) if shape else np.zeros(0)
-
-        def explained(logarithms: Array) -> float:
-            ((columns, _),) = self._columns(candidate, [tuple(float(one) for one in np.exp(logarithms))])
-            return _explained(basis, left, [columns], candidate.nonnegative)[0]
-
-        most = explained(here) if free else 0.0
-        steps = [_spacing(tried[:, column], here[k]) / 2.0 for column, k in enumerate(free)]
-        for _ in range(sweeps):
-            for column, k in enumerate(free):
-                ends = [here.copy(), here.copy()]
-                ends[0][k] -= steps[column]
-                ends[1][k] += steps[column]
-                below, above = explained(ends[0]), explained(ends[1])
-                curvature = below - 2.0 * most + above
-                vertex = here.copy()
-                if curvature < 0.0:
-                    vertex[k] += np.clip(0.5 * (below - above) / curvature, -2.0, 2.0) * steps[column]
-                reach = np.log(REACH)
-                vertex[k] = np.clip(vertex[k], tried[:, column].min() - reach, tried[:, column].max() + reach)
-                for place, value in ((ends[0], below), (ends[1], above), (vertex, explained(vertex))):
-                    if value > most:
-                        here, most = place, value
-                steps[column] /= 2.0
-        return tuple(float(one) for one in np.exp(here))
+        return at(found.x), float(left @ left) - 2.0 * float(found.cost)
 
     def chosen(self, number: int) -> list[ChosenFriction]:
         """The laws that were added, with their coefficients."""
@@ -1222,13 +1184,6 @@ def _with_columns(basis: Array, columns: Array) -> Array:
     for column in columns.T:
         basis = _with_column(basis, column)
     return basis
-
-
-def _spacing(values: Array, here: float) -> float:
-    """Return the distance from a value to the nearest other of some values."""
-    others = np.abs(np.unique(values.round(12)) - here)
-    others = others[others > 1e-9]
-    return float(others.min()) if len(others) else 0.1
 
 
 def _explained(basis: Array, left: Array, columns: Sequence[Array], nonnegative: Sequence[bool]) -> list[float]:

@@ -89,7 +89,7 @@ def kinematic_bodies(robot: Robot) -> tuple[collision.PlacedShape, ...]:
         difference = points[one] - points[other]
         length = float(np.linalg.norm(difference))
         radius = SLENDERNESS * (reach + beyond[index])
-        last = not any(joint.parent == index for joint in robot.joints)
+        last = index in robot.end_links
         own = robot.joints[index]
         # In a robot without any length, an axis that slides is as unknown as a last link: the sphere about a joint is
         # that of a wrist, and made the bridge of a gantry weigh seven grams.

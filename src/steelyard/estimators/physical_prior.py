@@ -328,7 +328,6 @@ class _Gathering:
         self.bodies = kinematic_bodies(robot)
         self.shapes = self._shapes()
         self.described = described_bodies(robot)
-        self.is_last = [not any(joint.parent == index for joint in robot.joints) for index in range(len(robot.links))]
 
     # Where the shapes are
 
@@ -344,15 +343,13 @@ class _Gathering:
             except InputError:  # the file has changed since the robot was read
                 text = f"The shapes of the links are not used: {self.robot.source} cannot be read again."
                 self.sentences.append(text)
-            self._tell_skipped(skipped)
+            links = list(dict.fromkeys(link for link, _ in skipped))
+            if links:
+                why = skipped[0][1].rstrip(".")
+                self.sentences.append(f"Some shapes of {_listed(links)} cannot be used: {why}.")
         for kind, shapes in found.items():
             found[kind] = [one for one in shapes if self._has_size(one)]
         return found
-
-    def _tell_skipped(self, skipped: list[tuple[str, str]]) -> None:
-        links = list(dict.fromkeys(link for link, _ in skipped))
-        if links:
-            self.sentences.append(f"Some shapes of {_listed(links)} cannot be used: {skipped[0][1].rstrip('.')}.")
 
     def _has_size(self, one: PlacedShape) -> bool:
         lower, upper = one.box
@@ -516,11 +513,10 @@ class _Gathering:
         return None
 
     def _slack(self, index: int, has_shape: bool) -> float:
-        share = SHAPE_SLACK if has_shape else BODY_SLACK
-        slack = share * self.reach * (2.0 if self.is_last[index] else 1.0)
-        if not has_shape and self.is_last[index]:
-            slack = max(slack, self.reach / max(len(self.robot.links) - 1, 1))
-        return slack
+        slack = (SHAPE_SLACK if has_shape else BODY_SLACK) * self.reach
+        if index not in self.robot.end_links:
+            return slack
+        return max(2.0 * slack, 0.0 if has_shape else self.reach / max(len(self.robot.links) - 1, 1))
 
     def _box(self, index: int, has_shape: bool) -> tuple[Array, Array]:
         """The box of the centre of mass; infinite where the robot shows no size at all."""

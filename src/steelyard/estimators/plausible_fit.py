@@ -78,15 +78,10 @@ class PriceOfPlausibility:
     def sentence(self) -> str:
         """The price in words."""
         chosen, without = f"{self.training_error[self.chosen]:.2%}", f"{self.unrestricted_error:.2%}"
-        training = (
-            f"Staying near the prior leaves {chosen} of the torques unexplained on the data of the fit, as much as "
-            "without a prior"
-            if chosen == without
-            else f"Staying near the prior leaves {chosen} of the torques unexplained on the data of the fit, {without} "
-            "without a prior"
-        )
+        beside = "as much as" if chosen == without else without
         return (
-            f"{training}; on stretches left out, "
+            f"Staying near the prior leaves {chosen} of the torques unexplained on the data of the fit, {beside} "
+            "without a prior; on stretches left out, "
             f"{self.held_out_error[self.chosen]:.2%} where plain least squares has "
             f"{self.least_squares_held_out_error:.2%}."
         )

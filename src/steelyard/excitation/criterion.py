@@ -263,8 +263,7 @@ TORQUE_NOISE = 0.01
 """Standard deviation of the white torque noise that is assumed, relative to the torques.
 
 Torques from motor currents are seldom more accurate. A tenth of this noise would shift the limit of the condition
-number
-by a factor of ten, while motions that do not excite the parameters miss it by factors of hundreds."""
+number by a factor of ten, while motions that do not excite the parameters miss it by factors of hundreds."""
 
 
 @dataclass(frozen=True)

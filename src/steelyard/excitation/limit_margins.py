@@ -7,7 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
+from steelyard.conic import Cone, ConicProblem, Outcome, Rows, solve
 from steelyard.errors import InputError
 from steelyard.once import cached_property
 
@@ -218,22 +220,8 @@ def _lowest(values: Array) -> NDArray[np.intp]:
 
 def _least_change(rows: Array, needed: Array) -> Array | None:
     """Return the smallest vector d with ``rows d >= needed``, or None where there is none."""
-    import clarabel
-    from scipy import sparse
-
     size = rows.shape[1]
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    settings.max_threads = 1
-    solver = clarabel.DefaultSolver(
-        sparse.identity(size, format="csc"),
-        np.zeros(size),
-        sparse.csc_matrix(-rows),
-        -needed,
-        [clarabel.NonnegativeConeT(len(rows))],
-        settings,
-    )
-    solution = solver.solve()
-    if str(solution.status) not in ("Solved", "AlmostSolved"):
-        return None
-    return np.asarray(solution.x, dtype=np.float64)
+    limits = Rows(-rows, -needed, Cone("nonnegative", len(rows)))
+    squares = sparse.csc_array(sparse.eye_array(size))
+    found = solve(ConicProblem.from_rows(np.zeros(size), [limits], squares, balanced=True))
+    return found.primal if found.outcome in (Outcome.SOLVED, Outcome.ALMOST_SOLVED) else None

@@ -19,7 +19,7 @@ from steelyard.lmi import AffineStack, symmetric_to_vector, vector_to_symmetric
 from .feasible_set import FeasibleSet
 from .margin import BlockProblem, DualPoint
 
-__all__ = ["Center", "Fibre", "LocalMetric", "center"]
+__all__ = ["Center", "Fibre", "LocalMetric", "center", "line_minimum"]
 
 Vector = npt.NDArray[np.float64]
 Matrix = npt.NDArray[np.float64]
@@ -229,15 +229,26 @@ def center(fibre: Fibre, matrices: tuple[Matrix, ...], iterations: int) -> Cente
             break
         # The slope of v is the product of the step with any block of the fibre, such as unit - step.
         slope = float(step @ unit - step @ step)
-        length = _line_minimum(slope, eigenvalues, value)
+        length = line_minimum(slope, eigenvalues, value)
         matrices = tuple(
             matrix + length * change for matrix, change in zip(matrices, metric.expanded(step), strict=True)
         )
     return Center(matrices, parameters, inside, value)
 
 
-def _line_minimum(slope: float, eigenvalues: Vector, value: float) -> float:
-    """The minimum of a·slope - Σ log(1 + a e) over a > 0 by Newton's method; a long step if there is none."""
+def line_minimum(slope: float, eigenvalues: Vector, value: float) -> float:
+    """The minimum of a·slope - Σ log(1 + a e) over a > 0 by Newton's method; a long step if there is none.
+
+    This is a barrier along a step, with the eigenvalues e of the step in the metric of the point where it begins.
+
+    Parameters
+    ----------
+    slope : float
+        Of the linear part of the function.
+    eigenvalues : (k,)
+    value : float
+        Of the linear part at the beginning; a step without a minimum goes to where that part is minus this.
+    """
     smallest = float(eigenvalues.min(initial=0.0))
     limit = -1.0 / smallest if smallest < 0 else np.inf
     if slope < 0 and not np.isfinite(limit):

@@ -12,8 +12,8 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cache
-from itertools import pairwise
+from functools import cache, partial
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -37,18 +37,20 @@ _ROOMS = ("robot", "graph", "dynamics")
 
 
 @cache
-def source_digest() -> str | None:
-    """Return a digest of the rooms that turn a description into machine code, or None where they cannot be read."""
+def source_digest(*others: str) -> str | None:
+    """Return a digest of the rooms that turn a description into machine code, or None where they cannot be read.
+
+    Files of other rooms that compose functions by themselves may be added.
+    """
     package = Path(__file__).resolve().parent.parent
     digest = hashlib.sha256()
     try:
-        for room in _ROOMS:
-            files = sorted((package / room).rglob("*.py"))
-            if not files:
-                return None
-            for path in files:
-                content = path.read_bytes()
-                digest.update(f"{path.relative_to(package).as_posix()} {len(content)}\n".encode() + content)
+        rooms = [sorted((package / room).rglob("*.py")) for room in _ROOMS]
+        if not all(rooms):
+            return None
+        for path in [*chain(*rooms), *(Path(other).resolve() for other in others)]:
+            content = path.read_bytes()
+            digest.update(f"{path.relative_to(package).as_posix()} {len(content)}\n".encode() + content)
     except OSError:
         return None
     return digest.hexdigest()
@@ -392,6 +394,22 @@ class Kernel:
     def _cached(self, count: int) -> int:
         """Return the last argument of a compiled function for a batch."""
         return -1 if 8 * count * self._width >= _LARGE else 1
+
+    def bound(self, *arrays: Array) -> Callable[[], None]:
+        """Return a call that reads and writes the memory of these arrays, with nothing to do around it.
+
+        Parameters
+        ----------
+        *arrays : ndarray
+            One for each argument and one for the outputs, all C-contiguous doubles that are not replaced: (S, width),
+            or (width,) where an argument is uniform.
+        """
+        count = len(arrays[-1])
+        function = self.single_function if count == 1 else self.batch_function
+        pointers = (ctypes.c_void_p(address_of(array)) for array in arrays)
+        bound = partial(function, ctypes.c_int64(count), *pointers, ctypes.c_int64(1))
+        bound.memory = (self, arrays)  # type: ignore[attr-defined]  # which addresses do not keep
+        return bound
 
     def direct(
         self, shape: tuple[int, ...], *, several: bool = False, otherwise: Callable[..., Any] | None = None

@@ -14,11 +14,10 @@ from steelyard.robot import Robot
 
 from .charts import Chart, Curve, charts_markup
 from .html_document import Markup, bullets, escape, paragraphs, percent, table
-from .interval_bars import across, bar
+from .interval_bars import DRAWN, across, bar
 
 __all__ = ["has_price", "number_tables", "parameters", "prediction", "price", "prior"]
 
-_DRAWN = Markup('<span class="hidden">Drawn</span>')  # what the bars are to screen readers
 _BAR = 90.0  # pixels
 _KEY = '<path class="span" d="M15 7H75"/><path class="cad" d="M30 1V13"/><circle cx="45" cy="7" r="3.2"/>'
 _KNOWN_FROM = {"description": "the description", "shape": "its shape", "kinematics": "the kinematics"}
@@ -183,7 +182,7 @@ def _group(
     described = any(not np.isnan(line.row.cad) for line in lines)
     # What matters most stands first, so that a narrow screen shows it without scrolling.
     shown = (True, True, has_intervals, has_intervals, has_intervals, described)
-    heads = (head, "Value", _DRAWN, "Rests on", "95 % interval", "CAD")
+    heads = (head, "Value", DRAWN, "Rests on", "95 % interval", "CAD")
     rows, muted = [], []
     for place, line in enumerate(lines):
         row = line.row
@@ -193,7 +192,7 @@ def _group(
         if row.basis == "assumed":
             muted.append(place)
     columns = tuple(compress(heads, shown))
-    texts = [index for index, name in enumerate(columns) if name in (_DRAWN, "Rests on")]
+    texts = [index for index, name in enumerate(columns) if name in (DRAWN, "Rests on")]
     return table(caption, columns, rows, identifier=identifier, texts=texts, muted=muted)
 
 

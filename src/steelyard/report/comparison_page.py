@@ -15,7 +15,7 @@ from steelyard.identification.prediction_difference import labels
 
 from .drawing import turnable
 from .html_document import Markup, Section, bullets, escape, html_document, paragraphs, percent, table
-from .interval_bars import BAR, across, bar, interval_bar
+from .interval_bars import BAR, DRAWN, across, bar, interval_bar
 from .link_bodies import link_body
 from .robot_picture import DrawnLink, drawing_of_links
 from .sections import hashed_file, versions
@@ -165,7 +165,7 @@ def _links(comparison: Comparison) -> Markup:
         cells = ["–" if row is None else _interval(row) for row in found]
         what = f"{known.get('meaning', name)}, {known.get('unit', '')}".rstrip(", ")
         rows.append((what, *cells, _bars(found), "yes" if name in marked else ""))
-    heads = ("Number", *short, Markup('<span class="hidden">Drawn</span>'), "Differs")
+    heads = ("Number", *short, DRAWN, "Differs")
     text = (
         "Values and 95 % intervals as each result tells them; bars are in the order of the results, from the top. A "
         "number differs where its interval of the difference, all numbers taken together, leaves zero out."
@@ -254,7 +254,7 @@ def _differences(
         for one in shown
     ]
     values = ("Other", "A", "Value") if several else ("A", "B")
-    heads = (what, *values, "±", Markup('<span class="hidden">Drawn</span>'), "Differs")
+    heads = (what, *values, "±", DRAWN, "Differs")
     texts = (*((1,) if several else ()), len(heads) - 2, len(heads) - 1)
     return table(caption, heads, rows, identifier=identifier, texts=texts)
 

@@ -18,9 +18,8 @@ __all__ = ["excitation", "weak_combinations"]
 
 Array = NDArray[np.float64]
 _MOST = 5  # weak combinations in the table
-_WEAK = (
-    0.2  # relative standard error from which a combination is called weak; 0.4 is then the half-width of its interval
-)
+_WEAK = 0.2
+"""Relative standard error from which a combination is called weak; its interval then has a half-width of 0.4."""
 _MOTIONS = (
     (r"L[xyz][xyz]", "accelerate {joint} harder, in other configurations of the joints behind it"),
     (r"l[xyz]|m", "bring {joint} through a wider range, so that gravity acts on it from more directions"),

@@ -14,7 +14,7 @@ from steelyard.fleet.siblings import deviations_of
 from steelyard.fleet.variation import known_amplitudes
 
 from .html_document import Markup, Section, bullets, escape, figures, html_document, number, percent, table
-from .interval_bars import BAR, across, bar, interval_bar
+from .interval_bars import BAR, DRAWN, across, bar, interval_bar
 from .picture import round_ticks
 from .sections import versions
 
@@ -171,7 +171,7 @@ def _findings(fleet: Fleet, kind: str) -> Markup:
         "Date",
         "What differs" if kind == "siblings" else "What changed",
         "Standard deviations",
-        Markup('<span class="hidden">Drawn</span>'),
+        DRAWN,
     )
     texts = tuple(k for k in range(1, len(heads)) if k != len(heads) - 2)
     left = len(found) - len(rows)

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from .html_document import Markup
 
-__all__ = ["BAR", "across", "bar", "interval_bar"]
+__all__ = ["BAR", "DRAWN", "across", "bar", "interval_bar"]
 
 BAR = 120.0  # pixels, of a bar that stands for itself
+DRAWN = Markup('<span class="hidden">Drawn</span>')
+"""The head of a column of bars, for screen readers."""
 
 _EDGE = 4.0  # pixels that are left at each end for a dot or an arrow
 

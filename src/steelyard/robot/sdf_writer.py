@@ -168,16 +168,14 @@ def _set_inertial(edit: XmlEdit, link: XmlElement, inertia: Inertia) -> None:
 
 def _set_dynamics(edit: XmlEdit, joint: XmlElement, values: Mapping[str, str]) -> None:
     axis = joint.find("axis")
-    if not values:
+    if not values or axis is None:
         return
-    lines = [f"<{tag}>{value}</{tag}>" for tag, value in values.items()]
-    dynamics = None if axis is None else axis.find("dynamics")
-    if dynamics is not None:
+    dynamics = axis.find("dynamics")
+    if dynamics is None:
+        lines = (f"  <{tag}>{value}</{tag}>" for tag, value in values.items())
+        edit.insert_last(axis, "<dynamics>", *lines, "</dynamics>")
+    else:
         _set_children(edit, dynamics, values)
-        return
-    lines = ["<dynamics>", *(f"  {line}" for line in lines), "</dynamics>"]
-    if axis is not None:
-        edit.insert_last(axis, *lines)
 
 
 def _set_children(edit: XmlEdit, parent: XmlElement, values: Mapping[str, str]) -> None:

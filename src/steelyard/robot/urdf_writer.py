@@ -99,7 +99,9 @@ def write_urdf(
         **more,
     )
     changes = description_changes(robot, parameters, drives.held_by_joints())
-    _check_files(robot, source, target)
+    document = read_document(source, robot.xacro_arguments)
+    require_robot(source, robot, "URDF", document.links, document.joints)
+    require_target(source, target, robot, "URDF")
     edit = XmlEdit(urdf_content(source, robot.xacro_arguments), source)
     if edit.root.tag != "robot":
         raise InputError(
@@ -123,12 +125,6 @@ def write_urdf(
         if path is not None:
             edit.set_attributes(element, {key: attribute_text(path)})
     write_bytes(edit.result(), target)
-
-
-def _check_files(robot: Robot, source: Path, target: Path) -> None:
-    document = read_document(source, robot.xacro_arguments)
-    require_robot(source, robot, "URDF", document.links, document.joints)
-    require_target(source, target, robot, "URDF")
 
 
 def _set_inertial(edit: XmlEdit, link: XmlElement, inertia: Inertia) -> None:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 from weakref import WeakKeyDictionary, ref
 
@@ -31,6 +29,7 @@ from steelyard.graph import (
     sin,
     sqrt,
 )
+from steelyard.graph.kernel import source_digest
 
 __all__ = ["DAMPING", "MotionFunctions", "motion_functions", "rosenbrock", "runge_kutta_4"]
 
@@ -186,7 +185,8 @@ class MotionFunctions:
 
     def _identity(self, name: str) -> str | None:
         known = self.model.kernel(self._dynamics, base=self.base, sign="smooth" if self.smooth else "exact").identity
-        return None if known is None else f"{name} {self.each} {_digest()} {known}"
+        sources = source_digest(__file__)
+        return None if known is None or sources is None else f"{name} {self.each} {sources} {known}"
 
     def _function(self, name: str) -> Function:
         """Compose a function from functions of the model."""
@@ -362,8 +362,3 @@ def motion_functions(model: Model, *, base: bool, smooth: bool, each: bool) -> M
     if key not in known:
         known[key] = MotionFunctions(model, base, smooth, each)
     return known[key]
-
-
-def _digest() -> str:
-    """Return a digest of this file, by which the cache tells the functions that it composes from earlier ones."""
-    return hashlib.sha256(Path(__file__).read_bytes()).hexdigest()

@@ -264,139 +264,218 @@ def drive(
     """
     n, parts = branches[0].count, len(branches)
     length, each = steps.shape
-    own_inertias, acting = drives[:, 0], _acting(period)
-    drives = acting @ drives
-    if directions is not None:
-        directions = [replace(one, drives=np.tensordot(acting, one.drives, 1)) for one in directions]
+    joints = _Joints(branches, inertials, drives, encoder, travel, law, period, directions, each)
     count = parts * each
-    own = [slice(b * each, (b + 1) * each) for b in range(parts)]
-    repeated = np.repeat(drives.transpose(1, 0, 2), each, axis=1)
-    armature, viscous, *_, stiffness, offset, kp, kd, gain, loss, _ = repeated
-    levels, load = repeated[2:5], repeated[5]
-    has_load = bool(load.any()) or (directions is not None and any(one.drives[5].any() for one in directions))
-    has_loss = bool(loss.any()) or (directions is not None and any(one.drives[-2].any() for one in directions))
-    shift = np.repeat(encoder, each, axis=0)
-    low, high = np.repeat(travel.transpose(1, 0, 2), each, axis=1)
-    middle_of_travel, half = 0.5 * (low + high), np.maximum(0.5 * (high - low), 1e-9)
-    slopes = (levels[1] - levels[0]) / half, (levels[2] - levels[1]) / half
     flat = start.reshape(count, 2 * n)
     q, v = flat[:, :n].copy(), flat[:, n:].copy()
     a = np.zeros_like(v)
-    inverse_inertia = np.empty((count, n))
-    for branch, values, rows, own_inertia in zip(branches, inertials, own, own_inertias, strict=True):
-        at_zero = branch.model.total_inertia_matrix(np.zeros(n), values) + np.diag(own_inertia)
-        inverse_inertia[rows] = np.diag(np.linalg.inv(at_zero)) * law.slip
-    diagonal = np.arange(n)
-    width = 0 if directions is None else directions[0].count
     positions = np.empty((length + 1, count, n))
     positions[0] = q
     velocities = np.empty_like(positions)
     velocities[0] = v
-    sens = np.zeros((count, 2 * n, 2 * n + width))
-    sens[:, : 2 * n, : 2 * n] = np.eye(2 * n)
-    traces = np.zeros((length + 1, count, n, 2 * n + width)) if directions is not None else None
+    cut, width = 2 * n, 0 if directions is None else directions[0].count
+    changes = np.zeros((count, cut, cut + width))
+    changes[:, :, :cut] = np.eye(cut)
+    traces = None if directions is None else np.zeros((length + 1, count, n, cut + width))
     if traces is not None:
-        traces[0] = sens[:, :n]
-    torque = np.empty((count, n))
-    derivatives = np.empty((count, 3, n, n))
-    by_q, by_v, by_a = derivatives[:, 0], derivatives[:, 1], derivatives[:, 2]
-    speed_loss, force = viscous + kd, kp + gain
+        traces[0] = changes[:, :n]
     for row in range(length):
         h = np.tile(steps[row] / substeps, parts)[:, np.newaxis]
-        h3 = h[:, :, np.newaxis]
-        ahead = np.broadcast_to(h * 0.5 if law.ahead == 0.0 else law.ahead, v.shape)
-        reach, soft = 0.5 * h + ahead, inverse_inertia * ahead
         for place in range(row * substeps, (row + 1) * substeps):
-            u = command[place].reshape(count, n)
-            middle = q + 0.5 * h * v
-            stands = middle - shift
-            along = np.clip((stands - middle_of_travel) / half, -1.0, 1.0)
-            beyond = along > 0.0
-            friction = levels[1] + along * np.where(beyond, slopes[1], slopes[0]) * half
-            pushed = kp * (u - middle) + gain * u
-            driven = pushed + offset - stiffness * (stands - middle_of_travel)
-            at = v + 0.5 * h * a
-            for branch, values, rows in zip(branches, inertials, own, strict=True):
-                branch.model.inverse_dynamics_derivatives(
-                    stands[rows], at[rows], a[rows], values, out=derivatives[rows]
-                )
-            smooth = by_a + 0.5 * h3 * by_v
-            smooth[:, diagonal, diagonal] += armature + 0.5 * h * speed_loss
-            loaded, kept, by_loss = friction, np.ones_like(a), np.zeros_like(a)
-            for _ in range(LOADED_ITERATIONS if has_load or has_loss else ITERATIONS):
-                for branch, values, rows in zip(branches, inertials, own, strict=True):
-                    branch.model.inverse_dynamics(stands[rows], at[rows], a[rows], values, out=torque[rows])
-                if has_load:
-                    loaded = friction + load * np.abs(torque)
-                wanted = (smooth @ a[:, :, np.newaxis])[..., 0]
-                wanted += driven - torque - armature * a - speed_loss * at
-                if has_loss:
-                    lost, kept, by_loss = _lost(pushed - kd * at, loss)
-                    wanted -= lost
-                a, slips, inertia = _with_friction(smooth, wanted, v, a, reach, soft, loaded)
-                before, at = at, v + 0.5 * h * a
-                if np.max(np.abs(at - before)) < 1e-9:
-                    break
+            step = joints.step(h, q, v, a, command[place].reshape(count, n))
             if traces is not None:
-                assert directions is not None
-                sign = slips * np.sign(torque) if has_load else slips
-                by_place, by_speed = by_q.copy(), by_v.copy()
-                if has_load:  # where a joint slips, its friction follows what changes the torque of the links
-                    more = (load * sign)[:, :, np.newaxis]
-                    by_place += more * by_q
-                    by_speed += more * by_v
-                    inertia = inertia + more * (by_a + 0.5 * h3 * by_v)
-                if has_loss:  # of what the law of the drive adds, it loses a part
-                    inertia[:, diagonal, diagonal] -= 0.5 * h * kd * (1.0 - kept)
-                    by_speed[:, diagonal, diagonal] -= kd * (1.0 - kept)
-                inside = np.abs(along) < 1.0
-                by_place[:, diagonal, diagonal] += stiffness + slips * inside * np.where(beyond, slopes[1], slopes[0])
-                columns = _columns(
-                    directions,
-                    own,
-                    (
-                        a,
-                        at,
-                        slips * np.maximum(-along, 0.0),
-                        slips * (1.0 - np.abs(along)),
-                        slips * np.maximum(along, 0.0),
-                        sign * torque,
-                        stands - middle_of_travel,
-                        np.full_like(a, -1.0),
-                        kept * (middle - u),
-                        kept * at,
-                        -kept * u,
-                        by_loss,
-                        -kept * force * command_by_delay[place].reshape(count, n),
-                    ),
-                    by_place,
-                )
-                for branch, one, rows in zip(branches, directions, own, strict=True):
-                    if one.inertials.any():
-                        regressor = branch.model.regressor(stands[rows], at[rows], a[rows])
-                        if has_load:
-                            regressor = regressor * (1.0 + load[rows] * sign[rows])[:, :, np.newaxis]
-                        columns[rows] += regressor @ one.inertials
-                by_place[:, diagonal, diagonal] += kept * kp
-                by_speed[:, diagonal, diagonal] += speed_loss + (slips == 0.0) / soft
-                right = by_place @ sens[:, :n] + (by_speed + 0.5 * h3 * by_place) @ sens[:, n:]
-                right[:, :, 2 * n :] += columns
-                change = np.linalg.solve(inertia, right)
-                sens[:, :n] += h3 * sens[:, n:] - (0.5 * h3 * h3) * change
-                sens[:, n:] -= h3 * change
-            after = v + h * a
-            q = middle + 0.5 * h * after
-            v = after
+                joints.follow(step, changes, command_by_delay[place].reshape(count, n))
+            a = step.a
+            v = v + h * a
+            q = step.middle + 0.5 * h * v
         positions[row + 1], velocities[row + 1] = q, v
         if traces is not None:
-            traces[row + 1] = sens[:, :n]
+            traces[row + 1] = changes[:, :n]
     shape = (parts, each)
     places, speeds = (part.reshape(length + 1, *shape, n) for part in (positions, velocities))
     if traces is None:
         return DrivenMotion(places, speeds)
-    cut = 2 * n
-    traced, last = traces.reshape(length + 1, *shape, n, -1), sens.reshape(*shape, 2 * n, -1)
+    traced, last = traces.reshape(length + 1, *shape, n, -1), changes.reshape(*shape, cut, -1)
     return DrivenMotion(places, speeds, traced[..., :cut], traced[..., cut:], last[..., :cut], last[..., cut:])
+
+
+@dataclass(eq=False)
+class _Step:
+    """What a step of time found for S stretches of n joints, each (S, n) but for the matrices.
+
+    Attributes
+    ----------
+    h : ndarray
+        (S, 1) its length.
+    command, middle, stands, along
+        Of the drives; the positions of encoders and joints in the middle of the step; and where that is between the
+        middle of the travel and its ends, -1 to 1.
+    at, a
+        Velocities in the middle, and accelerations.
+    torque
+        Of the links.
+    slips
+        Signs of the joints that slip, 0 for those that stick.
+    softness
+        Of the friction of those that stick.
+    kept, by_loss
+        Which part of a change of its law a drive keeps, and the derivative of its torque by the loss.
+    inertia : ndarray
+        (S, n, n) by which the accelerations follow changes.
+    """
+
+    h: Array
+    command: Array
+    middle: Array
+    stands: Array
+    along: Array
+    at: Array
+    a: Array
+    torque: Array
+    slips: Array
+    softness: Array
+    kept: Array
+    by_loss: Array
+    inertia: Array
+
+
+class _Joints:
+    """The joints and drives of all branches, a row for each stretch: their accelerations, and how these change."""
+
+    def __init__(
+        self,
+        branches: Sequence[Branch],
+        inertials: Sequence[Array],
+        drives: Array,
+        encoder: Array,
+        travel: Array,
+        law: FrictionLaw,
+        period: float,
+        directions: Sequence[Directions] | None,
+        each: int,
+    ) -> None:
+        n, acting = branches[0].count, _acting(period)
+        own = [slice(b * each, (b + 1) * each) for b in range(len(branches))]
+        self.links = list(zip(branches, inertials, own, strict=True))
+        self.ahead, self.softness = law.ahead, np.empty((len(branches) * each, n))
+        for (branch, values, rows), own_inertia in zip(self.links, drives[:, 0], strict=True):
+            at_zero = branch.model.total_inertia_matrix(np.zeros(n), values) + np.diag(own_inertia)
+            self.softness[rows] = np.diag(np.linalg.inv(at_zero)) * law.slip
+        self.directions = [replace(one, drives=np.tensordot(acting, one.drives, 1)) for one in directions or ()]
+        repeated = np.repeat((acting @ drives).transpose(1, 0, 2), each, axis=1)
+        self.armature, viscous, *self.levels, self.load, self.stiffness, self.offset = repeated[:8]
+        self.kp, self.kd, self.gain, self.loss, _ = repeated[8:]
+        self.braking = viscous + self.kd
+        self.has_load = bool(self.load.any()) or any(one.drives[5].any() for one in self.directions)
+        self.has_loss = bool(self.loss.any()) or any(one.drives[-2].any() for one in self.directions)
+        self.shift = np.repeat(encoder, each, axis=0)
+        low, high = np.repeat(travel.transpose(1, 0, 2), each, axis=1)
+        self.center, self.half = 0.5 * (low + high), np.maximum(0.5 * (high - low), 1e-9)
+        lower, level, upper = self.levels
+        self.slopes = (level - lower) / self.half, (upper - level) / self.half
+        self.torque = np.empty((len(branches) * each, n))
+        self.derivatives = np.empty((len(branches) * each, 3, n, n))
+        self.by_q, self.by_v, self.by_a = self.derivatives.swapaxes(0, 1)
+        self.diagonal = np.arange(n)
+
+    def _slope(self, along: Array) -> Array:
+        """Return by how much Coulomb friction grows with the position."""
+        slope: Array = np.where(along > 0.0, self.slopes[1], self.slopes[0])
+        return slope
+
+    def step(self, h: Array, q: Array, v: Array, a: Array, command: Array) -> _Step:
+        """Find the accelerations of a step from positions, velocities, and the accelerations of the step before."""
+        ahead = 0.5 * h if self.ahead == 0.0 else self.ahead
+        reach, softness = 0.5 * h + ahead, self.softness * ahead
+        middle = q + 0.5 * h * v
+        stands = middle - self.shift
+        along = np.clip((stands - self.center) / self.half, -1.0, 1.0)
+        friction = self.levels[1] + along * self._slope(along) * self.half
+        pushed = self.kp * (command - middle) + self.gain * command
+        driven = pushed + self.offset - self.stiffness * (stands - self.center)
+        at = v + 0.5 * h * a
+        for branch, values, rows in self.links:
+            branch.model.inverse_dynamics_derivatives(
+                stands[rows], at[rows], a[rows], values, out=self.derivatives[rows]
+            )
+        smooth = self.by_a + 0.5 * h[:, :, np.newaxis] * self.by_v
+        smooth[:, self.diagonal, self.diagonal] += self.armature + 0.5 * h * self.braking
+        loaded, kept, by_loss, torque = friction, np.ones_like(a), np.zeros_like(a), self.torque
+        for _ in range(LOADED_ITERATIONS if self.has_load or self.has_loss else ITERATIONS):
+            for branch, values, rows in self.links:
+                branch.model.inverse_dynamics(stands[rows], at[rows], a[rows], values, out=torque[rows])
+            if self.has_load:
+                loaded = friction + self.load * np.abs(torque)
+            wanted = (smooth @ a[:, :, np.newaxis])[..., 0]
+            wanted += driven - torque - self.armature * a - self.braking * at
+            if self.has_loss:
+                lost, kept, by_loss = _lost(pushed - self.kd * at, self.loss)
+                wanted -= lost
+            a, slips, inertia = _with_friction(smooth, wanted, v, a, reach, softness, loaded)
+            before, at = at, v + 0.5 * h * a
+            if np.max(np.abs(at - before)) < 1e-9:
+                break
+        return _Step(h, command, middle, stands, along, at, a, torque, slips, softness, kept, by_loss, inertia)
+
+    def follow(self, step: _Step, changes: Array, command_by_delay: Array) -> None:
+        """Carry the derivatives (S, 2 n, 2 n + m) of positions and velocities from the beginning of a step to its end.
+
+        They are those by the state at the start of a stretch, then those by the variables of `directions`.
+        """
+        n, h3, diagonal = step.a.shape[1], step.h[:, :, np.newaxis], self.diagonal
+        by_place, by_speed, inertia = self.by_q.copy(), self.by_v.copy(), step.inertia
+        slips, kept, along = step.slips, step.kept, step.along
+        sign = slips * np.sign(step.torque) if self.has_load else slips
+        if self.has_load:  # where a joint slips, its friction follows what changes the torque of the links
+            more = (self.load * sign)[:, :, np.newaxis]
+            by_place += more * self.by_q
+            by_speed += more * self.by_v
+            inertia = inertia + more * (self.by_a + 0.5 * h3 * self.by_v)
+        if self.has_loss:  # of what the law of the drive adds, it loses a part
+            inertia[:, diagonal, diagonal] -= 0.5 * step.h * self.kd * (1.0 - kept)
+            by_speed[:, diagonal, diagonal] -= self.kd * (1.0 - kept)
+        by_place[:, diagonal, diagonal] += self.stiffness + slips * (np.abs(along) < 1.0) * self._slope(along)
+        by_drives = (
+            step.a,
+            step.at,
+            slips * np.maximum(-along, 0.0),
+            slips * (1.0 - np.abs(along)),
+            slips * np.maximum(along, 0.0),
+            sign * step.torque,
+            step.stands - self.center,
+            np.full_like(step.a, -1.0),
+            kept * (step.middle - step.command),
+            kept * step.at,
+            -kept * step.command,
+            step.by_loss,
+            -kept * (self.kp + self.gain) * command_by_delay,
+        )
+        columns = self._columns(step, by_drives, by_place, sign)
+        by_place[:, diagonal, diagonal] += kept * self.kp
+        by_speed[:, diagonal, diagonal] += self.braking + (slips == 0.0) / step.softness
+        right = by_place @ changes[:, :n] + (by_speed + 0.5 * h3 * by_place) @ changes[:, n:]
+        right[:, :, 2 * n :] += columns
+        change = np.linalg.solve(inertia, right)
+        changes[:, :n] += h3 * changes[:, n:] - (0.5 * h3 * h3) * change
+        changes[:, n:] -= h3 * change
+
+    def _columns(self, step: _Step, by_drives: Sequence[Array], by_place: Array, sign: Array) -> Array:
+        """Return the derivatives (S, n, m) of the equation of motion by the variables of `directions`.
+
+        `by_drives` are the derivatives (S, n) of each joint's own equation by its drive parameters, in their order.
+        """
+        stacked = np.stack(by_drives, axis=-1)
+        found = np.empty((*stacked.shape[:2], self.directions[0].count))
+        for (branch, _, rows), one in zip(self.links, self.directions, strict=True):
+            found[rows] = (stacked[rows].transpose(1, 0, 2) @ one.drives.transpose(1, 0, 2)).transpose(1, 0, 2)
+            if one.encoder.any():
+                found[rows] -= by_place[rows] @ one.encoder
+            if one.inertials.any():
+                regressor = branch.model.regressor(step.stands[rows], step.at[rows], step.a[rows])
+                if self.has_load:
+                    regressor = regressor * (1.0 + self.load[rows] * sign[rows])[:, :, np.newaxis]
+                found[rows] += regressor @ one.inertials
+        return found
 
 
 def _acting(period: float) -> Array:
@@ -410,20 +489,6 @@ def _acting(period: float) -> Array:
     found = np.eye(len(DRIVE_PARAMETERS))
     found[kd, kp] = -period / 2.0
     found[inertia, kp], found[inertia, kd] = period**2 / 6.0, -period / 2.0
-    return found
-
-
-def _columns(directions: Sequence[Directions], own: Sequence[slice], values: Sequence[Array], by_place: Array) -> Array:
-    """Return the derivatives (S, n, m) of the equation of motion by what drives and encoders change with.
-
-    `values` are the derivatives (S, n) of each joint's own equation by its drive parameters, in their order.
-    """
-    stacked = np.stack(values, axis=-1)
-    found = np.empty((*stacked.shape[:2], directions[0].count))
-    for one, rows in zip(directions, own, strict=True):
-        found[rows] = (stacked[rows].transpose(1, 0, 2) @ one.drives.transpose(1, 0, 2)).transpose(1, 0, 2)
-        if one.encoder.any():
-            found[rows] -= by_place[rows] @ one.encoder
     return found
 
 

@@ -344,9 +344,9 @@ class LibraryMethod(Integrator):
 
         self._solver = getattr(scipy.integrate, LIBRARY_METHODS[method])
         self._options: dict[str, Any] = {
-            "rtol": max(relative, 2.3e-14),
+            "rtol": max(relative, 2.3e-14),  # SciPy warns of smaller ones
             "atol": absolute,
-        }  # SciPy warns of smaller ones
+        }
         self._exact = method in ("radau", "bdf", "lsoda") and plant.is_held
         self._step: list[float | None] = [None] * plant.runs
 
@@ -383,9 +383,7 @@ class LibraryMethod(Integrator):
                     solver.step()
                     if end - t > LONG:
                         tell("simulating", solver.t, end, "s")
-                    stuck = solver.t - time < CLOCK * max(
-                        abs(time), 1e-3
-                    )  # LSODA would go on with such steps for hours
+                    stuck = solver.t - time < CLOCK * max(abs(time), 1e-3)  # LSODA would go on for hours
                     if solver.status == "failed" or stuck or not np.isfinite(solver.y).all():
                         raise FloatingPointError
                     self._show(rows, time, solver)

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import ctypes
 import math
 from collections.abc import Callable
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.graph import Kernel
-from steelyard.graph.kernel import address_of
 from steelyard.recording.samples import is_finite
 
 from .bristle_friction import BristleFriction
@@ -86,13 +83,7 @@ class Plant:
 
     def bound(self, name: str, state: Array, torque: Array, out: Array) -> Callable[[], None]:
         """Return a compiled function that reads and writes the memory of these arrays, which must not be replaced."""
-        arrays = (state, torque, self.parameters, self.width, self.step, out)
-        kernel = self.functions.kernel(name)
-        call = kernel.single_function if len(state) == 1 else kernel.batch_function
-        pointers = (ctypes.c_void_p(address_of(array)) for array in arrays)
-        bound = partial(call, ctypes.c_int64(len(state)), *pointers, ctypes.c_int64(1))
-        bound.arrays = (kernel, *arrays)  # type: ignore[attr-defined]  # keeps what the addresses point to
-        return bound
+        return self.functions.kernel(name).bound(state, torque, self.parameters, self.width, self.step, out)
 
     def forces(self, t: Array | float, state: Array, rows: NDArray[np.intp] | None = None) -> Array:
         """Return the torques (m, N) of actuators and environment at states (m, 2 N) of all the runs, or of `rows`."""

@@ -436,10 +436,7 @@ def least_inertia(plant: Plant, run: int, q: Array) -> Array:
     functions, n = plant.functions, plant.count
     parameters = plant.parameters[run] if functions.each else plant.parameters
     kernel = functions.model.kernel("total_inertia_matrix", base=functions.base)
-    if functions.each or len(q) == 1:
-        matrices = np.array([kernel.sample(np.ascontiguousarray(x), parameters) for x in q]).reshape(-1, n, n)
-    else:
-        matrices = kernel(np.ascontiguousarray(q), parameters).reshape(-1, n, n)
+    matrices = kernel(np.ascontiguousarray(q), parameters).reshape(-1, n, n)
     finite = np.isfinite(matrices).all(axis=(1, 2))
     least = np.full(len(q), np.nan)
     least[finite] = np.linalg.eigvalsh(matrices[finite])[:, 0]

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from steelyard.once import cached_property
 
+from ..dual_center import line_minimum
 from .slice import BlockGroup, Slice
 
 __all__ = ["AnalyticCenter", "analytic_center"]
@@ -90,20 +91,24 @@ def analytic_center(slice_: Slice, start: Vector) -> AnalyticCenter:
     offset = float(row @ slice_.reference)
     bound = TRACE_FACTOR * max(offset + float(along @ start), 1e-9)
     k, center = slice_.region.shape[1], start
+
+    def around(point: Vector) -> tuple[Vector, Matrix, tuple[Matrix, ...]]:
+        """Gradient and root of the Hessian with the bound of the traces, and L⁻¹ of the blocks."""
+        gradient, hessian, factors = _derivatives(slice_, point, k)
+        trace = along / (bound - offset - float(along @ point))
+        return gradient + trace, _root(hessian + np.outer(trace, trace)), factors
+
     for _ in range(STEPS):
-        gradient, hessian, factors = _derivatives(slice_, center, k)
-        rest = bound - offset - float(along @ center)
-        gradient = gradient + along / rest
-        hessian = hessian + np.outer(along, along) / rest**2
-        root = _root(hessian)
+        gradient, root, factors = around(center)
         half = np.linalg.solve(root, -gradient)
         if np.linalg.norm(half) < CLOSE_ENOUGH:
             break
         step = np.linalg.solve(root.T, half)
-        center = center + _length(slice_, factors, center[:k], step, k, float(along @ step) / rest) * step
-    gradient, hessian, factors = _derivatives(slice_, center, k)
-    rest = bound - offset - float(along @ center)
-    units = np.asarray(np.linalg.inv(_root(hessian + np.outer(along, along) / rest**2)).T, dtype=float)
+        trace_rate = float(along @ step) / (bound - offset - float(along @ center))
+        rates = np.append(_rates(slice_, factors, center[:k], step), -trace_rate)
+        center = center + line_minimum(0.0, rates, 0.0) * step
+    _, root, factors = around(center)
+    units = np.asarray(np.linalg.inv(root).T, dtype=float)
     groups = []
     for group, inverse in zip(slice_.groups, factors, strict=True):
         turned = _congruent(inverse, group.coefficients)
@@ -147,24 +152,17 @@ def _derivatives(slice_: Slice, point: Vector, k: int) -> tuple[Vector, Matrix, 
     return gradient, hessian, tuple(factors)
 
 
-def _length(slice_: Slice, factors: tuple[Matrix, ...], u: Vector, step: Vector, k: int, trace_rate: float) -> float:
-    """The length t of the step that minimises the barrier, by bisection for the zero of its derivative."""
-    rates = [-np.array([trace_rate])]
+def _rates(slice_: Slice, factors: tuple[Matrix, ...], u: Vector, step: Vector) -> Vector:
+    """The rates r of a step such that the barrier of blocks and ball is that of its beginning less Σ log(1 + t r)."""
+    rates = []
     for group, inverse in zip(slice_.groups, factors, strict=True):
         changes = group.change(step)
         rates.append(np.linalg.eigvalsh(inverse @ changes @ inverse.transpose(0, 2, 1)).ravel())
-    if k:
+    if len(u):
         # 1 - ‖u + t s‖² = (1 - ‖u‖²) (1 + t r₁) (1 + t r₂)
-        s = step[:k]
+        s = step[: len(u)]
         rest = 1.0 - float(u @ u)
         half = -float(u @ s) / rest
         root = np.sqrt(half**2 + float(s @ s) / rest)
         rates.append(np.array([half + root, half - root]))
-    rate = np.concatenate(rates)
-    lowest = float(rate.min())
-    low, high = 0.0, (1.0 / -lowest if lowest < 0 else 1e6)
-    for _ in range(40):
-        middle = 0.5 * (low + high)
-        slope = -float(np.sum(rate / (1.0 + middle * rate)))
-        low, high = (middle, high) if slope < 0 else (low, middle)
-    return low
+    return np.concatenate([np.zeros(0), *rates])

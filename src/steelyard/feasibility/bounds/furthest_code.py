@@ -7,13 +7,11 @@ each matrix, then the radius and the ball.
 from __future__ import annotations
 
 import ctypes
-import hashlib
 import itertools
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from enum import IntEnum, auto
 from functools import cache
-from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
 from steelyard.graph.kernel import source_digest
@@ -94,21 +92,12 @@ class Functions(NamedTuple):
 @cache
 def compiled(sizes: tuple[int, ...]) -> Functions:
     """Return the method for regions with groups of matrices of these sizes."""
-    # To write it takes 40 ms, for which it has an identity.
+    sources = source_digest(__file__)
+    identity = None if sources is None else f"furthest {sources} {sizes}"  # since to write the source takes 40 ms
     loaded = host_machine(batch_lanes()).load_code(
-        lambda code: _Method(code, sizes).write(), Functions._fields, _identity(sizes)
+        lambda code: _Method(code, sizes).write(), Functions._fields, identity
     )
     return Functions(*(loaded.function(name, *[ctypes.c_void_p] * 3) for name in Functions._fields))
-
-
-def _identity(sizes: tuple[int, ...]) -> str | None:
-    """Return what determines the source: files and sizes; None where the files cannot be read."""
-    rooms = source_digest()
-    try:
-        own = hashlib.sha256(Path(__file__).read_bytes()).hexdigest()
-    except OSError:
-        return None
-    return None if rooms is None else f"furthest {rooms} {own} {sizes}"
 
 
 class _Method:

@@ -178,7 +178,7 @@ class NormalisedProblem:
             The blocks in each of its groups.
         problem : NormalisedProblem
         """
-        directions = null_space(lineality.T) if lineality.shape[1] else np.eye(self.unknowns)
+        directions = null_space(lineality.T)
         coefficients = [block for group in self.groups for block in group.coefficients]
         pieces: dict[int, list[tuple[int, Matrix]]] = {}
         for position, (U, B) in enumerate(zip(bases, coefficients, strict=True)):

@@ -114,7 +114,7 @@ class Slice:
     def bounded_basis(self) -> Matrix:
         """Orthonormal basis of the remaining directions of (u, d), (k + p, q), which defines the coordinates w."""
         k, p = self.region.shape[1], self.unidentifiable.shape[1]
-        others = null_space(self.unconstrained.T) if self.unconstrained.shape[1] else np.eye(p)
+        others = null_space(self.unconstrained.T)
         basis = np.zeros((k + p, k + others.shape[1]))
         basis[:k, :k] = np.eye(k)
         basis[k:, k:] = others

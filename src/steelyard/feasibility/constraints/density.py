@@ -134,9 +134,9 @@ class DensityInBox:
     All are necessary. They are sufficient for moments that involve two of the axes only (Anstreicher and Burer 2010),
     and for the products of different coordinates alone. They are not known to be sufficient in general: an exact form
     needs more unknowns, and sharper conditions without these involve moments of third order, on which no torque
-    depends. For 1900
-    random quadratic functions the least value of their mean that the conditions allow was the least value within the
-    box, to 1e-8 of the range. The centre of mass is within the box as a consequence: no `CenterOfMassBox` is needed.
+    depends. For 1900 random quadratic functions the least value of their mean that the conditions allow was the least
+    value within the box, to 1e-8 of the range. The centre of mass is within the box as a consequence: no
+    `CenterOfMassBox` is needed.
 
     Blocks are in kg m².
 
