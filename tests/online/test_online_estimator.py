@@ -491,6 +491,23 @@ def test_a_robot_that_picks_and_places_all_day_fills_no_memory(monkeypatch: pyte
     assert len(told) == 2
 
 
+@pytest.mark.parametrize("forget", [None, 5.0])
+def test_a_motion_that_shows_more_is_no_change(model: sy.Model, forget: float | None) -> None:
+    """20 s of slow motion tell little of inertias; the fast motion after it is that of the same robot."""
+    t = np.arange(7000) / 200
+    share = np.clip((t - 20.0) / 2.0, 0.0, 1.0)
+    share = (share**3 * (10.0 - 15.0 * share + 6.0 * share**2))[:, None]
+    slow, fast = 0.4 * np.sin(np.array([0.3, 0.5]) * t[:, None]), 0.4 * np.sin(np.array([4.0, 5.3]) * t[:, None])
+    q = slow + share * (fast - slow)
+    dq = np.gradient(q, 1 / 200, axis=0)
+    torque = model.inverse_dynamics(q, dq, np.gradient(dq, 1 / 200, axis=0), TRUE)
+    noise = 0.05 * np.random.default_rng(1).normal(size=q.shape)
+    estimator = sy.OnlineEstimator(model, rate=200, detect_changes=True, forget=forget)
+    estimator.update(t, q, torque + noise)
+    assert estimator.changes == []
+    assert estimator.information.relative_error(estimator.estimate().base) < 0.05
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("jump", [-1e9, -100.0, 100.0])
 def test_a_change_is_noticed_whatever_the_clock_does(model: sy.Model, jump: float) -> None:
