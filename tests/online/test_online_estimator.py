@@ -403,6 +403,15 @@ def test_samples_that_do_not_fit(model: sy.Model, samples: list[tuple[object, ..
         estimator.update(*last)  # type: ignore[arg-type]
 
 
+def test_a_first_sample_that_is_refused_does_not_say_what_the_next_ones_hold(model: sy.Model) -> None:
+    estimator = sy.OnlineEstimator(model)
+    with pytest.raises(sy.InputError, match="dq has the shape"):
+        estimator.update(0.0, [0.0, 0.0], [0.0, 0.0], [0.0])
+    estimator.update(0.0, [0.0, 0.0], [0.0, 0.0])
+    estimator.flush()
+    assert estimator.stream_counts["received"] == 1
+
+
 def parts(rows: int, sizes: tuple[int, ...]) -> Iterator[slice]:
     start, k = 0, 0
     while start < rows:

@@ -161,7 +161,10 @@ class EvenStream:
                 "torques missing",
                 "torques of single joints were no finite numbers, or beyond 1e12; these joints' rows were left out",
             ),
-            ("interpolated", "samples came at uneven times and were interpolated to even ones"),
+            (
+                "interpolated",
+                f"samples came at uneven times, or not quite at {self.rate:.4g} Hz, and were interpolated to even ones",
+            ),
             ("gaps", f"times samples were missing for more than {ms:g} ms; the filters started anew each time"),
             ("clock resets", f"times the clock went back by more than {ms:g} ms; the filters started anew each time"),
         ):

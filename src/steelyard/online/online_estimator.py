@@ -328,6 +328,7 @@ class OnlineEstimator:
         if ddq is not None and dq is None:
             raise InputError("ddq was given without dq; give both, or neither.")
         if self._measured is None:
+            self._rows_of(t, (*given, torque))  # what is refused decides nothing
             self._measured = len(given) - 1
             if self._measured < 2:
                 self._filter = CausalMotionFilter(*self._options, self.model.dof, self._measured)
