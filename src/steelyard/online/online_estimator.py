@@ -518,6 +518,14 @@ class OnlineEstimator:
                 f"{self._at_rest} rows of joints that moved slower than {self._least_speed:g} rad/s (or m/s), or than "
                 "their encoders tell, were left out, since friction at rest is not that of motion."
             )
+        limited = self._stream.at_limit()
+        if limited.any():
+            names = [name for name, part in zip(self.model.robot.joint_names, limited, strict=True) if part > 0.0]
+            found.append(
+                f"The torque of {', '.join(names)} stands at its largest or least value in up to {limited.max():.2g} "
+                "of the newest samples, as where a sensor or a drive is at its limit. Where it was another one in truth, "
+                "the estimate is off; give NaN for such torques."
+            )
         if self._left[0] > MISFIT and self._left[1] < 0.5 * self._left[0]:
             found.append(
                 f"The last answer leaves {self._left[0]:.2g} of the torques and least squares {self._left[1]:.2g}: "
