@@ -523,8 +523,8 @@ class OnlineEstimator:
             names = [name for name, part in zip(self.model.robot.joint_names, limited, strict=True) if part > 0.0]
             found.append(
                 f"The torque of {', '.join(names)} stands at its largest or least value in up to {limited.max():.2g} "
-                "of the newest samples, as where a sensor or a drive is at its limit. Where it was another one in truth, the "
-                "estimate is off; give NaN for such torques."
+                "of the newest samples, as where a sensor or a drive is at its limit. Where it was not that in truth, "
+                "the estimate is off; give NaN for such torques."
             )
         if self._left[0] > MISFIT and self._left[1] < 0.5 * self._left[0]:
             found.append(
