@@ -20,7 +20,7 @@ def alarms(detector: ChangeDetector, residuals: NDArray[np.float64]) -> list[int
 @pytest.mark.slow
 @pytest.mark.parametrize("joints", [1, 2, 7])
 def test_ten_minutes_of_noise_are_no_change_and_a_change_is_noticed_at_once(joints: int) -> None:
-    """From zero the sum passes 30 with a probability of e^(-0.47 * 30), one in a million, also with one joint.
+    """From zero the sum passes 100 with a probability of e^(-0.47 * 100), practically never, also with one joint.
 
     There 0.47 is the root of (1 - 2 x)^(-1/2) = e^(3 x), as squares of normal residuals less 3 are added (Cramér).
     """

@@ -158,6 +158,7 @@ def test_what_is_no_number_is_refused_with_possible_parameters(tmp_path: Path) -
         ended = estimator.call("update", estimator.data, rows, torque, ctypes.c_double(1.0), estimator.work)
         assert STATUS[ended] == "refused"
         assert estimator.fit(np.array([1.0, bad]), 1.0)[0] == "refused"
+    assert estimator.fit(np.ones(2), 1e-320)[0] == "refused"  # by which the objective would be divided
     status, _, parameters, _ = estimator.correct(np.zeros(feasible_set.K.shape[0]))
     assert status in ("solved", "unchanged")
     assert feasible_set.contains(parameters)
@@ -173,7 +174,7 @@ def test_the_source_has_no_allocation_and_no_undefined_behaviour(tmp_path: Path)
     run(["gcc", *FLAGS, "-c", source, "-o", "online.o"], tmp_path)
     wanted = set(re.findall(r" U (\w+)", run(["nm", "online.o"], tmp_path)))
     assert wanted <= {"sqrt", "pow", "hypot", "fmax", "fmin", "memcpy", "memmove", "memset"}
-    sanitized = ["-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+    sanitized = ["-g", "-fsanitize=address,undefined,float-divide-by-zero", "-fno-sanitize-recover=all"]
     run(["gcc", *FLAGS[:-1], *sanitized, source, test, "-o", "sanitized", "-lm"], tmp_path)
     assert "agree" in run([tmp_path / "sanitized"], tmp_path)
     need("g++")
@@ -249,14 +250,48 @@ def test_rows_of_joints_that_are_left_out_are_neither_counted_nor_forgotten(tmp_
 
 
 @pytest.mark.slow
-def test_fast_math_is_refused_when_the_source_is_compiled(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("flags", "macro", "said"),
+    [
+        (["-ffast-math"], "__FAST_MATH__", "Compile without -ffast-math"),
+        (["-Ofast"], "__FAST_MATH__", "Compile without -ffast-math"),
+        (["-ffinite-math-only"], "__FINITE_MATH_ONLY__ 1", "Compile without -ffast-math"),
+        (["-funsafe-math-optimizations"], "__ASSOCIATIVE_MATH__", "Compile without -ffast-math and its parts"),
+        (["-freciprocal-math"], "__RECIPROCAL_MATH__", "Compile without -ffast-math and its parts"),
+        (["-mfpmath=387"], "__FLT_EVAL_METHOD__ 2", "Compile for SSE2"),
+    ],
+)
+def test_what_loses_digits_of_pairs_is_refused_when_the_source_is_compiled(
+    flags: list[str], macro: str, said: str, tmp_path: Path
+) -> None:
+    """Answers are off by up to 1e-4 with `-funsafe-math-optimizations`, and by 3e-4 with registers of 80 bits."""
     need("gcc")
+    empty = tmp_path / "empty.c"
+    empty.write_text("")
+    known = subprocess.run(["gcc", *flags, "-dM", "-E", empty], capture_output=True, text=True, check=False)
+    if macro not in known.stdout:
+        pytest.skip(f"this gcc does not tell of {flags[0]}")
     generate_online(arm(), tmp_path)
-    for flag in ("-ffast-math", "-Ofast", "-ffinite-math-only"):
-        command = ["gcc", "-std=c99", flag, "-c", "arm_online.c", "-o", "fast.o"]
-        made = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-        assert made.returncode != 0
-        assert "Compile without -ffast-math" in made.stderr
+    command = ["gcc", "-std=c99", *flags, "-c", "arm_online.c", "-o", "fast.o"]
+    made = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert made.returncode != 0
+    assert said in made.stderr
+
+
+@pytest.mark.slow
+def test_the_lines_of_the_guide_compile_beside_another_robot(tmp_path: Path) -> None:
+    need("gcc")
+    text = (Path(__file__).parents[2] / "docs/how-to/online.md").read_text(encoding="utf-8")
+    (lines,) = re.findall(r"```c\n(.*?)```", text, re.DOTALL)
+    generate_online(arm(), tmp_path)
+    other = sy.Robot.from_dh([(0, 0.5, 0, "q")], name="tail").with_terms(sy.Viscous())
+    generate_online(sy.FeasibleSet(sy.Model(other)), tmp_path / "tail")
+    main = '#include "tail/tail_online.h"\nint main(void)\n{\n    double x[6] = {0};\n    sample(x, x, x, x);\n'
+    main += "    static tail_online_data other;\n    tail_online_begin(&other);\n    (void)answer;\n    return 0;\n}\n"
+    (tmp_path / "guide.c").write_text(lines + main)
+    sources = ["guide.c", "arm.c", "arm_online.c", "tail/tail.c", "tail/tail_online.c"]
+    run(["gcc", "-std=c99", "-Wall", "-Wextra", "-Werror", "-O1", *sources, "-o", "guide", "-lm"], tmp_path)
+    run([tmp_path / "guide"], tmp_path)
 
 
 def test_unknowns_that_all_belong_together_are_ordered_at_once() -> None:

@@ -403,6 +403,39 @@ def test_samples_that_do_not_fit(model: sy.Model, samples: list[tuple[object, ..
         estimator.update(*last)  # type: ignore[arg-type]
 
 
+def test_torques_at_a_limit_are_told(model: sy.Model, motion: tuple[Array, ...]) -> None:
+    """With 5 % of them clipped, intervals of 95 % hold 70 % of the parameters; without these rows they hold."""
+    t, q, dq, ddq, torque = motion
+    limit = 0.9 * np.abs(torque[:, 0]).max()
+    clipped = torque.copy()
+    clipped[:, 0] = np.clip(torque[:, 0], -limit, limit)
+    left_out = np.where(np.abs(clipped) < limit, clipped, np.nan)
+    still = np.tile(q[:1], (3000, 1))
+    held = np.tile(torque.max(axis=0), (3000, 1))  # the same torque at rest is no limit
+    for given, rest, told in (
+        (torque, False, False),
+        (torque, True, False),
+        (clipped, False, True),
+        (left_out, False, False),
+    ):
+        estimator = sy.OnlineEstimator(model)
+        if rest:
+            estimator.update(t[:3000] - 3.0, still, held, 0.0 * still, 0.0 * still)
+        estimator.update(t, q, given, dq, ddq)
+        said = [remark for remark in estimator.remarks if "is at its limit" in remark]
+        assert len(said) == told
+        assert all(remark.startswith("The torque of joint1 stands at") for remark in said)
+
+
+def test_a_first_sample_that_is_refused_does_not_say_what_the_next_ones_hold(model: sy.Model) -> None:
+    estimator = sy.OnlineEstimator(model)
+    with pytest.raises(sy.InputError, match="dq has the shape"):
+        estimator.update(0.0, [0.0, 0.0], [0.0, 0.0], [0.0])
+    estimator.update(0.0, [0.0, 0.0], [0.0, 0.0])
+    estimator.flush()
+    assert estimator.stream_counts["received"] == 1
+
+
 def parts(rows: int, sizes: tuple[int, ...]) -> Iterator[slice]:
     start, k = 0, 0
     while start < rows:
@@ -489,6 +522,23 @@ def test_a_robot_that_picks_and_places_all_day_fills_no_memory(monkeypatch: pyte
     assert told[0].startswith("The robot changed 8 times, the first time at 1700000007.9")
     assert told[1].startswith("At 170000006")
     assert len(told) == 2
+
+
+@pytest.mark.parametrize("forget", [None, 5.0])
+def test_a_motion_that_shows_more_is_no_change(model: sy.Model, forget: float | None) -> None:
+    """20 s of slow motion tell little of inertias; the fast motion after it is that of the same robot."""
+    t = np.arange(7000) / 200
+    share = np.clip((t - 20.0) / 2.0, 0.0, 1.0)
+    share = (share**3 * (10.0 - 15.0 * share + 6.0 * share**2))[:, None]
+    slow, fast = 0.4 * np.sin(np.array([0.3, 0.5]) * t[:, None]), 0.4 * np.sin(np.array([4.0, 5.3]) * t[:, None])
+    q = slow + share * (fast - slow)
+    dq = np.gradient(q, 1 / 200, axis=0)
+    torque = model.inverse_dynamics(q, dq, np.gradient(dq, 1 / 200, axis=0), TRUE)
+    noise = 0.05 * np.random.default_rng(1).normal(size=q.shape)
+    estimator = sy.OnlineEstimator(model, rate=200, detect_changes=True, forget=forget)
+    estimator.update(t, q, torque + noise)
+    assert estimator.changes == []
+    assert estimator.information.relative_error(estimator.estimate().base) < 0.05
 
 
 @pytest.mark.slow

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 import steelyard as sy
 from steelyard.estimators import CarriedBody, estimate_payload
-from steelyard.online import ChangeDetector, PickUpRun, simulated_pick_up, watch_pick_up
+from steelyard.online import ChangeDetector, OnlinePayloadEstimate, PickUpRun, simulated_pick_up, watch_pick_up
 
 Array = NDArray[np.float64]
 LINKS = np.tile(sy.Inertia.from_com(2.0, [-0.1, 0, 0], 0.02 * np.eye(3)).parameters, 3)
@@ -60,6 +60,55 @@ def test_nothing_is_told_before_anything_changed(model: sy.Model) -> None:
     assert payload.estimate() is None
     with pytest.raises(sy.InputError, match="which does not move"):
         sy.OnlinePayload(estimator, frame="base")
+
+
+@pytest.fixture(scope="module")
+def with_friction(model: sy.Model) -> sy.Model:
+    return sy.Model(model.robot.with_terms(sy.Viscous(), sy.Coulomb()))
+
+
+def since(with_friction: sy.Model, friction: float, bodies: list[Array], seed: int) -> OnlinePayloadEstimate:
+    """What is told after 4 s in which the links have other parameters, and friction is so many times as large."""
+    t = np.arange(10000)[:, None] / 1000
+    columns = np.concatenate(with_friction.link_columns)
+    alone = np.full(with_friction.parameter_count, 0.6)
+    alone[columns] = LINKS
+    changed = friction * alone
+    changed[columns] = LINKS + np.concatenate(bodies)
+    before = sy.Information.from_samples(with_friction, samples(with_friction, t[:6000], alone, 2 * seed))
+    after = samples(with_friction, t[6000:], changed, 2 * seed + 1)
+    estimator = sy.OnlineEstimator(with_friction)
+    estimator.update(t[6000:, 0], after.q, after.torque, after.dq, after.ddq)
+    found = sy.OnlinePayload(estimator, before=before).estimate()
+    assert found is not None
+    return found
+
+
+NOTHING = np.zeros(10)
+
+
+def test_friction_that_grows_with_the_load_is_no_part_of_it(with_friction: sy.Model) -> None:
+    found = [since(with_friction, 1.2, [NOTHING, NOTHING, HELD.parameters], seed) for seed in range(15)]
+    true = dict(zip(("mass", "cx", "cy", "cz"), (HELD.mass, *HELD.com), strict=True))
+    held = [value in one[name] for one in found for name, value in true.items()]
+    assert np.mean(held) > 0.85  # 60 of them, of which 57 are expected; 23 with friction that may not change
+    assert all(one["mass"].standing == "measured" for one in found)
+    assert all(one.remarks == () for one in found)
+
+
+def test_friction_alone_is_no_payload(with_friction: sy.Model) -> None:
+    found = since(with_friction, 2.0, [NOTHING] * 3, 1)
+    assert found["mass"].lower == 0.0
+    assert found["mass"].upper < 0.02
+    assert np.isnan(found.center_of_mass).all()
+    assert {found[name].standing for name in ("cx", "cz", "Ixx", "Ixy")} == {"open"}
+    assert found.remarks == ()
+
+
+def test_what_hangs_elsewhere_is_told_to_be_no_payload(with_friction: sy.Model) -> None:
+    heavy = sy.Inertia.from_com(2.0, [0.2, 0.1, 0.0], 0.02 * np.eye(3)).parameters
+    (remark,) = since(with_friction, 1.0, [NOTHING, heavy, NOTHING], 1).remarks
+    assert "A payload does not explain the torques of" in remark
 
 
 @pytest.mark.slow

@@ -41,6 +41,20 @@ def test_wild_readings_are_left_out_and_a_slip_begins_anew(size: int) -> None:
     assert (jumps.counts["wild"], jumps.counts["jumps"]) == (2, 2)
 
 
+@pytest.mark.parametrize("size", [1, 7, 1000])
+@pytest.mark.parametrize("slip", [-0.19, 0.11, 0.15])
+def test_a_slip_within_what_a_joint_may_do_in_two_samples_is_one(size: int, slip: float) -> None:
+    """At 200 Hz; a single reading as far away, from which the joint comes back, is no slip."""
+    t = np.arange(1000) / 200.0
+    q = np.sin(2.0 * t)
+    q[300] += slip
+    q[600:] += slip
+    jumps, passed, begun = added(of(200.0, q), size, 200.0)
+    assert np.array_equal(passed[:, 1], np.delete(q, 300))
+    assert begun == 1
+    assert jumps.counts == {"wild": 1, "jumps": 1, "turns": 0}
+
+
 @pytest.mark.parametrize(
     ("rate", "q"),
     [

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from steelyard.recording.diagnosis.detectors import clipped_rows, saturation_levels
+
 __all__ = ["EvenStream", "Stretch"]
 
 Array = NDArray[np.float64]
@@ -19,6 +21,9 @@ RATE_OFF = 0.05
 
 GREATEST = 1e12
 """No position, time or torque is greater; a damaged message may hold 1e308, whose square is no number any more."""
+
+KEPT = 5000
+"""The newest samples among which torques at a limit are looked for."""
 
 
 @dataclass(eq=False)
@@ -66,6 +71,8 @@ class EvenStream:
         self.counts = dict.fromkeys(
             ("received", "not finite", "repeated", "late", "interpolated", "gaps", "clock resets", "torques missing"), 0
         )
+        self._newest = np.full((KEPT, 2 * joints), np.nan)  # positions and torques, in a ring
+        self._written = 0
         self._last: Array | None = None
         self._origin, self._next = 0.0, 0
         self._begins = True
@@ -81,6 +88,11 @@ class EvenStream:
         if not finite.all():
             self.counts["not finite"] += int(np.sum(~finite))
             rows = rows[finite]
+        newest = rows[-KEPT:]
+        places = (self._written + np.arange(len(newest))) % KEPT
+        self._newest[places, : self.joints] = newest[:, 1 : 1 + self.joints]
+        self._newest[places, self.joints :] = newest[:, -self.joints :]
+        self._written += len(newest)
         found: list[Stretch] = []
         previous = None if self._last is None else float(self._last[0])
         steps = np.diff(rows[:, 0], prepend=rows[0, 0] if previous is None and len(rows) else previous or 0.0)
@@ -140,6 +152,19 @@ class EvenStream:
         self._begins = False
         return found
 
+    def at_limit(self) -> Array:
+        """Return the part (N,) of the newest samples in which the torque of a joint that moves stands at a limit."""
+        newest = np.roll(self._newest, -(self._written % KEPT), axis=0)
+        q, torque = newest[:, : self.joints], newest[:, self.joints :]
+        with np.errstate(invalid="ignore"):
+            moved = np.diff(q, axis=0, prepend=np.nan) != 0.0
+        found = np.zeros(self.joints)
+        for joint in range(self.joints):
+            shown = torque[moved[:, joint] & np.isfinite(torque[:, joint]), joint][:, None]
+            if len(shown):
+                found[joint] = clipped_rows(shown, saturation_levels(shown))[0].mean()
+        return found
+
     @property
     def measured_rate(self) -> float:
         """Samples a second without gaps, Hz; NaN before there are a hundred."""
@@ -161,7 +186,10 @@ class EvenStream:
                 "torques missing",
                 "torques of single joints were no finite numbers, or beyond 1e12; these joints' rows were left out",
             ),
-            ("interpolated", "samples came at uneven times and were interpolated to even ones"),
+            (
+                "interpolated",
+                f"samples came at uneven times, or not quite at {self.rate:.4g} Hz, and were interpolated to even ones",
+            ),
             ("gaps", f"times samples were missing for more than {ms:g} ms; the filters started anew each time"),
             ("clock resets", f"times the clock went back by more than {ms:g} ms; the filters started anew each time"),
         ):

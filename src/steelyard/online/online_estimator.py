@@ -32,10 +32,10 @@ from steelyard.regression import Estimate, Factor, Information, ParameterCovaria
 from steelyard.regression.factor import Reduced, column_lengths, is_well_conditioned, solve
 from steelyard.regression.information import FIRST_DEVIATION, inverse_deviations
 from steelyard.regression.parameter_covariance import NORMAL
-from steelyard.regression.reduction import residuals_of_rows, rows_of_entries
+from steelyard.regression.reduction import rows_of_entries
 
 from .causal_filter import CausalMotionFilter
-from .change_detector import Change, ChangeDetector
+from .change_detector import Change, ChangeDetector, Prediction
 from .even_stream import EvenStream, Stretch
 from .position_jumps import PositionJumps
 from .running_information import CountedRows
@@ -328,6 +328,7 @@ class OnlineEstimator:
         if ddq is not None and dq is None:
             raise InputError("ddq was given without dq; give both, or neither.")
         if self._measured is None:
+            self._rows_of(t, (*given, torque))  # what is refused decides nothing
             self._measured = len(given) - 1
             if self._measured < 2:
                 self._filter = CausalMotionFilter(*self._options, self.model.dof, self._measured)
@@ -391,6 +392,7 @@ class OnlineEstimator:
         self._certain = self._new_rows() if self.detect_changes else None
         self._doubtful: list[tuple[int, list[Array], NDArray[np.bool_]]] = []
         self._slow: _Slow | None = None
+        self._prediction: Prediction | None = None
         self._left = np.zeros(2)  # parts of the weighted torques that the answer leaves, and least squares
         self._t = float("nan")
         # What has passed is counted in samples: clocks jump, and a gap teaches nothing.
@@ -450,12 +452,13 @@ class OnlineEstimator:
     def _has_changed(self, t: Array, rows: list[Array], used: NDArray[np.bool_]) -> bool:
         assert self._certain is not None
         if self._taken > RELEARNING * self.rate:
-            answer = self._answer
-            if answer is None or self._taken - self._answered > DETECTION * self.rate:
-                answer = self.estimate()
-            if self._detector.add(t, residuals_of_rows(self.model, rows, answer.base), used):
-                self._begin_after(float(t[-1]))
-                return True
+            if self._prediction is None or self._taken - self._answered > DETECTION * self.rate:
+                self.estimate()
+            if self._prediction is not None:
+                residuals = self._prediction.residuals(self.model, rows, used, self._detector.length)
+                if self._detector.add(t, residuals, used):
+                    self._begin_after(float(t[-1]))
+                    return True
         self._doubtful.append((len(t), rows, used))
         waiting = sum(count for count, _, _ in self._doubtful)
         while waiting - self._doubtful[0][0] >= DOUBT * self.rate:
@@ -515,6 +518,14 @@ class OnlineEstimator:
                 f"{self._at_rest} rows of joints that moved slower than {self._least_speed:g} rad/s (or m/s), or than "
                 "their encoders tell, were left out, since friction at rest is not that of motion."
             )
+        limited = self._stream.at_limit()
+        if limited.any():
+            names = [name for name, part in zip(self.model.robot.joint_names, limited, strict=True) if part > 0.0]
+            found.append(
+                f"The torque of {', '.join(names)} stands at its largest or least value in up to {limited.max():.2g} "
+                "of the newest samples, as where a sensor or a drive is at its limit. Where it was not that in truth, "
+                "the estimate is off; give NaN for such torques."
+            )
         if self._left[0] > MISFIT and self._left[1] < 0.5 * self._left[0]:
             found.append(
                 f"The last answer leaves {self._left[0]:.2g} of the torques and least squares {self._left[1]:.2g}: "
@@ -526,8 +537,8 @@ class OnlineEstimator:
             told = told[-1:]
             found.append(f"The robot changed {self.change_count} times, the first time at {self.changes[0].t:.13g} s.")
         found += [
-            f"At {change.t:.13g} s the robot changed, by the torque of {', '.join(change.joint_names)}; the estimate "
-            "rests on what came after."
+            f"At {change.t:.13g} s the robot changed, or began to move as its model does not describe, by the torque "
+            f"of {', '.join(change.joint_names)}; the estimate rests on what came after."
             for change in told
         ]
         return tuple(found)
@@ -578,6 +589,8 @@ class OnlineEstimator:
             parameters, converged = self._possible, False
             remark = "The search left the feasible set; these are the parameters before it."
         self._possible, self._answered = parameters, self._taken
+        if self.detect_changes:
+            self._prediction = Prediction(problem, self._set.K @ parameters, slow.weights)
         away = problem.R @ (self._set.K @ parameters) - problem.rho
         total = np.array([float(away @ away) + problem.residual2, problem.residual2])
         self._left = np.sqrt(total / problem.norm2)

@@ -115,7 +115,7 @@ class PositionJumps:
         assert self._last is not None
         rest = np.zeros(len(self.rotates))
         velocity = rest if self._velocity is None else self._velocity
-        if self._follows(self._last, velocity, own):
+        if self._follows(self._last, velocity, own) and not self._stays(velocity, own):
             self.counts["wild"] += self._doubted is not None
         elif self._doubted is None:
             turns = self._turns_between(self._last, velocity, own)
@@ -148,10 +148,25 @@ class PositionJumps:
     def _velocity_between(self, before: Array, after: Array) -> Array:
         return np.asarray((after[1:] - before[1:]) / self._time_between(before, after))
 
+    def _away(self, before: Array, velocity: Array, after: Array) -> Array:
+        """How far positions (N,) are from where a velocity leads."""
+        return np.asarray(np.abs(after[1:] - before[1:] - velocity * self._time_between(before, after)))
+
     def _follows(self, before: Array, velocity: Array, after: Array) -> bool:
-        time = self._time_between(before, after)
-        away = np.abs(after[1:] - before[1:] - velocity * time)
-        return bool(np.all(away <= farthest(np.array(time))))
+        farthest_away = farthest(np.array(self._time_between(before, after)))
+        return bool(np.all(self._away(before, velocity, after) <= farthest_away))
+
+    def _stays(self, velocity: Array, own: Array) -> bool:
+        """Whether a row is nearer to the one in doubt than to those before: positions have jumped there.
+
+        In the time of two samples a joint may get twice as far, so that the row after a small jump would follow those
+        before it, too.
+        """
+        if self._doubted is None:
+            return False
+        assert self._last is not None
+        to_doubted = min(self._away(self._doubted, v, own).max() for v in (velocity, np.zeros_like(velocity)))
+        return bool(to_doubted < self._away(self._last, velocity, own).max())
 
     def _turns_between(self, before: Array, velocity: Array, after: Array) -> Array | None:
         """The whole turns (N,) without which a row follows the one before, rad; None where there are none."""

@@ -2,8 +2,12 @@
 #include <stdbool.h>
 #include <stddef.h>
 
-#if defined(__FAST_MATH__) || defined(_M_FP_FAST) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0))
-#error "Compile without -ffast-math: it removes the tests for what is no number, and the digits of pairs."
+#if defined(__FAST_MATH__) || defined(_M_FP_FAST) || (defined(__FINITE_MATH_ONLY__) && (__FINITE_MATH_ONLY__ > 0)) || \
+    defined(__ASSOCIATIVE_MATH__) || defined(__RECIPROCAL_MATH__)
+#error "Compile without -ffast-math and its parts: they remove the tests for what is no number, and the digits of pairs."
+#endif
+#if FLT_EVAL_METHOD == 2
+#error "Compile for SSE2 (-msse2 -mfpmath=sse): registers of 80 bits lose the digits of pairs."
 #endif
 
 /*TABLES*/
@@ -30,7 +34,7 @@ static double smallest_eigenvalue(int32_t size, double *matrix)
         const double first = matrix[((k + 1) * size) + k];
         squares[k] = (first * first) + rest;
         diagonal[k] = matrix[(k * size) + k];
-        if (rest > 0.0) {
+        if (rest > DBL_MIN) { /* of what is smaller the inverse would overflow */
             const double length = (first > 0.0) ? -sqrt(squares[k]) : sqrt(squares[k]);
             const double factor = 1.0 / (squares[k] - (first * length));
             vector[k + 1] = first - length;
@@ -82,14 +86,17 @@ static double smallest_eigenvalue(int32_t size, double *matrix)
         /* Ratios of neighbouring minors and their derivatives: no overflow. */
         double ratio = diagonal[0] - bound;
         double slope = -1.0;
-        double sum = slope / ratio;
-        bool above = (ratio > 0.0);
+        double sum = 0.0;
+        bool above = (ratio > 0.0); /* nothing is divided by zero, which some controllers trap */
         for (int32_t k = 1; (k < size) && above; ++k) {
             const double quotient = squares[k - 1] / ratio;
+            sum += slope / ratio;
             slope = ((quotient * slope) / ratio) - 1.0;
             ratio = (diagonal[k] - bound) - quotient;
-            sum += slope / ratio;
             above = (ratio > 0.0);
+        }
+        if (above) {
+            sum += slope / ratio;
         }
         if (!above) {
             bound -= 1e-15 * spread; /* rounding at the eigenvalue itself */
@@ -129,7 +136,7 @@ static robot_online_pair pair_product(double first, double second)
 {
     robot_online_pair product;
     product.high = first * second;
-#ifdef FP_FAST_FMA /* the processor rounds the sum of a product and a number once */
+#if defined(FP_FAST_FMA) || defined(__FP_FAST_FMA) /* the processor rounds the sum of a product and a number once */
     product.low = fma(first, second, -product.high);
 #else
     const double split = 134217729.0; /* 2^27 + 1 */
@@ -1379,7 +1386,8 @@ robot_online_status robot_online_fit(const robot_online_data *data, const double
 {
     const structure *known = &fit_structure;
     double constant = 0.0;
-    bool usable = (prior_weight > 0.0) && (prior_weight <= ROBOT_ONLINE_GREATEST);
+    /* The objective is divided by what is at least that large, and stays a number. */
+    bool usable = (prior_weight >= (1.0 / ROBOT_ONLINE_GREATEST)) && (prior_weight <= ROBOT_ONLINE_GREATEST);
     usable = normal_matrix(data, weights, work, &constant) && usable;
     if (!usable) {
         refuse(work, answer);

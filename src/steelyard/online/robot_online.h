@@ -102,7 +102,7 @@ void robot_online_squared_residuals(const robot_online_data *data, const double 
                                     double *squares);
 
 /* The possible parameters of the least sum of half the squared, weighted residuals and of
- * `prior_weight` times the distance from the prior. */
+ * `prior_weight` times the distance from the prior, between 1e-12 and 1e12. */
 robot_online_status robot_online_fit(const robot_online_data *data, const double *weights,
                                      double prior_weight, robot_online_workspace *work,
                                      robot_online_answer *answer);
