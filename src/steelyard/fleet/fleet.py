@@ -19,7 +19,7 @@ from steelyard.errors import SteelyardError
 from steelyard.files.arguments import all_listed, by_name, listed
 from steelyard.identification.log_reader import Progress
 from steelyard.identification.prediction_verdict import WRONG
-from steelyard.regression.parameter_covariance import FEWEST_DEGREES, NORMAL
+from steelyard.regression.parameter_covariance import NORMAL
 
 from .causes import TURNABLE, Cause, gains_in_own_motion, possible_causes, variations
 from .checkpoints import Checkpoints, checkpoint_key
@@ -481,7 +481,7 @@ def identify_fleet(
             f"The torques of {filtered} entries were filtered and their regressor was not, so that no interval holds: "
             "they are left out of the comparison of siblings."
         )
-    short = [row.entry.label for row in rows if not row.reason and _is_short(row)]
+    short = [row.entry.label for row in rows if not row.reason and row.values["short"]]
     if short:
         remarks.append(
             "The logs are too short to tell how large the noise of each joint is, so that no interval holds: "
@@ -547,7 +547,7 @@ def _grouped(rows: Sequence[RobotRow], copies: Container[int]) -> dict[tuple[str
     found: dict[tuple[str, tuple[str, ...]], list[int]] = {}
     for number, row in enumerate(rows):
         model = _model_of(row)
-        if model is None or row.values["filtered"] or _is_short(row) or number in copies:
+        if model is None or row.values["filtered"] or row.values["short"] or number in copies:
             continue
         names = (*map(str, model.parameter_names), *model.base_parameters().expressions)
         found.setdefault((row.entry.group, names), []).append(number)
@@ -621,11 +621,6 @@ def _shared(rows: Sequence[RobotRow], copies: Container[int]) -> list[tuple[int,
             if before != number:
                 found[before, number] = None
     return list(found)
-
-
-def _is_short(row: RobotRow) -> bool:
-    """Whether the data has so few rows of some joint that nothing tells how large its noise is."""
-    return bool(row.values["freedom"] <= FEWEST_DEGREES)
 
 
 def _called(name: str, *, capital: bool = False) -> str:

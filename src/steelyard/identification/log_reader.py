@@ -39,6 +39,7 @@ from steelyard.regression import Information
 from steelyard.regression.batch_means import BatchMeans, BatchMeansTree
 from steelyard.regression.factor import solve
 from steelyard.regression.reduction import FEWEST_EXACT, empty_factors, narrowed, reduce_by_joint, residuals
+from steelyard.regression.repeated_motion import MotionSums
 from steelyard.regression.time_blocks import FOLDS, MOST, TimeBlocks
 from steelyard.robot import Robot, RobotFile
 
@@ -577,7 +578,8 @@ def _kept_of(
             thinned.add(samples)
             yield samples
 
-    information = Information.from_chunks(model, ahead(watched(), lead), blocks=blocks, exact=exact)
+    motion = MotionSums() if task.fitted and exact is None else None  # the first section tells how the motion goes
+    information = Information.from_chunks(model, ahead(watched(), lead), blocks=blocks, exact=exact, motion=motion)
     drawn.finish()
     if not task.fitted:  # of a log that is only predicted the shortest batches do, which tell its white noise
         information = replace(information, batch_means=information.batch_means[:1])
@@ -660,14 +662,16 @@ class JoinedSections:
 
     def reduced(self) -> ReducedLog:
         """Return what all of them come to."""
-        name, opened = str(self.log.task.log), self.log.opened
+        name, opened, information = str(self.log.task.log), self.log.opened, self._information[0]
+        # What the first section told of, and the motion goes on.
+        returning = tuple(one.over([f.count for f in information.factors]) for one in information.returning)
         ending = opened.ending(self._seen)
         limits = against_limits(self._seen.survey, self.model.robot)
         remarks = (f"{name}: {remark}" for remark in (*opened.remarks, *ending, *limits))
         return ReducedLog(
             name=name,
             fitted=self.log.task.fitted,
-            information=replace(self._information[0], batch_means=self._means.total()),
+            information=replace(information, batch_means=self._means.total(), returning=returning),
             blocks=self._blocks.held,
             samples=Samples.joined(self._samples),
             drawn=DrawnLog.joined(self._drawn),
