@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.display import text_table
+from steelyard.display import few_digits, text_table
 from steelyard.dynamics import Model
 from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import SteelyardError
@@ -29,6 +29,7 @@ from .manifest import FleetEntry, FleetManifest
 from .packed import unpacked
 from .robot_estimate import description_of, inputs_of, model_of, robot_estimate, something_came, task_of, with_contents
 from .siblings import FEWEST, LEAST_HELD, Batch, Deviation, SiblingComparison, compare_siblings, held_before
+from .torque_units import other_unit
 from .variation import median_of_shown, pseudo_inverse, shown_parameters, unexplained
 
 __all__ = ["Finding", "Fleet", "RobotGroup", "RobotRow", "identify_fleet"]
@@ -149,8 +150,8 @@ class Fleet:
         Batches, then robots that differ from their siblings, then those that have drifted; the surest first.
     remarks : tuple of str
     unexplained : tuple of RobotRow
-        Whose own data no parameters that a robot can have explain, while that of siblings is explained. No part of
-        them is compared.
+        Whose own data no parameters that a robot can have explain, while that of siblings is explained, or whose
+        torques are in another unit than those of as many siblings. No part of them is compared.
     """
 
     manifest: FleetManifest
@@ -197,7 +198,7 @@ class Fleet:
             parts.append(f"{number or 'none'} ha{'ve' if number > 1 else 's'} drifted")
         if self.unexplained:
             number = len({row.entry.id for row in self.unexplained})
-            parts.append(f"no parameters explain the data of {number}")
+            parts.append(f"no parameters like those of siblings explain the data of {number}")
         if self.failed:
             parts.append(f"nothing came of {len(self.failed)} of {len(self.rows)} entries")
         return (
@@ -457,6 +458,13 @@ def identify_fleet(
     grouped = _grouped(rows, copies)
     strange = _strangers(rows, grouped)
     grouped = {key: [k for k in numbers if k not in strange] for key, numbers in grouped.items()}
+    scaled: list[int] = []
+    for numbers in grouped.values():
+        own, said = _in_other_unit(rows, numbers)
+        scaled += own
+        remarks += said
+    strange_or_scaled = sorted({*strange, *scaled})
+    grouped = {key: [k for k in numbers if k not in scaled] for key, numbers in grouped.items()}
     models = Counter(name for name, _ in grouped)
     for (name, _), numbers in grouped.items():
         say(f"siblings{f' of {name}' if name else ''}: {len({rows[k].entry.id for k in numbers})} robots")
@@ -506,7 +514,7 @@ def identify_fleet(
             f"{blind} entr{'y gives' if blind == 1 else 'ies give'} Informations, which hold no rows: what impacts and "
             "other short events leave counts as noise there. Give the logs where that may hide a poor prediction."
         )
-    not_explained = tuple(rows[k] for k in strange)
+    not_explained = tuple(rows[k] for k in strange_or_scaled)
     return Fleet(given, tuple(rows), tuple(groups), tuple(findings), tuple(dict.fromkeys(remarks)), not_explained)
 
 
@@ -576,6 +584,24 @@ def _strangers(rows: Sequence[RobotRow], grouped: Mapping[Any, Sequence[int]]) -
             found += [k for k in wrong if errors[k] > (min(most, WRONG) if few else most)]
             found += [k for k in wrong if not few and errors[k] <= most and _is_turned(rows[k], usual)]
     return sorted(found)
+
+
+def _in_other_unit(rows: Sequence[RobotRow], numbers: Sequence[int]) -> tuple[list[int], list[str]]:
+    """Numbers of rows whose torques are in another unit than those of the others, who are not more; and a sentence."""
+    found = other_unit(*_arrays(rows, numbers)[:2])
+    if found is None:
+        return [], []
+    own = [numbers[k] for k in found.robots]
+    others = [k for k in numbers if k not in own]
+    units = ", as where the units of the logs differ"
+    if found.units is not None:
+        units = f", as where theirs are in {found.units[0]} and those of the others in {found.units[1]}"
+    told, beside = (listed([rows[k].entry.label for k in some], 8) for some in (own, others))
+    return own, [
+        f"The torques of {len(own)} of {len(numbers)} entries ({told}) are {few_digits(found.factor, 3)} times those "
+        f"of the others ({beside}){units}: state `torque_unit` in [log] of the robot file of each, and run again. The "
+        "former are not compared with siblings."
+    ]
 
 
 def _is_turned(row: RobotRow, usual: Array) -> bool:
@@ -931,8 +957,8 @@ def _amount(cause: Cause, value: float) -> str:
 
 def _factors(low: float, high: float) -> str:
     if np.isfinite(low) and np.isfinite(high):
-        return f"{low:.3g} to {high:.3g}"
-    return f"{low:.3g} or more" if np.isfinite(low) else f"{high:.3g} or less"
+        return f"{few_digits(low, 3)} to {few_digits(high, 3)}"
+    return f"{few_digits(low, 3)} or more" if np.isfinite(low) else f"{few_digits(high, 3)} or less"
 
 
 def sentence(one: Deviation, kind: Kind, *, when: str = "", since: str = "") -> str:
@@ -971,8 +997,8 @@ def sentence(one: Deviation, kind: Kind, *, when: str = "", since: str = "") -> 
     elif cause.kind in TURNABLE:
         measured = cause.what.removesuffix(" gain")
         text = (
-            f"The {measured} measured at {cause.part} for the same motion is {1.0 + one.amplitude:.3g} times {others} "
-            f"({_factors(1.0 + low, 1.0 + high)})"
+            f"The {measured} measured at {cause.part} for the same motion is {few_digits(1.0 + one.amplitude, 3)} "
+            f"times {others} ({_factors(1.0 + low, 1.0 + high)})"
         )
     elif cause.has_ratio:
         text = f"{_what(cause)} is {1.0 + one.amplitude:.3g} times {others} ({1.0 + low:.3g} to {1.0 + high:.3g})"
