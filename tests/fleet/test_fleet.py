@@ -385,6 +385,9 @@ def test_robots_of_other_lengths_are_no_siblings(arms: Arms) -> None:
     assert fleet.remarks[0].startswith("With 3 robots like R0 in the fleet, what is usual")
     assert fleet.remarks[1].startswith("The fleet has 2 robots like L0 of which something came")
     assert fleet.remarks[2].startswith("The fleet has robots of 2 models")
+    page = fleet_html(fleet)  # where nobody could tell pictures and tables of two models apart
+    assert "<h3>Beside siblings, robots like R0</h3>" in page
+    assert "3 robots like R0" in page
 
 
 @pytest.mark.slow

@@ -126,6 +126,8 @@ class RobotGroup:
         None where there are fewer than three robots.
     drift : SiblingComparison or None
         What changed from the first date to the latest; None where fewer than three robots have several dates.
+    alike : str
+        Which robots of that name these are, where there are several models of them, as in ``" like A-17"``.
     """
 
     name: str
@@ -134,6 +136,7 @@ class RobotGroup:
     last: tuple[int, ...] = field(repr=False)
     siblings: SiblingComparison | None = field(default=None, repr=False)
     drift: SiblingComparison | None = field(default=None, repr=False)
+    alike: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -536,7 +539,7 @@ def _estimated(
         else:
             numbers.append(number)
             tasks.append([task])
-    every = max(len(tasks) // LINES, 1)
+    every = max(-(-len(tasks) // LINES), 1)
     contents = run_in_order(robot_estimate, first_of, None, tasks, executor, keys, checkpoints, keep=something_came)
     for done, (number, content) in enumerate(zip(numbers, contents, strict=True), start=1):
         found[number] = {**unpacked(content), "description": tasks[done - 1][0]["robot"]}
@@ -750,7 +753,7 @@ def _compared(
             f"where there are {FEWEST} or more; compare single ones with steelyard "
             "compare."
         )
-    group = RobotGroup(name, model, tuple(latest), tuple(lasts), siblings, drift)
+    group = RobotGroup(name, model, tuple(latest), tuple(lasts), siblings, drift, alike)
     return group, findings, remarks
 
 
@@ -798,7 +801,7 @@ def _heavy_tails(what: str, compared: SiblingComparison) -> list[str]:
     named = all_listed(_what(compared.causes[k]) for k in parts[:3])
     where = f"most of all {named}" if len(parts) > 3 else named
     return [
-        f"{what} has heavier tails than a normal distribution, {where} (as Student's distribution with "
+        f"{what} seems to have heavier tails than a normal distribution, {where} (as Student's distribution with "
         f"{1.0 / compared.tails[parts[0]]:.0f} degrees of freedom): some sound robots are far from the others in these "
         "parts. So a robot is named only for what is beyond these tails, and a fault must be larger to be named there."
     ]
@@ -951,14 +954,19 @@ def _whole(link: Cause, beside: Cause) -> str:
 
 def _amount(cause: Cause, value: float) -> str:
     if cause.has_ratio:
-        return f"{100.0 * value:+.2g} %"
-    return f"{value * cause.nominal:+.2g} {cause.unit}".rstrip()
+        return f"{_signed(100.0 * value)} %"
+    return f"{_signed(value * cause.nominal)} {cause.unit}".rstrip()
 
 
-def _factors(low: float, high: float) -> str:
+def _signed(value: float) -> str:
+    return f"{'+' * (value >= 0.0)}{few_digits(value, 2)}"
+
+
+def _interval(low: float, high: float, digits: int = 3) -> str:
+    least, most = few_digits(low, digits), few_digits(high, digits)
     if np.isfinite(low) and np.isfinite(high):
-        return f"{few_digits(low, 3)} to {few_digits(high, 3)}"
-    return f"{few_digits(low, 3)} or more" if np.isfinite(low) else f"{few_digits(high, 3)} or less"
+        return f"{least} to {most}"
+    return f"{least} or more" if np.isfinite(low) else f"{most} or less"
 
 
 def sentence(one: Deviation, kind: Kind, *, when: str = "", since: str = "") -> str:
@@ -990,26 +998,28 @@ def sentence(one: Deviation, kind: Kind, *, when: str = "", since: str = "") -> 
         text = f"The link {cause.part} has another mass, centre of mass or inertia {than}"
     elif cause.kind == "mass":
         text = (
-            f"The link {cause.part} is {size:.2g} kg "
-            f"{'heavier' if sign > 0.0 else 'lighter'} than {others} ({ends[0]:.2g} to {ends[1]:.2g} kg), "
-            f"{100.0 * abs(one.amplitude):.2g} %, if it is made like {'it was' if kind == 'drift' else 'theirs'}"
+            f"The link {cause.part} is {few_digits(size, 2)} kg "
+            f"{'heavier' if sign > 0.0 else 'lighter'} than {others} ({_interval(ends[0], ends[1], 2)} kg), "
+            f"{few_digits(100.0 * abs(one.amplitude), 2)} %, if it is made like "
+            f"{'it was' if kind == 'drift' else 'theirs'}"
         )
     elif cause.kind in TURNABLE:
         measured = cause.what.removesuffix(" gain")
         text = (
             f"The {measured} measured at {cause.part} for the same motion is {few_digits(1.0 + one.amplitude, 3)} "
-            f"times {others} ({_factors(1.0 + low, 1.0 + high)})"
+            f"times {others} ({_interval(1.0 + low, 1.0 + high)})"
         )
     elif cause.has_ratio:
-        text = f"{_what(cause)} is {1.0 + one.amplitude:.3g} times {others} ({1.0 + low:.3g} to {1.0 + high:.3g})"
+        times = few_digits(1.0 + one.amplitude, 3)
+        text = f"{_what(cause)} is {times} times {others} ({_interval(1.0 + low, 1.0 + high)})"
         if cause.kind == "term" and kind != "drift":
             value = cause.nominal * (1.0 + one.amplitude)
-            text += f", {value:.3g} {cause.unit} where they have {cause.nominal:.3g} {cause.unit}"
+            text += f", {few_digits(value, 3)} {cause.unit} where they have {few_digits(cause.nominal, 3)} {cause.unit}"
     else:
         unit = f" {cause.unit}".rstrip()
         text = (
-            f"{_what(cause)} is {size:.2g}{unit} {'higher' if sign > 0.0 else 'lower'} than {others} "
-            f"({ends[0]:.2g} to {ends[1]:.2g}{unit})"
+            f"{_what(cause)} is {few_digits(size, 2)}{unit} {'higher' if sign > 0.0 else 'lower'} than {others} "
+            f"({_interval(ends[0], ends[1], 2)}{unit})"
         )
     if kind == "drift":
         text += f", since {since}" if since else ""
