@@ -83,18 +83,35 @@ def test_sums_of_days_count_the_periods_of_all_of_them(model, truth, tmp_path):
     assert mixed.returns == pytest.approx([4.0, 4.0], rel=0.05)  # half of the rows with three more periods, twice
 
 
-def test_a_long_log_is_summed_up_to_know_its_period(model, truth):
-    """At 1 kHz its first minutes are kept as sums; all of its periods count."""
+@pytest.mark.parametrize("exact", [None, 8192])
+def test_a_long_log_is_summed_up_to_know_its_period(exact, model, truth):
+    """At 1 kHz its first minutes are kept as sums, also where neighbouring rows are combined; all periods count."""
     t = np.arange(200_000) / 1000.0
     slow = samples_of(model, truth, 1, 1.0)
     parts = {
         name: np.tile(np.stack([np.interp(t[:10_000], slow.t, column) for column in one.T], axis=1), (20, 1))
         for name, one in (("q", slow.q), ("dq", slow.dq), ("ddq", slow.ddq), ("torque", slow.torque))
     }
-    info = reduced(model, *(sy.Samples(**parts, t=t).rows(k, k + 50_000) for k in range(0, 200_000, 50_000)))
+    whole = sy.Samples(**parts, t=t)
+    chunks = (whole.rows(k, k + 50_000) for k in range(0, 200_000, 50_000))
+    info = sy.Information.from_chunks(model, chunks, motion=MotionSums(), exact=exact)
     [found] = info.returning
+    assert found.correlation == pytest.approx([1.0, 1.0], abs=0.05)
+    assert found.counts.tolist() == [200_000, 200_000]
     assert found.period == pytest.approx(10.0, rel=1e-3)
     assert found.periods == pytest.approx(20.0, rel=1e-3)
+
+
+def test_combined_rows_tell_what_single_ones_do(model, truth):
+    """Of 30 periods of ten seconds at 100 Hz all but eight are known by sums over 0.64 s, so that these eight count."""
+    samples = samples_of(model, truth, 30, 0.7)
+    one, other = (
+        sy.Information.from_chunks(model, [samples], motion=MotionSums(), exact=exact) for exact in (None, 8192)
+    )
+    assert one.returning[0].correlation == pytest.approx([0.7, 0.7], abs=0.05)
+    assert other.returning[0].correlation == pytest.approx([0.7, 0.7], abs=0.05)
+    assert other.returning[0].period == pytest.approx(10.0, rel=1e-3)
+    assert other.returns == pytest.approx(one.returns, rel=0.1)
 
 
 def test_a_motion_that_does_not_repeat_tells_no_more_in_four_logs(model, truth):

@@ -374,7 +374,8 @@ class LogReader:
         exact = FEWEST_EXACT if section or task.fitted else None
         stream = _until(stop, opened.samples(section, seen, lead))
         with _told_where(task.log):
-            kept = _kept_of(stream, task, model, thinned, opened.sections, behind - before, exact, lead)
+            motion = MotionSums() if task.fitted and section == 0 else None  # which tells how it goes on
+            kept = _kept_of(stream, task, model, thinned, motion, opened.sections, behind - before, exact, lead)
         if opened.sections > 1:
             from steelyard.graph.large_arrays import return_free_memory  # only long logs need it
 
@@ -397,7 +398,8 @@ class LogReader:
     def _reduced_whole(self, task: LogTask, model: Model) -> ReducedLog:
         own = self.unwritten()
         thinned = ThinnedSamples(task.points)
-        kept = _kept_of(own._watched(task.log, model), task, model, thinned)
+        motion = MotionSums() if task.fitted else None
+        kept = _kept_of(own._watched(task.log, model), task, model, thinned, motion)
         return ReducedLog(
             name=str(task.log),
             fitted=task.fitted,
@@ -561,6 +563,7 @@ def _kept_of(
     task: LogTask,
     model: Model,
     thinned: ThinnedSamples,
+    motion: MotionSums | None,
     sections: int = 1,
     total: int = 0,
     exact: int | None = None,
@@ -578,7 +581,6 @@ def _kept_of(
             thinned.add(samples)
             yield samples
 
-    motion = MotionSums() if task.fitted and exact is None else None  # the first section tells how the motion goes
     information = Information.from_chunks(model, ahead(watched(), lead), blocks=blocks, exact=exact, motion=motion)
     drawn.finish()
     if not task.fitted:  # of a log that is only predicted the shortest batches do, which tell its white noise

@@ -144,7 +144,7 @@ class JointReduction:
     exact : int, optional
         In the place of `EXACT`, a multiple of 1024.
     motion : MotionSums, optional
-        Receives the rows that are reduced as they are, too.
+        Receives the rows, or their sums, too.
     """
 
     def __init__(
@@ -187,7 +187,7 @@ class JointReduction:
             if self.sums is not None:
                 self.sums.add(rows, mask)
             self.blocks.add(rows, mask)
-            if self.motion is not None and self._seen < self._exact:
+            if self.motion is not None:
                 self.motion.add(None if samples.t is None else samples.t[part], samples.q[part], rows, mask)
             self._squares += np.einsum("sc,sc->c", entries, entries)
             self._seen += len(entries)
@@ -202,6 +202,9 @@ class JointReduction:
         self.blocks.add_combined([one.rows for one in combined], [one.count for one in combined], samples.count)
         if self.sums is not None:
             self.sums.add_combined([one.sums for one in combined])
+        if self.motion is not None:
+            counts = [one.count for one in combined]
+            self.motion.add_combined(samples.t, samples.q, [one.sums for one in combined], counts)
 
     def _source(self, samples: Samples) -> RegressorSource:
         """Return what computes the base regressor of some samples; each of its arrays is used up before the next."""

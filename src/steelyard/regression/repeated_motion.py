@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from steelyard.display import few_digits
 
-from .batch_means import BATCH_LENGTHS, summed
+from .batch_means import BATCH_LENGTHS, LONG, summed
 from .factor import Factor
 
 __all__ = ["MotionSums", "ReturningErrors", "added_returning", "returning_errors", "sentence_of_returning"]
@@ -39,8 +39,10 @@ PARTS = 16
 """Parts whose scatter is the standard error of a correlation."""
 SURE = 3.0
 """Standard errors from which a correlation counts."""
-HELD = 2_000_000
-"""Numbers of rows that are kept until the end: some minutes of six joints at 100 Hz, or half a minute at 1 kHz."""
+HELD, LONGEST = 2_000_000, 2**17
+"""Numbers of rows that are kept until the end, and samples from which on none is: two minutes at 1 kHz."""
+FEWEST_SUMS = 4
+"""Sums of combined rows of which a correlation is taken."""
 SAME_PERIOD, SAME_MOTION = 0.002, 0.02
 """Part of their periods, and of the standard deviations of their positions, up to which two motions differ that are
 one: of the robot and its clock, from day to day."""
@@ -136,7 +138,7 @@ def sentence_of_returning(returning: Sequence[ReturningErrors], joint_names: Seq
 
 
 class MotionSums:
-    """Keeps the positions, and the rows ``[W omega]``, of the begin of some data; of more of it the sums of neighbours.
+    """Keeps the positions, and the sums of neighbouring rows ``[W omega]``, of the begin of some data.
 
     So they stand in bounded memory, for base parameters that are known at the end.
     """
@@ -145,28 +147,55 @@ class MotionSums:
         self._t: list[Array] = []
         self._q: list[Array] = []
         self._sums: list[list[Array]] = []
-        self._size, self._counts = 1, np.zeros(0, dtype=int)
+        self._every, self._size = 1, 1  # samples from one position to the next, and in a sum
+        self._seen, self._counts = 0, np.zeros(0, dtype=int)
 
     def add(self, t: Array | None, q: Array, rows: Sequence[Array], mask: NDArray[np.bool_] | None) -> None:
         """Add samples that follow; each call but the last brings a multiple of 1024."""
-        if t is None:
-            return
-        self._t.append(t[:: self._size])
-        self._q.append(q[:: self._size])
         used = [None if mask is None else mask[:, k] for k in range(len(rows))]
-        self._sums.append([summed(own, self._size, one) for own, one in zip(rows, used, strict=True)])
-        counts = [len(q) if one is None else int(one.sum()) for one in used]
+        if self._takes(t, q, [len(q) if one is None else int(one.sum()) for one in used]):
+            self._add([summed(own, self._size, one) for own, one in zip(rows, used, strict=True)])
+
+    def add_combined(self, t: Array | None, q: Array, sums: Sequence[Array], counts: Sequence[int]) -> None:
+        """Add samples of which the sums over 64 of each joint are known, and how many rows of it these are."""
+        if self._size < LONG and self._sums:
+            found = self._period()
+            if found is not None and 2 * found[0] <= sum(map(len, self._t)):
+                self._seen = LONGEST  # two periods of single rows tell more than many of sums
+        if self._takes(t, q, counts):
+            while self._size < LONG:
+                self._coarser()
+            self._add([summed(own, self._size // LONG) for own in sums])
+
+    def _takes(self, t: Array | None, q: Array, counts: Sequence[int]) -> bool:
+        """Take times and positions of samples, unless they have no times, or enough were seen."""
+        if t is None or self._seen >= LONGEST:
+            return False
+        self._seen += len(q)
         self._counts = np.array(counts) + (self._counts if self._counts.size else 0)
-        width = sum(own.shape[1] for own in rows)
-        if self._size < BATCH_LENGTHS[-1] and width * sum(map(len, self._t)) > HELD:
-            self._size *= 2
-            self._t = [np.concatenate(self._t)[::2]]
-            self._q = [np.concatenate(self._q)[::2]]
+        self._t.append(t[:: self._every])
+        self._q.append(q[:: self._every])
+        while sum(map(len, self._t)) > 4 * COARSE and self._every < BATCH_LENGTHS[-1]:
+            self._every *= 2
+            self._t, self._q = ([np.concatenate(own)[::2]] for own in (self._t, self._q))
+        return True
+
+    def _add(self, sums: list[Array]) -> None:
+        self._sums.append(sums)
+        while self._size < BATCH_LENGTHS[-1] and sum(own.size for part in self._sums for own in part) > HELD:
+            self._coarser()
+
+    def _coarser(self) -> None:
+        self._size *= 2
+        if self._sums:
             self._sums = [[summed(np.concatenate(own), 2) for own in zip(*self._sums, strict=True)]]
 
     def repeats(self) -> bool:
         """Whether the motion does."""
-        return bool(self._t) and _period([np.concatenate(self._t)], [np.concatenate(self._q)]) is not None
+        return bool(self._t) and self._period() is not None
+
+    def _period(self) -> tuple[int, float, NDArray[np.bool_]] | None:
+        return _period([np.concatenate(self._t)], [np.concatenate(self._q)])
 
     def returning(self, factors: Sequence[Factor], base: Array) -> ReturningErrors | None:
         """Tell what returns of what some base parameters leave, in all the data, whose factors these are."""
@@ -174,24 +203,30 @@ class MotionSums:
             np.concatenate([own[:, -1] - own[:, :-1] @ base[factor.columns] for own in parts])
             for factor, parts in zip(factors, zip(*self._sums, strict=True), strict=True)
         ]
-        stretch = np.concatenate(self._t), np.concatenate(self._q), np.column_stack(left)
-        found = returning_errors([stretch], self._counts)
+        t, q = np.concatenate(self._t), np.concatenate(self._q)
+        # A sum is spread evenly over its samples where positions are told more often.
+        ends, asked = self._size * np.arange(len(left[0]) + 1), self._every * np.arange(len(q) + 1)
+        parts = [np.diff(np.interp(asked, ends, np.concatenate([[0.0], np.cumsum(own)]))) for own in left]
+        # A period is seldom a whole number of such sums: of one alone half would be compared with its neighbour.
+        shortest = 1 if self._size <= self._every else FEWEST_SUMS * self._size // self._every
+        found = returning_errors([(t, q, np.column_stack(parts))], self._counts, shortest)
         return None if found is None else found.over([f.count for f in factors])
 
 
 def returning_errors(
-    stretches: Sequence[tuple[Array, Array, Array]], counts: Sequence[int] | NDArray[np.intp]
+    stretches: Sequence[tuple[Array, Array, Array]], counts: Sequence[int] | NDArray[np.intp], shortest: int = 1
 ) -> ReturningErrors | None:
     """Tell what returns with a motion, of one stretch after the other: time, positions (S, N), what is left (S, N).
 
-    None where the motion does not repeat, or nothing surely returns with it. `counts` are the rows of each joint.
+    None where the motion does not repeat, or nothing surely returns with it. `counts` are the rows of each joint;
+    correlations are those of sums of so many rows of the stretches as are the `shortest` at least.
     """
     found = _period([t for t, _, _ in stretches], [q for _, q, _ in stretches])
     if found is None:
         return None
     lag, step, alike = found
     q, left = (np.concatenate([own[k] for own in stretches]) for k in (1, 2))
-    count = max(round(lag / SUMS), 1)
+    count = max(round(lag / SUMS), shortest)
     sums = np.cumsum(np.concatenate([np.zeros((1, left.shape[1])), np.nan_to_num(left)]), axis=0)
     sums = sums[count:] - sums[:-count]
     first, second = sums[:-lag], sums[lag:]
