@@ -17,6 +17,7 @@ second to the fifth of the UR5. The first turns about the vertical, and a tenth 
     python benchmarks/fleet.py --gains --robots 100 --each 6    # torque gains of all joints in turn, of six sizes
     python benchmarks/fleet.py --drift --robots 100             # two dates; some robots change between them
     python benchmarks/fleet.py --batches --robots 100 --seeds 1 2 3    # a part of the robots has something in common
+    python benchmarks/fleet.py --programmes --robots 12 --seeds 1 2 3  # a ripple that returns with the motion
     python benchmarks/fleet.py --batch 350                      # by the command, 350 of 1000 with another gearbox
 """
 
@@ -28,6 +29,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -41,6 +43,8 @@ import steelyard as sy
 from steelyard.fleet import compare_siblings, gains_in_own_motion, possible_causes, variations
 from steelyard.identification.examples import deviating
 from steelyard.regression import ParameterCovariance, torque_gains
+from steelyard.regression.parameter_covariance import NORMAL
+from steelyard.regression.repeated_motion import MotionSums
 
 RATE, SECONDS, MOTIONS = 100.0, 60.0, 8
 LINKS, TOGETHER, SINGLE, OFFSET = 0.005, 0.04, 0.04, 0.02
@@ -48,6 +52,9 @@ NOISE, WHITE, MEMORY = 0.02, 0.7, 0.95
 STANDSTILL, STANDSTILL_SPEED = 0.05, 0.03
 """Friction that falls off with speed: part of the Coulomb friction, and rad/s."""
 
+
+RIPPLE, ORDERS = 0.03, (6.0, 9.6, 15.6, 25.2, 40.8)
+"""A ripple that goes with the position: part of the torques of a joint, and periods in a radian times 2 pi."""
 
 BATCH = ("gearbox", 2), 0.3
 BATCHES = {"gearbox": 0.3, "rotor": 0.3, "link": 0.1, "gain": 0.1}
@@ -132,6 +139,25 @@ class SimulatedFleet:
             torque[:, fault[1] - 1] *= 1.0 + size
         q, dq, ddq = motion
         return sy.Information.from_samples(model, sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque))
+
+    def programmed(self, number, odd, own):
+        """The Information of a sound robot with a ripple, all robots but one in one motion, and its true parameters.
+
+        The ripple is the same in all of them, or its `own`.
+        """
+        values, _, _ = self.parameters(number)
+        q, dq, ddq = self.motions[int(number == odd)]
+        torque = self.model.inverse_dynamics(q, dq, ddq, values)
+        noise = np.random.default_rng([self.seed, 2, number])
+        lasting = lfilter([np.sqrt(1.0 - MEMORY**2)], [1.0, -MEMORY], noise.normal(size=torque.shape), axis=0)
+        torque += NOISE * self.sizes * (lasting + WHITE * noise.normal(size=torque.shape))
+        ripple = np.random.default_rng([self.seed, 5, number if own else 0])
+        for order in ORDERS:
+            for wave in (np.cos, np.sin):
+                amplitude = ripple.normal(size=q.shape[1]) / np.sqrt(len(ORDERS))
+                torque += RIPPLE * self.sizes * amplitude * wave(order * q)
+        samples = sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque, t=np.arange(len(q)) / RATE)
+        return sy.Information.from_chunks(self.model, [samples], motion=MotionSums()), values
 
     def planted(self, count, each, kinds=("gearbox", "link")):
         """Which of the robots have which fault: (kind, number of the joint or link)."""
@@ -260,6 +286,33 @@ def by_comparison(arguments, seed, **sizes):
     return judged(fleet, planted, findings)
 
 
+def programmes(arguments, seed):
+    """Sound robots of which one has another programme: whether it is named, and how often intervals hold the truth."""
+    fleet = fleets(arguments.arm, seed)
+    for own in (False, True):
+        made = [fleet.programmed(number, 0, own) for number in range(arguments.robots)]
+        for counted in (False, True):
+            told = []
+            for info, values in made:
+                used = info if counted else replace(info, returning=())
+                estimate = sy.least_squares(used)
+                covariance = ParameterCovariance.of(used, estimate.base, estimate.weights)
+                away = (estimate.base - fleet.model.base_parameters().values(values)) / covariance.standard_error
+                gains = torque_gains(used, estimate.weights)
+                told.append((estimate.base, covariance.matrix, gains, covariance.degrees_of_freedom, away))
+            bases, covariances, gains, freedoms, away = map(np.array, zip(*told, strict=True))
+            causes = possible_causes(fleet.model, fleet.usual, np.median(bases, axis=0), np.median(gains, axis=0))
+            directions = variations(fleet.model, causes)
+            beside = gains_in_own_motion(fleet.model, causes, gains)
+            found = compare_siblings(bases, covariances, causes, directions, own=beside, freedoms=freedoms)
+            print(
+                f"seed {seed}, {'each its own' if own else 'all the same'} ripple, periods "
+                f"{'together' if counted else 'as independent'}: {len(found.differs)} of {len(bases)} named, "
+                f"{np.mean(np.abs(away) < NORMAL):.0%} of the intervals hold",
+                flush=True,
+            )
+
+
 def batches(arguments, seed):
     """How a part of the robots is told that has another gearbox, rotor, link or gain: cause, robots and size."""
     fleet, count = fleets(arguments.arm, seed), arguments.robots
@@ -316,6 +369,7 @@ def main():
     parser.add_argument("--sizes", action="store_true")
     parser.add_argument("--gains", action="store_true")
     parser.add_argument("--drift", action="store_true")
+    parser.add_argument("--programmes", action="store_true")
     parser.add_argument("--batch", type=int, default=0, help="robots with another gearbox, by the command")
     parser.add_argument("--batches", action="store_true")
     parser.add_argument("--verbose", action="store_true")
@@ -328,6 +382,8 @@ def main():
             for friction, link in ((0.1, 0.02), (0.2, 0.03), (0.3, 0.05), (0.4, 0.07), (0.5, 0.1), (1.0, 0.15)):
                 found = line(*by_comparison(arguments, seed, gearbox=friction, link=link))
                 print(f"seed {seed}, friction +{friction:.0%}, link +{link:.0%}: {found}", flush=True)
+        elif arguments.programmes:
+            programmes(arguments, seed)
         elif arguments.batches:
             batches(arguments, seed)
         elif arguments.gains:

@@ -280,6 +280,27 @@ def test_half_of_a_fleet_whose_torques_have_the_other_sign_is_told(fault: str, a
     assert "<dt>Not explained</dt><dd>4" in page
 
 
+@pytest.mark.parametrize(("count", "larger", "factor"), [(12, 6, 1000.0), (3, 2, 1000.0), (4, 2, 0.01)])
+def test_torques_of_half_a_fleet_in_another_unit_are_told_by_both(
+    count: int, larger: int, factor: float, arms: Arms, called: Called
+) -> None:
+    """Each unit is as usual as the other: robots varied by as much as from one to the other, and none differed."""
+    rows = [
+        row for number in range(count) for row in entries(arms, number, ("gains", factor if number < larger else 1))
+    ]
+    code, said = called("fleet", arms.manifest(rows), "--output", arms.folder / "result")
+    assert code == 1, said
+    document = json.loads((arms.folder / "result" / "fleet.json").read_text(encoding="utf-8"))
+    large = [f"R{number} (2026-01-01)" for number in range(count) if (number < larger) is (factor > 1.0)]
+    assert document["unexplained"] == large
+    [remark] = [one for one in document["remarks"] if "torque_unit" in one]
+    units = "mN·m and those of the others in N·m" if factor == 1000.0 else "N·cm and those of the others in N·m"
+    assert f"entries ({', '.join(large)}) are" in remark
+    assert units in remark
+    told = float(re.search(r"are ([\d.]+) times", remark)[1])  # type: ignore[index]
+    assert told == pytest.approx(max(factor, 1.0 / factor), rel=0.02)
+
+
 @pytest.mark.slow
 def test_a_log_that_no_robot_of_this_kind_made_is_not_told_as_a_worn_one(arms: Arms, called: Called) -> None:
     """One log is in degrees, one has its joints in reverse order: neither is a link that lost all its mass or more."""
@@ -303,7 +324,7 @@ def test_a_log_that_no_robot_of_this_kind_made_is_not_told_as_a_worn_one(arms: A
     document = json.loads((arms.folder / "result" / "fleet.json").read_text(encoding="utf-8"))
     assert not {one["robot"] for one in document["findings"]} & {"R6", "R7"}
     assert document["unexplained"] == ["R6", "R7"]
-    assert "no parameters explain the data of 2" in document["headline"]
+    assert "no parameters like those of siblings explain the data of 2" in document["headline"]
     assert any("R6 (" in one and "R7 (" in one for one in document["remarks"])
 
 
@@ -364,6 +385,9 @@ def test_robots_of_other_lengths_are_no_siblings(arms: Arms) -> None:
     assert fleet.remarks[0].startswith("With 3 robots like R0 in the fleet, what is usual")
     assert fleet.remarks[1].startswith("The fleet has 2 robots like L0 of which something came")
     assert fleet.remarks[2].startswith("The fleet has robots of 2 models")
+    page = fleet_html(fleet)  # where nobody could tell pictures and tables of two models apart
+    assert "<h3>Beside siblings, robots like R0</h3>" in page
+    assert "3 robots like R0" in page
 
 
 @pytest.mark.slow

@@ -1,13 +1,15 @@
 """What returns with each period of a motion widens intervals to those of one period; noise that does not, does not."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from two_joint_arm import LINKS, two_joint_model
 
 import steelyard as sy
-from steelyard.identification.repeated_motion import repeated_errors
 from steelyard.regression import ParameterCovariance
 from steelyard.regression.reduction import residuals
+from steelyard.regression.repeated_motion import MotionSums
 
 PERIOD, RATE = 1000, 100.0  # rows, Hz
 
@@ -42,40 +44,86 @@ def samples_of(model, truth, periods, returning, seed=1, turns=(1.0, 3.0, 5.0), 
     return sy.Samples(q=q, dq=dq, ddq=ddq, torque=model.inverse_dynamics(q, dq, ddq, truth) + noise, t=t)
 
 
-def told(model, samples):
-    info = sy.Information.from_samples(model, samples)
-    plain = sy.least_squares(info)
-    left = np.concatenate([part for _, part in residuals(model, samples, plain.base)])
-    covariance = ParameterCovariance.of(info, plain.base, plain.weights)
-    return covariance, repeated_errors(info, plain, [(samples, left)])
+def reduced(model, *chunks):
+    return sy.Information.from_chunks(model, chunks, motion=MotionSums())
+
+
+def errors_of(information):
+    return ParameterCovariance.of(information).standard_error
 
 
 @pytest.mark.parametrize("ramp", [False, True])
 def test_four_periods_of_the_same_noise_tell_as_much_as_one(model, truth, ramp):
     samples = samples_of(model, truth, 4, 1.0, ramp=ramp)
-    covariance, found = told(model, samples)
-    assert found is not None
+    info = reduced(model, samples)
+    [found] = info.returning
     assert found.period == pytest.approx(PERIOD / RATE)
     assert found.correlation == pytest.approx([1.0, 1.0], abs=0.01)
-    one, nothing = told(model, samples.rows(PERIOD, 2 * PERIOD))
-    assert nothing is None
-    wider = covariance.with_errors(found.changes).standard_error
+    assert found.periods == pytest.approx(4.0)
+    one = reduced(model, samples.rows(PERIOD, 2 * PERIOD))
+    assert one.returning == ()
     # Each long-run variance is estimated from its own batches, and that of fewer is widened for it.
-    assert wider == pytest.approx(one.standard_error, rel=0.35)
-    assert np.median(covariance.standard_error / one.standard_error) < 0.6
+    assert errors_of(info) == pytest.approx(errors_of(one), rel=0.35)
+    plain = replace(info, returning=())
+    assert np.median(errors_of(plain) / errors_of(one)) < 0.6
+    together, alone = ParameterCovariance.of(info), ParameterCovariance.of(plain)
+    assert together.degrees_of_freedom == pytest.approx(alone.degrees_of_freedom / 4.0, rel=0.1)
+
+
+def test_sums_of_days_count_the_periods_of_all_of_them(model, truth, tmp_path):
+    """Two days of two periods are four, also where each was reduced by itself; two motions are independent."""
+    whole, other = samples_of(model, truth, 4, 1.0), samples_of(model, truth, 4, 1.0, seed=2)
+    first, second = (reduced(model, whole.rows(k * PERIOD, (k + 2) * PERIOD)) for k in (0, 2))
+    first.save(tmp_path / "first.json")
+    both = sy.Information.load(tmp_path / "first.json") + second
+    assert both.returns == pytest.approx(reduced(model, whole).returns, rel=0.02)
+    assert both.returns == pytest.approx([4.0, 4.0], rel=0.05)
+    mixed = both + reduced(model, other)
+    assert len(mixed.returning) == 2
+    assert mixed.returns == pytest.approx([4.0, 4.0], rel=0.05)  # half of the rows with three more periods, twice
+
+
+@pytest.mark.parametrize("exact", [None, 8192])
+def test_a_long_log_is_summed_up_to_know_its_period(exact, model, truth):
+    """At 1 kHz its first minutes are kept as sums, also where neighbouring rows are combined; all periods count."""
+    t = np.arange(200_000) / 1000.0
+    slow = samples_of(model, truth, 1, 1.0)
+    parts = {
+        name: np.tile(np.stack([np.interp(t[:10_000], slow.t, column) for column in one.T], axis=1), (20, 1))
+        for name, one in (("q", slow.q), ("dq", slow.dq), ("ddq", slow.ddq), ("torque", slow.torque))
+    }
+    whole = sy.Samples(**parts, t=t)
+    chunks = (whole.rows(k, k + 50_000) for k in range(0, 200_000, 50_000))
+    info = sy.Information.from_chunks(model, chunks, motion=MotionSums(), exact=exact)
+    [found] = info.returning
+    assert found.correlation == pytest.approx([1.0, 1.0], abs=0.05)
+    assert found.counts.tolist() == [200_000, 200_000]
+    assert found.period == pytest.approx(10.0, rel=1e-3)
+    assert found.periods == pytest.approx(20.0, rel=1e-3)
+
+
+def test_combined_rows_tell_what_single_ones_do(model, truth):
+    """Of 30 periods of ten seconds at 100 Hz all but eight are known by sums over 0.64 s, so that these eight count."""
+    samples = samples_of(model, truth, 30, 0.7)
+    one, other = (
+        sy.Information.from_chunks(model, [samples], motion=MotionSums(), exact=exact) for exact in (None, 8192)
+    )
+    assert one.returning[0].correlation == pytest.approx([0.7, 0.7], abs=0.05)
+    assert other.returning[0].correlation == pytest.approx([0.7, 0.7], abs=0.05)
+    assert other.returning[0].period == pytest.approx(10.0, rel=1e-3)
+    assert other.returns == pytest.approx(one.returns, rel=0.1)
 
 
 def test_a_motion_that_does_not_repeat_tells_no_more_in_four_logs(model, truth):
     one = samples_of(model, truth, 1, 1.0, turns=(0.93, 3.14, 5.37))
-    info = sum((sy.Information.from_samples(model, one) for _ in range(3)), sy.Information.from_samples(model, one))
-    plain = sy.least_squares(info)
-    ((_, left),) = residuals(model, one, plain.base)
-    found = repeated_errors(info, plain, [(one, left)] * 4)
-    wider = ParameterCovariance.of(info, plain.base, plain.weights).with_errors(found.changes).standard_error
-    assert found.correlation == pytest.approx([1.0, 1.0], abs=0.01)
-    assert wider == pytest.approx(told(model, one)[0].standard_error, rel=0.35)
+    single = reduced(model, one)
+    info = sy.Information.total([single] * 4)
+    ((_, left),) = residuals(model, one, sy.least_squares(info).base)
+    found = info.with_returning([(one, left)] * 4)
+    assert found.returning[0].correlation == pytest.approx([1.0, 1.0], abs=0.01)
+    assert errors_of(found) == pytest.approx(errors_of(single), rel=0.35)
     other = samples_of(model, truth, 1, 1.0, seed=2, turns=(0.93, 3.14, 5.37))
-    assert repeated_errors(info, plain, [(one, left), (other, left)]) is None
+    assert info.with_returning([(one, left), (other, left)]).returning == ()
 
 
 @pytest.mark.slow
@@ -83,11 +131,9 @@ def test_the_spread_of_many_logs_is_what_is_said(model, truth):
     true = model.base_parameters().values(truth)
     ratios = []
     for seed in range(40):
-        samples = samples_of(model, truth, 3, 0.6, seed=seed)
-        covariance, found = told(model, samples)
-        off = sy.least_squares(sy.Information.from_samples(model, samples)).base - true
-        wider = covariance.with_errors(found.changes)
-        ratios.append((off / covariance.standard_error, off / wider.standard_error))
+        info = reduced(model, samples_of(model, truth, 3, 0.6, seed=seed))
+        off = sy.least_squares(info).base - true
+        ratios.append((off / errors_of(replace(info, returning=())), off / errors_of(info)))
     before, after = np.mean(np.array(ratios) ** 2, axis=(0, 2))
     # Of three periods with a correlation of 0.6 the variance is 2.2 times as large; Student's width takes some of it.
     assert before > 1.6
@@ -101,7 +147,7 @@ def test_the_spread_of_many_logs_is_what_is_said(model, truth):
 )
 def test_nothing_is_told_without_repetition(model, truth, returning, turns):
     for seed in range(5):
-        assert told(model, samples_of(model, truth, 3, returning, seed, turns))[1] is None
+        assert reduced(model, samples_of(model, truth, 3, returning, seed, turns)).returning == ()
 
 
 def test_the_answer_says_so(model, truth):

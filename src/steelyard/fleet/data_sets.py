@@ -22,11 +22,12 @@ from steelyard.identification.given import (
 from steelyard.identification.log_reader import LogReader, LogTask, ReducedLog, one_by_one
 from steelyard.identification.reduced_logs import copies_among, require_once
 from steelyard.identification.validation import DRAWN_ROWS
+from steelyard.recording import Samples
 from steelyard.recording.formats import contents_of, require_unwritten, unchanged, written_states
 from steelyard.recording.formats.hashes import LogContent
-from steelyard.regression import Information
+from steelyard.regression import Information, least_squares
 from steelyard.regression.batch_means import BatchMeansTree
-from steelyard.regression.reduction import empty_factors
+from steelyard.regression.reduction import empty_factors, errors_of
 from steelyard.regression.time_blocks import TimeBlocks
 from steelyard.robot import Robot, RobotFile
 
@@ -159,7 +160,9 @@ def reduced_logs(
     reader.require_torques()
     reader.decide(logs, lambda _: None)
     tree, blocks, parts = BatchMeansTree(), TimeBlocks(empty_factors(model)), []
-    tasks = [LogTask(log, FEW, FEW if each is None else DRAWN_ROWS, len(logs), True) for log in logs]
+    drawn = FEW if each is None and len(logs) == 1 else DRAWN_ROWS
+    tasks = [LogTask(log, FEW, drawn, len(logs), True) for log in logs]
+    windows: list[Samples] = []  # of several logs, which may hold one motion
     for (one,), means in one_by_one(reader, tasks, model, lambda _: None):
         reader.note(one)
         if each is not None:
@@ -167,11 +170,15 @@ def reduced_logs(
         tree.add(means)
         blocks.append(TimeBlocks.of_held(blocks.empty, one.blocks))
         parts.append(one.information)
+        windows += one.drawn.windows if len(logs) > 1 else ()
     require_unwritten(written)
     own = [replace(Information.total(parts), batch_means=tree.total())] if parts else []
     names = (*map(str, logs), *(path for path, _ in informations))
     copies = copies_among([(name, "identification", one) for name, one in zip(names, [*parts, *earlier], strict=True)])
     stretches = [part for one in own for part in one.stretches(blocks)]
+    if windows and not any(one.returning for one in own):
+        base = least_squares(own[0]).base
+        own = [own[0].with_returning([(window, errors_of(model, window, base)) for window in windows])]
     return ReducedDataSet(
         Information.total([*own, *earlier]),
         (*stretches, *(replace(one, batch_means=()) for one in earlier)),

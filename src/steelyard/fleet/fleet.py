@@ -12,14 +12,14 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.display import text_table
+from steelyard.display import few_digits, text_table
 from steelyard.dynamics import Model
 from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import SteelyardError
 from steelyard.files.arguments import all_listed, by_name, listed
 from steelyard.identification.log_reader import Progress
 from steelyard.identification.prediction_verdict import WRONG
-from steelyard.regression.parameter_covariance import FEWEST_DEGREES, NORMAL
+from steelyard.regression.parameter_covariance import NORMAL
 
 from .causes import TURNABLE, Cause, gains_in_own_motion, possible_causes, variations
 from .checkpoints import Checkpoints, checkpoint_key
@@ -29,6 +29,7 @@ from .manifest import FleetEntry, FleetManifest
 from .packed import unpacked
 from .robot_estimate import description_of, inputs_of, model_of, robot_estimate, something_came, task_of, with_contents
 from .siblings import FEWEST, LEAST_HELD, Batch, Deviation, SiblingComparison, compare_siblings, held_before
+from .torque_units import other_unit
 from .variation import median_of_shown, pseudo_inverse, shown_parameters, unexplained
 
 __all__ = ["Finding", "Fleet", "RobotGroup", "RobotRow", "identify_fleet"]
@@ -125,6 +126,8 @@ class RobotGroup:
         None where there are fewer than three robots.
     drift : SiblingComparison or None
         What changed from the first date to the latest; None where fewer than three robots have several dates.
+    alike : str
+        Which robots of that name these are, where there are several models of them, as in ``" like A-17"``.
     """
 
     name: str
@@ -133,6 +136,7 @@ class RobotGroup:
     last: tuple[int, ...] = field(repr=False)
     siblings: SiblingComparison | None = field(default=None, repr=False)
     drift: SiblingComparison | None = field(default=None, repr=False)
+    alike: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,8 +153,8 @@ class Fleet:
         Batches, then robots that differ from their siblings, then those that have drifted; the surest first.
     remarks : tuple of str
     unexplained : tuple of RobotRow
-        Whose own data no parameters that a robot can have explain, while that of siblings is explained. No part of
-        them is compared.
+        Whose own data no parameters that a robot can have explain, while that of siblings is explained, or whose
+        torques are in another unit than those of as many siblings. No part of them is compared.
     """
 
     manifest: FleetManifest
@@ -197,7 +201,7 @@ class Fleet:
             parts.append(f"{number or 'none'} ha{'ve' if number > 1 else 's'} drifted")
         if self.unexplained:
             number = len({row.entry.id for row in self.unexplained})
-            parts.append(f"no parameters explain the data of {number}")
+            parts.append(f"no parameters like those of siblings explain the data of {number}")
         if self.failed:
             parts.append(f"nothing came of {len(self.failed)} of {len(self.rows)} entries")
         return (
@@ -457,6 +461,13 @@ def identify_fleet(
     grouped = _grouped(rows, copies)
     strange = _strangers(rows, grouped)
     grouped = {key: [k for k in numbers if k not in strange] for key, numbers in grouped.items()}
+    scaled: list[int] = []
+    for numbers in grouped.values():
+        own, said = _in_other_unit(rows, numbers)
+        scaled += own
+        remarks += said
+    strange_or_scaled = sorted({*strange, *scaled})
+    grouped = {key: [k for k in numbers if k not in scaled] for key, numbers in grouped.items()}
     models = Counter(name for name, _ in grouped)
     for (name, _), numbers in grouped.items():
         say(f"siblings{f' of {name}' if name else ''}: {len({rows[k].entry.id for k in numbers})} robots")
@@ -481,7 +492,7 @@ def identify_fleet(
             f"The torques of {filtered} entries were filtered and their regressor was not, so that no interval holds: "
             "they are left out of the comparison of siblings."
         )
-    short = [row.entry.label for row in rows if not row.reason and _is_short(row)]
+    short = [row.entry.label for row in rows if not row.reason and row.values["short"]]
     if short:
         remarks.append(
             "The logs are too short to tell how large the noise of each joint is, so that no interval holds: "
@@ -506,7 +517,7 @@ def identify_fleet(
             f"{blind} entr{'y gives' if blind == 1 else 'ies give'} Informations, which hold no rows: what impacts and "
             "other short events leave counts as noise there. Give the logs where that may hide a poor prediction."
         )
-    not_explained = tuple(rows[k] for k in strange)
+    not_explained = tuple(rows[k] for k in strange_or_scaled)
     return Fleet(given, tuple(rows), tuple(groups), tuple(findings), tuple(dict.fromkeys(remarks)), not_explained)
 
 
@@ -528,7 +539,7 @@ def _estimated(
         else:
             numbers.append(number)
             tasks.append([task])
-    every = max(len(tasks) // LINES, 1)
+    every = max(-(-len(tasks) // LINES), 1)
     contents = run_in_order(robot_estimate, first_of, None, tasks, executor, keys, checkpoints, keep=something_came)
     for done, (number, content) in enumerate(zip(numbers, contents, strict=True), start=1):
         found[number] = {**unpacked(content), "description": tasks[done - 1][0]["robot"]}
@@ -547,7 +558,7 @@ def _grouped(rows: Sequence[RobotRow], copies: Container[int]) -> dict[tuple[str
     found: dict[tuple[str, tuple[str, ...]], list[int]] = {}
     for number, row in enumerate(rows):
         model = _model_of(row)
-        if model is None or row.values["filtered"] or _is_short(row) or number in copies:
+        if model is None or row.values["filtered"] or row.values["short"] or number in copies:
             continue
         names = (*map(str, model.parameter_names), *model.base_parameters().expressions)
         found.setdefault((row.entry.group, names), []).append(number)
@@ -576,6 +587,24 @@ def _strangers(rows: Sequence[RobotRow], grouped: Mapping[Any, Sequence[int]]) -
             found += [k for k in wrong if errors[k] > (min(most, WRONG) if few else most)]
             found += [k for k in wrong if not few and errors[k] <= most and _is_turned(rows[k], usual)]
     return sorted(found)
+
+
+def _in_other_unit(rows: Sequence[RobotRow], numbers: Sequence[int]) -> tuple[list[int], list[str]]:
+    """Numbers of rows whose torques are in another unit than those of the others, who are not more; and a sentence."""
+    found = other_unit(*_arrays(rows, numbers)[:2])
+    if found is None:
+        return [], []
+    own = [numbers[k] for k in found.robots]
+    others = [k for k in numbers if k not in own]
+    units = ", as where the units of the logs differ"
+    if found.units is not None:
+        units = f", as where theirs are in {found.units[0]} and those of the others in {found.units[1]}"
+    told, beside = (listed([rows[k].entry.label for k in some], 8) for some in (own, others))
+    return own, [
+        f"The torques of {len(own)} of {len(numbers)} entries ({told}) are {few_digits(found.factor, 3)} times those "
+        f"of the others ({beside}){units}: state `torque_unit` in [log] of the robot file of each, and run again. The "
+        "former are not compared with siblings."
+    ]
 
 
 def _is_turned(row: RobotRow, usual: Array) -> bool:
@@ -621,11 +650,6 @@ def _shared(rows: Sequence[RobotRow], copies: Container[int]) -> list[tuple[int,
             if before != number:
                 found[before, number] = None
     return list(found)
-
-
-def _is_short(row: RobotRow) -> bool:
-    """Whether the data has so few rows of some joint that nothing tells how large its noise is."""
-    return bool(row.values["freedom"] <= FEWEST_DEGREES)
 
 
 def _called(name: str, *, capital: bool = False) -> str:
@@ -729,7 +753,7 @@ def _compared(
             f"where there are {FEWEST} or more; compare single ones with steelyard "
             "compare."
         )
-    group = RobotGroup(name, model, tuple(latest), tuple(lasts), siblings, drift)
+    group = RobotGroup(name, model, tuple(latest), tuple(lasts), siblings, drift, alike)
     return group, findings, remarks
 
 
@@ -777,7 +801,7 @@ def _heavy_tails(what: str, compared: SiblingComparison) -> list[str]:
     named = all_listed(_what(compared.causes[k]) for k in parts[:3])
     where = f"most of all {named}" if len(parts) > 3 else named
     return [
-        f"{what} has heavier tails than a normal distribution, {where} (as Student's distribution with "
+        f"{what} seems to have heavier tails than a normal distribution, {where} (as Student's distribution with "
         f"{1.0 / compared.tails[parts[0]]:.0f} degrees of freedom): some sound robots are far from the others in these "
         "parts. So a robot is named only for what is beyond these tails, and a fault must be larger to be named there."
     ]
@@ -930,14 +954,19 @@ def _whole(link: Cause, beside: Cause) -> str:
 
 def _amount(cause: Cause, value: float) -> str:
     if cause.has_ratio:
-        return f"{100.0 * value:+.2g} %"
-    return f"{value * cause.nominal:+.2g} {cause.unit}".rstrip()
+        return f"{_signed(100.0 * value)} %"
+    return f"{_signed(value * cause.nominal)} {cause.unit}".rstrip()
 
 
-def _factors(low: float, high: float) -> str:
+def _signed(value: float) -> str:
+    return f"{'+' * (value >= 0.0)}{few_digits(value, 2)}"
+
+
+def _interval(low: float, high: float, digits: int = 3) -> str:
+    least, most = few_digits(low, digits), few_digits(high, digits)
     if np.isfinite(low) and np.isfinite(high):
-        return f"{low:.3g} to {high:.3g}"
-    return f"{low:.3g} or more" if np.isfinite(low) else f"{high:.3g} or less"
+        return f"{least} to {most}"
+    return f"{least} or more" if np.isfinite(low) else f"{most} or less"
 
 
 def sentence(one: Deviation, kind: Kind, *, when: str = "", since: str = "") -> str:
@@ -969,26 +998,28 @@ def sentence(one: Deviation, kind: Kind, *, when: str = "", since: str = "") -> 
         text = f"The link {cause.part} has another mass, centre of mass or inertia {than}"
     elif cause.kind == "mass":
         text = (
-            f"The link {cause.part} is {size:.2g} kg "
-            f"{'heavier' if sign > 0.0 else 'lighter'} than {others} ({ends[0]:.2g} to {ends[1]:.2g} kg), "
-            f"{100.0 * abs(one.amplitude):.2g} %, if it is made like {'it was' if kind == 'drift' else 'theirs'}"
+            f"The link {cause.part} is {few_digits(size, 2)} kg "
+            f"{'heavier' if sign > 0.0 else 'lighter'} than {others} ({_interval(ends[0], ends[1], 2)} kg), "
+            f"{few_digits(100.0 * abs(one.amplitude), 2)} %, if it is made like "
+            f"{'it was' if kind == 'drift' else 'theirs'}"
         )
     elif cause.kind in TURNABLE:
         measured = cause.what.removesuffix(" gain")
         text = (
-            f"The {measured} measured at {cause.part} for the same motion is {1.0 + one.amplitude:.3g} times {others} "
-            f"({_factors(1.0 + low, 1.0 + high)})"
+            f"The {measured} measured at {cause.part} for the same motion is {few_digits(1.0 + one.amplitude, 3)} "
+            f"times {others} ({_interval(1.0 + low, 1.0 + high)})"
         )
     elif cause.has_ratio:
-        text = f"{_what(cause)} is {1.0 + one.amplitude:.3g} times {others} ({1.0 + low:.3g} to {1.0 + high:.3g})"
+        times = few_digits(1.0 + one.amplitude, 3)
+        text = f"{_what(cause)} is {times} times {others} ({_interval(1.0 + low, 1.0 + high)})"
         if cause.kind == "term" and kind != "drift":
             value = cause.nominal * (1.0 + one.amplitude)
-            text += f", {value:.3g} {cause.unit} where they have {cause.nominal:.3g} {cause.unit}"
+            text += f", {few_digits(value, 3)} {cause.unit} where they have {few_digits(cause.nominal, 3)} {cause.unit}"
     else:
         unit = f" {cause.unit}".rstrip()
         text = (
-            f"{_what(cause)} is {size:.2g}{unit} {'higher' if sign > 0.0 else 'lower'} than {others} "
-            f"({ends[0]:.2g} to {ends[1]:.2g}{unit})"
+            f"{_what(cause)} is {few_digits(size, 2)}{unit} {'higher' if sign > 0.0 else 'lower'} than {others} "
+            f"({_interval(ends[0], ends[1], 2)}{unit})"
         )
     if kind == "drift":
         text += f", since {since}" if since else ""

@@ -17,13 +17,24 @@ from steelyard.identification.log_reader import DrawnLog, ReducedLog, ReducedSec
 from steelyard.recording import Samples
 from steelyard.recording.recognition import ColumnMeaning, Layout
 from steelyard.regression import Factor, Information
+from steelyard.regression.repeated_motion import ReturningErrors
 
 __all__ = ["is_whole", "packed", "unpacked"]
 
 _MARK = b"steelyard-packed-1\n"
 _KINDS: dict[str, type[Any]] = {
     kind.__name__: kind
-    for kind in (ColumnMeaning, DrawnLog, Factor, Information, Layout, ReducedLog, ReducedSection, Samples)
+    for kind in (
+        ColumnMeaning,
+        DrawnLog,
+        Factor,
+        Information,
+        Layout,
+        ReducedLog,
+        ReducedSection,
+        ReturningErrors,
+        Samples,
+    )
 }
 """What may stand in packed bytes beside numbers, texts, lists, mappings and arrays."""
 _PASSED_OVER = {"regressor_model", "bristles", "cutoff_choice"}

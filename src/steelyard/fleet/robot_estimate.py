@@ -28,6 +28,7 @@ from steelyard.identification.prediction_verdict import few_rows_of, prediction_
 from steelyard.identification.reduced_logs import copies_among
 from steelyard.recording.formats import content_hashes, contents_of, unchanged
 from steelyard.regression import Information, ParameterCovariance, least_squares, torque_gains
+from steelyard.regression.parameter_covariance import FEWEST_DEGREES
 from steelyard.robot import RobotFile
 
 from .checkpoints import checkpoint_key, robot_content
@@ -250,6 +251,7 @@ def _estimate(task: dict[str, Any]) -> dict[str, Any]:
         "base": unconstrained.base,
         "covariance": covariance.matrix,
         "freedom": covariance.degrees_of_freedom,
+        "short": _is_short(covariance),
         "gains": torque_gains(information, unconstrained.weights),
         "parameters": estimate.parameters,
         "possible": bool(feasible_set.contains(estimate.parameters)),
@@ -264,6 +266,12 @@ def _estimate(task: dict[str, Any]) -> dict[str, Any]:
         "table": rows,
         "remarks": list(dict.fromkeys(remarks)),
     }
+
+
+def _is_short(covariance: ParameterCovariance) -> bool:
+    """Whether the data has so few rows of some joint that nothing tells how large its noise is."""
+    found = covariance.correlation
+    return found is not None and bool(np.min(found.degrees_of_freedom) <= FEWEST_DEGREES)
 
 
 def _known_for(robot: Description, information: Information, path: str) -> Known:

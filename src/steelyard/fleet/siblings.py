@@ -26,6 +26,7 @@ from .variation import (
     LEAST,
     UNKNOWN,
     SiblingVariation,
+    drawn_together,
     known_amplitudes,
     median_of_shown,
     pseudo_inverse,
@@ -162,6 +163,8 @@ class SiblingComparison:
         (R, len(causes)): the part of the amplitude that robots of a batch have in common; zero for the others.
     among : ndarray
         (R, len(causes)) the part of that standard deviation by which siblings vary.
+    noise : ndarray
+        (R, len(causes)) the part of it that the robot's own noise makes.
     tails : ndarray
         (len(causes),): how heavy the tails are of what siblings vary by, as reciprocals of the degrees of freedom of
         Student's distribution; zero where it is normal.
@@ -186,6 +189,7 @@ class SiblingComparison:
     amplitude: Array = field(repr=False)
     error: Array = field(repr=False)
     among: Array = field(repr=False)
+    noise: Array = field(repr=False)
     common: Array = field(repr=False)
     tails: Array = field(repr=False)
     freedom: Array = field(repr=False)
@@ -204,15 +208,20 @@ class SiblingComparison:
     def shrunk(self) -> tuple[Array, Array]:
         """Amplitudes of least expected error, where siblings are all that is known beforehand, and their errors.
 
-        (R, len(causes)) each: what noise alone may have made is taken away, the more the less a robot's data tells
-        (empirical Bayes). What a batch has in common is known of many, and stays. Nor is a robot that differs one of
-        its siblings, so that these tell nothing of it: its own data alone does.
+        (R, len(causes)) each: what noise alone may have made is taken away, the more the less a robot's data tells,
+        see `drawn_together`. What a batch has in common is known of many, and stays. Nor is a robot that differs one
+        of its siblings, so that these tell nothing of it: its own data alone does.
         """
-        share = (self.among / self.error) ** 2
-        left = np.sqrt(np.maximum(1.0 - share, 0.0))
-        value, error = (self.amplitude - self.common) * share + self.common, self.among * left
-        own = list(self.differs)
-        value[own], error[own] = self.amplitude[own], self.error[own] * left[own]
+        value, error = self.amplitude.copy(), np.sqrt(np.maximum(self.error**2 - self.among**2, 0.0))
+        usual = np.ones(len(value), dtype=bool)
+        usual[list(self.differs)] = False
+        for k in np.flatnonzero(np.isfinite(self.amplitude).any(axis=0)):
+            chosen = usual & np.isfinite(self.amplitude[:, k])
+            common = self.common[chosen, k]
+            # A robot is 1 + 1 / (R - 1) times as far from the mean of the others as from that of all.
+            from_all = (self.amplitude[chosen, k] - common) * (1.0 - 1.0 / max(len(common), 2))
+            drawn, error[chosen, k] = drawn_together(from_all, self.noise[chosen, k])
+            value[chosen, k] = drawn + common
         return value, error
 
     @property
@@ -404,6 +413,7 @@ def compare_siblings(
         tests.amplitude + tests.common,
         tests.error,
         tests.among,
+        tests.noise,
         tests.common,
         tests.tails,
         tests.degrees,
@@ -444,7 +454,8 @@ class _Found:
 class _Tested(NamedTuple):
     """What one robot shows of each cause, (len(causes),) each; of all robots, (R, len(causes)).
 
-    Amplitudes, their standard deviations, and the part that siblings vary by, are NaN where there is no one amplitude.
+    Amplitudes, their standard deviations, and the parts that siblings vary by and that are the noise of the robot, are
+    NaN where there is no one amplitude.
     Then what each explains, in squared standard deviations, with how many amplitudes; the degrees of freedom of the
     variance, and the part of it that siblings vary by.
     """
@@ -452,6 +463,7 @@ class _Tested(NamedTuple):
     amplitude: Array
     error: Array
     among: Array
+    noise: Array
     explained: Array
     sizes: Array
     freedom: Array
@@ -524,7 +536,7 @@ class _Tests:
             if self.taken_off[robot].any():
                 self.common[robot] = self.tested(robot, inverse, self.taken_off[robot], inverse).amplitude
         whole = _Tested(*(np.array(one) for one in zip(*told, strict=True)))
-        self.amplitude, self.error, self.among = whole.amplitude, whole.error, whole.among
+        self.amplitude, self.error, self.among, self.noise = whole.amplitude, whole.error, whole.among, whole.noise
         self.tails = self.tails_of_siblings(whole)
         self.probability, self.degrees = whole.chances(self.tails), whole.degrees(self.tails)
 
@@ -668,7 +680,7 @@ class _Tests:
         `inverse` is that of the covariance, without what causes that were found already explain; `whole` with it.
         """
         causes = len(self.directions)
-        amplitude, error, among = np.full((3, causes), np.nan)
+        amplitude, error, among, noise = np.full((4, causes), np.nan)
         explained, share = np.zeros((2, causes))
         sizes, freedom = np.ones((2, causes))
         columns = self.columns_of(robot)
@@ -683,6 +695,8 @@ class _Tests:
         freedom[self.single] = np.where(seen, degrees, 1.0)
         varied = np.einsum("ik,ik->k", weights, self.problem.spread_matrix @ weights)
         among[self.single] = np.where(seen, np.sqrt(np.maximum(varied, 0.0)), np.nan)
+        own_noise = np.einsum("ik,ik->k", weights, self.problem.errors[robot] @ weights)
+        noise[self.single] = np.where(seen, np.sqrt(np.maximum(own_noise, 0.0)), np.nan)
         amplitude[self.single] = np.where(seen, score / safe, np.nan)
         error[self.single] = np.where(seen, 1.0 / np.sqrt(safe), np.nan)
         explained[self.single] = np.where(seen, score**2 / safe, 0.0)
@@ -698,7 +712,7 @@ class _Tests:
             degrees, shares = self.freedom(robot, (weighed @ vectors[:, shown]) / values[shown])
             sizes[k], explained[k] = shown.sum(), along @ along
             freedom[k], share[k] = np.min(degrees), np.max(shares)
-        return _Tested(amplitude, error, among, explained, sizes, freedom, share)
+        return _Tested(amplitude, error, among, noise, explained, sizes, freedom, share)
 
     def likelihood(
         self, robot: int, inverse: Array, away: Array, free: int, tested: _Tested, possible: NDArray[np.intp]

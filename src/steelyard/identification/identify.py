@@ -48,7 +48,6 @@ from .near_standstill import standstill_errors
 from .parameter_table import parameter_table
 from .prediction_verdict import FewRows, few_rows_of, prediction_verdict
 from .reduced_logs import reduced_logs, require_once
-from .repeated_motion import repeated_errors
 from .result import Identification, Prediction, Trace
 
 if TYPE_CHECKING:
@@ -338,6 +337,7 @@ def identify(
         if information is measured or getattr(found, "counts_slow_rows", False):
             plain = unconstrained if information is measured else least_squares(measured, weights)
             standstill = standstill_errors(model, measured, plain, left_of_fit, estimate.base)
+        information = information.with_returning(left_of_fit, read.earlier, measured)
         table = parameter_table(
             information,
             feasible_set if plausible is None else plausible.plausible_set,
@@ -347,7 +347,6 @@ def identify(
             drifts=[drift for found in read.drifts.values() for drift in found],
             errors=[one.change for one in late],
             standstill=standstill,
-            repeated=repeated_errors(information, unconstrained, left_of_fit),
         )
         assert table.covariance is not None
         estimate = replace(

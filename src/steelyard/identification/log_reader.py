@@ -39,6 +39,7 @@ from steelyard.regression import Information
 from steelyard.regression.batch_means import BatchMeans, BatchMeansTree
 from steelyard.regression.factor import solve
 from steelyard.regression.reduction import FEWEST_EXACT, empty_factors, narrowed, reduce_by_joint, residuals
+from steelyard.regression.repeated_motion import MotionSums
 from steelyard.regression.time_blocks import FOLDS, MOST, TimeBlocks
 from steelyard.robot import Robot, RobotFile
 
@@ -373,7 +374,8 @@ class LogReader:
         exact = FEWEST_EXACT if section or task.fitted else None
         stream = _until(stop, opened.samples(section, seen, lead))
         with _told_where(task.log):
-            kept = _kept_of(stream, task, model, thinned, opened.sections, behind - before, exact, lead)
+            motion = MotionSums() if task.fitted and section == 0 else None  # which tells how it goes on
+            kept = _kept_of(stream, task, model, thinned, motion, opened.sections, behind - before, exact, lead)
         if opened.sections > 1:
             from steelyard.graph.large_arrays import return_free_memory  # only long logs need it
 
@@ -396,7 +398,8 @@ class LogReader:
     def _reduced_whole(self, task: LogTask, model: Model) -> ReducedLog:
         own = self.unwritten()
         thinned = ThinnedSamples(task.points)
-        kept = _kept_of(own._watched(task.log, model), task, model, thinned)
+        motion = MotionSums() if task.fitted else None
+        kept = _kept_of(own._watched(task.log, model), task, model, thinned, motion)
         return ReducedLog(
             name=str(task.log),
             fitted=task.fitted,
@@ -560,6 +563,7 @@ def _kept_of(
     task: LogTask,
     model: Model,
     thinned: ThinnedSamples,
+    motion: MotionSums | None,
     sections: int = 1,
     total: int = 0,
     exact: int | None = None,
@@ -577,7 +581,7 @@ def _kept_of(
             thinned.add(samples)
             yield samples
 
-    information = Information.from_chunks(model, ahead(watched(), lead), blocks=blocks, exact=exact)
+    information = Information.from_chunks(model, ahead(watched(), lead), blocks=blocks, exact=exact, motion=motion)
     drawn.finish()
     if not task.fitted:  # of a log that is only predicted the shortest batches do, which tell its white noise
         information = replace(information, batch_means=information.batch_means[:1])
@@ -660,14 +664,16 @@ class JoinedSections:
 
     def reduced(self) -> ReducedLog:
         """Return what all of them come to."""
-        name, opened = str(self.log.task.log), self.log.opened
+        name, opened, information = str(self.log.task.log), self.log.opened, self._information[0]
+        # What the first section told of, and the motion goes on.
+        returning = tuple(one.over([f.count for f in information.factors]) for one in information.returning)
         ending = opened.ending(self._seen)
         limits = against_limits(self._seen.survey, self.model.robot)
         remarks = (f"{name}: {remark}" for remark in (*opened.remarks, *ending, *limits))
         return ReducedLog(
             name=name,
             fitted=self.log.task.fitted,
-            information=replace(self._information[0], batch_means=self._means.total()),
+            information=replace(information, batch_means=self._means.total(), returning=returning),
             blocks=self._blocks.held,
             samples=Samples.joined(self._samples),
             drawn=DrawnLog.joined(self._drawn),

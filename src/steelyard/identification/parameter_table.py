@@ -22,10 +22,9 @@ from steelyard.feasibility.bounds.profile_intervals import profile_intervals
 from steelyard.feasibility.bounds.quantities import Quantity, quantities, standard_errors
 from steelyard.files import listed, plain, suggestion
 from steelyard.regression import Estimate, Information, ParameterCovariance
+from steelyard.regression.repeated_motion import sentence_of_returning
 from steelyard.robot import Inertia
 from steelyard.robot.inertia import moment_row
-
-from .repeated_motion import RepeatedErrors
 
 if TYPE_CHECKING:
     from steelyard.regression.drift import FrictionDrift
@@ -346,7 +345,6 @@ def parameter_table(
     drifts: Sequence[FrictionDrift] = (),
     errors: Sequence[Array] = (),
     standstill: Array | None = None,
-    repeated: RepeatedErrors | None = None,
 ) -> ParameterTable:
     """Tell what every parameter, mass, centre of mass, principal moment and friction of an answer rests on.
 
@@ -375,8 +373,6 @@ def parameter_table(
     standstill : (n_b,), optional
         Further standard deviations of the base parameters, each by itself: those of friction near standstill, see
         `standstill_errors`.
-    repeated : RepeatedErrors, optional
-        Further errors, which return with the motion, see `repeated_errors`.
 
     Returns
     -------
@@ -387,7 +383,7 @@ def parameter_table(
     if parameters is None:
         raise InputError("parameter_table needs an estimate with standard parameters, such as that of fit.")
     asked, about = _quantities(feasible_set, parameters)
-    covariance, wider, returns = _covariance(info, unconstrained, errors, standstill, repeated)
+    covariance, wider, returns = _covariance(info, unconstrained, errors, standstill)
     values = np.array([quantity.value(parameters) for quantity in asked])
     source = feasible_set.model.robot.parameters if cad is None else cad
     described = _described(feasible_set, np.asarray(source, dtype=float), asked, about)
@@ -465,8 +461,8 @@ def parameter_table(
         sentences.append(f"{listed(changes, MOST_SENTENCES)} {hold}.")
     if len(errors) and told is not None:
         sentences.append("Intervals are as wide as the delay of the torques asks for.")
-    if repeated is not None and returns and told is not None:
-        sentences.append(repeated.sentence(info.joint_names))
+    if returns and told is not None:
+        sentences.append(sentence_of_returning(info.returning, info.joint_names))
     if wider and told is not None:
         sentences.append(
             f"Intervals are wider than noise asks for where {listed(wider, MOST_SENTENCES)} would come out otherwise "
@@ -564,7 +560,6 @@ def _covariance(
     unconstrained: Estimate,
     errors: Sequence[Array],
     standstill: Array | None,
-    repeated: RepeatedErrors | None,
 ) -> tuple[ParameterCovariance, list[str], bool]:
     """Return the covariance with all further errors, and what makes numbers less sure than noise.
 
@@ -573,15 +568,16 @@ def _covariance(
     Data have the error of the best sensor at least: exact data would leave no room at all.
     """
     covariance = ParameterCovariance.of(info, unconstrained.base, unconstrained.weights)
+    returns = False
+    if info.returning:
+        without = replace(info, returning=())
+        by_noise = ParameterCovariance.of(without, unconstrained.base, unconstrained.weights).standard_error
+        returns = bool(np.any(np.isfinite(by_noise) & (covariance.standard_error > RETURNS * by_noise)))
     if 0.0 < unconstrained.relative_error < EXACT:
         covariance = replace(covariance, root=covariance.root * (EXACT / unconstrained.relative_error))
     for change in errors:
         covariance = covariance.with_error(change)
-    wider, returns = np.zeros(info.base_count, dtype=bool), False
-    if repeated is not None:
-        by_noise = covariance.standard_error
-        covariance = covariance.with_errors(repeated.changes)
-        returns = bool(np.any(np.isfinite(by_noise) & (covariance.standard_error > RETURNS * by_noise)))
+    wider = np.zeros(info.base_count, dtype=bool)
     if standstill is not None:
         by_noise = covariance.standard_error
         covariance = covariance.with_independent_errors(standstill)

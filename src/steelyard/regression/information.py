@@ -23,6 +23,7 @@ from steelyard.recording.samples import regrouped
 from .batch_means import BATCH_LENGTHS, BatchMeans, BatchSums, added
 from .factor import LARGEST, Factor, Reduced, combined, solve, triangular, unidentifiable_columns
 from .reduction import CHUNK, JointReduction, WhitenedReduction, as_covariance, empty_factors, narrowing, require_joints
+from .repeated_motion import MotionSums, ReturningErrors, added_returning, returning_errors
 from .time_blocks import FOLDS, TimeBlocks
 
 if TYPE_CHECKING:
@@ -76,6 +77,8 @@ class Information:
     filtered_torque : bool
         Whether torques were filtered and the dynamics were not, see `Samples`; no interval of a base parameter holds
         then.
+    returning : tuple of ReturningErrors
+        What returns with each period of the motions of these rows, one for each motion.
     contents : tuple of str
         Hashes of the logs whose rows it holds, where these are known: it is not added to another one of any of them.
 
@@ -103,6 +106,7 @@ class Information:
     remarks: tuple[str, ...] = ()
     batch_means: BatchMeans = field(default=(), kw_only=True, repr=False)
     filtered_torque: bool = field(default=False, kw_only=True)
+    returning: tuple[ReturningErrors, ...] = field(default=(), kw_only=True, repr=False)
     contents: tuple[str, ...] = field(default=(), kw_only=True, repr=False)
 
     def __repr__(self) -> str:
@@ -186,6 +190,7 @@ class Information:
         batch_means: bool = True,
         blocks: TimeBlocks | None = None,
         exact: int | None = None,
+        motion: MotionSums | None = None,
     ) -> Information:
         """Reduce samples that come one chunk after the other, so that they never stand in memory together.
 
@@ -201,6 +206,8 @@ class Information:
         exact : int, optional
             Samples, a multiple of 1024, of which each row is reduced by itself; 131 072 by default. Neighbouring rows
             of those that follow are combined where they say the same.
+        motion : MotionSums, optional
+            With it the Information tells what returns with each period of the motion, where this repeats.
 
         Returns
         -------
@@ -210,7 +217,7 @@ class Information:
         base, names = model.base_parameters(), tuple(model.robot.joint_names)
         matrix = None if covariance is None else as_covariance(covariance, model.dof)
         sums = BatchSums(empty_factors(model)) if batch_means and matrix is None else None
-        by_joint = JointReduction(model, sums, blocks, exact)
+        by_joint = JointReduction(model, sums, blocks, exact, motion)
         whole = None if matrix is None else WhitenedReduction(model, matrix, batch_means)
         filtered, any_rows = False, False
         # Blocks of rows are the same, and are added in the same order, wherever the chunks end.
@@ -223,7 +230,7 @@ class Information:
         if not any_rows:
             return cls.empty(model)
         factors, held = by_joint.factors(), () if sums is None else sums.factors()
-        return cls(
+        found = cls(
             base.names,
             base.expressions,
             names,
@@ -234,6 +241,10 @@ class Information:
             batch_means=held if whole is None else whole.batch_means(),
             filtered_torque=filtered,
         )
+        if motion is None or whole is not None or not motion.repeats():
+            return found
+        returning = motion.returning(factors, solve(found.reduced("joint")))
+        return found if returning is None else replace(found, returning=(returning,))
 
     @classmethod
     def from_factor(
@@ -317,6 +328,7 @@ class Information:
             remarks,
             batch_means=means,
             filtered_torque=self.filtered_torque or other.filtered_torque,
+            returning=added_returning(self.returning, other.returning),
             contents=(*self.contents, *other.contents),
         )
 
@@ -350,7 +362,9 @@ class Information:
             How many, at most; fewer where the data is short.
         """
         return tuple(
-            replace(self, factors=factors, torque_factors=(), covariance=None, batch_means=(), contents=())
+            replace(
+                self, factors=factors, torque_factors=(), covariance=None, batch_means=(), returning=(), contents=()
+            )
             for factors in blocks.folds(count)
         )
 
@@ -415,6 +429,52 @@ class Information:
             base = base_of(others)
             squares += [factor.residual2(base) for factor in left_out.measured]
         return squares
+
+    @property
+    def returns(self) -> Array:
+        """(N,) or (1,): how many times the variance of a mean is that of noise, for what returns with the motion."""
+        found = np.ones(len(self.factors))
+        for one in self.returning:
+            if self.by_joint and len(one.counts) == len(self.factors):
+                found += one.raised * one.counts / np.maximum([f.count for f in self.factors], 1)
+        return found
+
+    def with_returning(
+        self,
+        stretches: Sequence[tuple[Samples, Array]],
+        earlier: Sequence[Information] = (),
+        measured: Information | None = None,
+    ) -> Information:
+        """Return the Information that also tells what returns from one log to the next, where several hold one motion.
+
+        That a motion repeats within a log was found when this was reduced.
+
+        Parameters
+        ----------
+        stretches : sequence of (Samples, ndarray)
+            Rows of the logs, and what is left of their torques (S, N), NaN where a row is not used.
+        earlier : sequence of Information
+            The part of it that was reduced before, of which no rows are known.
+        measured : Information, optional
+            Of the same logs with the rows as they were measured, where an estimator made others of them.
+        """
+        measured = self if measured is None else measured
+        if not self.batch_means or not self.by_joint or not measured.by_joint:
+            return self
+        rows = np.array([f.count for f in measured.factors])
+        told = [(samples.t, samples.q, left) for samples, left in stretches if samples.t is not None]
+        together = measured
+        if 1 < len(told) == len(stretches):
+            own = rows - sum(np.array([f.count for f in one.factors]) for one in earlier)
+            found = returning_errors(told, own)
+            if found is not None:  # of which what each log tells by itself is a part
+                before = [each for one in earlier for each in one.returning]
+                together = replace(measured, returning=added_returning(before, [found]))
+        returning = max(measured, together, key=lambda one: float(np.sum(one.returns))).returning
+        if returning and self is not measured and len(self.factors) == len(rows):
+            share = np.array([f.count for f in self.factors]) / np.maximum(rows, 1)
+            returning = tuple(replace(one, counts=np.rint(share * one.counts).astype(int)) for one in returning)
+        return replace(self, returning=returning) if returning else self
 
     @property
     def by_joint(self) -> bool:
@@ -596,6 +656,7 @@ class Information:
             values["filtered_torque"] = document.get("filtered_torque", False)
             if not isinstance(values["filtered_torque"], bool):
                 raise ValueError("'filtered_torque' must be true or false")
+            values["returning"] = tuple(_returning(one, joints) for one in document.get("returning", ()))
             covariance = document.get("covariance")
             values["covariance"] = None if covariance is None else as_covariance(_finite(covariance), joints)
         except (ValueError, KeyError, TypeError) as error:
@@ -636,6 +697,16 @@ def _factor(entry: dict[str, Any], width: int) -> Factor:
     if triangle.shape != (len(columns) + 1, len(columns) + 1) or np.any(np.tril(triangle, -1) != 0.0):
         raise ValueError(f"a factor of {len(columns)} columns must be an upper triangle of one row more")
     return Factor(joint, np.array(columns, dtype=np.intp), triangle, count)
+
+
+def _returning(entry: dict[str, Any], joints: int) -> ReturningErrors:
+    positions, (correlation, counts) = _finite(entry["positions"]), _finite([entry["correlation"], entry["counts"]])
+    [[period, periods, alike]] = _finite([[entry[name] for name in ("period", "periods", "alike")]])
+    if positions.shape != (2, joints) or correlation.shape != (joints,):
+        raise ValueError("what returns with a motion must be told of each joint")
+    if period <= 0.0 or periods < 1.0 or min(*correlation, *counts, alike, 1.0 - alike) < 0.0:
+        raise ValueError("a period, and what returns with it, must be positive")
+    return ReturningErrors(period, periods, positions, correlation, alike, counts.astype(np.intp))
 
 
 def _finite(rows: Any) -> NDArray[np.float64]:

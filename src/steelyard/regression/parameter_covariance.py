@@ -39,8 +39,8 @@ class ResidualCorrelation:
     variance : ndarray
         (N,) of single residuals, (N·m)² or N².
     long_run_variance : ndarray
-        (N,): variance of the sum of many neighbouring residuals over their number. That of single residuals times
-        ``1 + 2 (rho_1 + rho_2 + ...)``, with the autocorrelations rho.
+        (N,): variance of the sum of many residuals over their number. That of single residuals times ``1 + 2 (rho_1 +
+        rho_2 + ...)``, with the autocorrelations rho of neighbours, and of what returns with the motion.
     batch_length : ndarray of int
         (N,) samples in the batches from which it was estimated.
     count : ndarray of int
@@ -52,6 +52,9 @@ class ResidualCorrelation:
         (N,) of the long-run variance: the number of batches less what the parameters took out of them; infinite where
         there are no rows. Covariances are raised by the square of Student's over the normal quantile of 95 %, so that
         normal intervals are as wide as few batches ask for.
+    returns : ndarray
+        (N,): the part of the long-run variance that is due to what returns with each period of the motion, as a factor.
+        The batches of so many periods tell as much as those of one.
     """
 
     joint_names: tuple[str, ...]
@@ -61,6 +64,7 @@ class ResidualCorrelation:
     count: NDArray[np.intp]
     settled: NDArray[np.bool_]
     degrees_of_freedom: Array
+    returns: Array
 
     @property
     def inflation(self) -> Array:
@@ -78,7 +82,12 @@ class ResidualCorrelation:
         """(N,): by which covariances are raised, so that normal intervals have the width of Student's."""
         from scipy.special import stdtrit
 
-        return np.asarray((stdtrit(self.degrees_of_freedom, 0.975) / NORMAL) ** 2)
+        return np.asarray((stdtrit(self.independent_degrees, 0.975) / NORMAL) ** 2)
+
+    @property
+    def independent_degrees(self) -> Array:
+        """(N,): degrees of freedom of the long-run variance, where periods of a motion are not independent."""
+        return np.asarray(np.maximum(self.degrees_of_freedom / self.returns, FEWEST_DEGREES))
 
     def __repr__(self) -> str:
         least, most = float(np.min(self.inflation)), float(np.max(self.inflation))
@@ -158,7 +167,7 @@ class ParameterCovariance:
     @property
     def degrees_of_freedom(self) -> float:
         """Those of the joint whose noise is known least; infinite where the correlation of residuals is not known."""
-        return np.inf if self.correlation is None else float(np.min(self.correlation.degrees_of_freedom))
+        return np.inf if self.correlation is None else float(np.min(self.correlation.independent_degrees))
 
     @property
     def error_correlation(self) -> Array:
@@ -283,7 +292,7 @@ class ParameterCovariance:
         It tells nothing of torques that were filtered, or decimated, where the dynamics were not: these bias estimates.
         Where both were, filtered noise is noise that lasts.
         It holds where the motion changes little within the correlation of the noise, and for noise that is independent
-        between joints. It is no remedy for errors of the model that return in each period.
+        between joints. What returns with each period of a motion counts where the Information tells it (`returning`).
 
         Parameters
         ----------
@@ -427,10 +436,13 @@ def _long_run(info: Information, beta: Array, used: Array, inverse: Array) -> tu
     matrix = matrix.reshape(len(factors), len(factors))
     matrix += np.diag([count - 2.0 * np.trace(one) for count, one in zip(counts, own, strict=True)])
     target = np.array([levels[c].squares[k] for k, c in enumerate(chosen)])
-    long_run = _positive(matrix, target, counts)
+    returns = info.returns
+    long_run = _positive(matrix, target, counts) * returns
     names = info.joint_names if len(info.joint_names) == len(factors) else ("all",) * len(factors)
     lengths = np.array([BATCH_LENGTHS[c] for c in chosen])
-    correlation = ResidualCorrelation(names, variance / used**2, long_run / used**2, lengths, counts, settled, freedom)
+    correlation = ResidualCorrelation(
+        names, variance / used**2, long_run / used**2, lengths, counts, settled, freedom, returns
+    )
     widened = correlation.widening * long_run
     return np.asarray(np.sum([u * share for u, share in zip(widened, shares, strict=True)], axis=0)), correlation
 

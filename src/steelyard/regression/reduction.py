@@ -15,6 +15,7 @@ from steelyard.recording import Samples
 
 from .batch_means import BATCH_LENGTHS, BatchMeans, BatchSums
 from .factor import Factor, extended
+from .repeated_motion import MotionSums
 from .time_blocks import TimeBlocks
 
 if TYPE_CHECKING:
@@ -142,13 +143,20 @@ class JointReduction:
         Keeps stretches of the rows apart.
     exact : int, optional
         In the place of `EXACT`, a multiple of 1024.
+    motion : MotionSums, optional
+        Receives the rows, or their sums, too.
     """
 
     def __init__(
-        self, model: Model, sums: BatchSums | None = None, blocks: TimeBlocks | None = None, exact: int | None = None
+        self,
+        model: Model,
+        sums: BatchSums | None = None,
+        blocks: TimeBlocks | None = None,
+        exact: int | None = None,
+        motion: MotionSums | None = None,
     ) -> None:
         self.model = model
-        self.sums = sums
+        self.sums, self.motion = sums, motion
         self.blocks = TimeBlocks(empty_factors(model), 1) if blocks is None else blocks
         self._widths = [len(own) for own in model.base_columns.joints]
         self._exact = EXACT if exact is None else exact
@@ -179,6 +187,8 @@ class JointReduction:
             if self.sums is not None:
                 self.sums.add(rows, mask)
             self.blocks.add(rows, mask)
+            if self.motion is not None:
+                self.motion.add(None if samples.t is None else samples.t[part], samples.q[part], rows, mask)
             self._squares += np.einsum("sc,sc->c", entries, entries)
             self._seen += len(entries)
 
@@ -192,6 +202,9 @@ class JointReduction:
         self.blocks.add_combined([one.rows for one in combined], [one.count for one in combined], samples.count)
         if self.sums is not None:
             self.sums.add_combined([one.sums for one in combined])
+        if self.motion is not None:
+            counts = [one.count for one in combined]
+            self.motion.add_combined(samples.t, samples.q, [one.sums for one in combined], counts)
 
     def _source(self, samples: Samples) -> RegressorSource:
         """Return what computes the base regressor of some samples; each of its arrays is used up before the next."""

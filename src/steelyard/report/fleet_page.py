@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from steelyard.display import shortened
+from steelyard.display import few_digits, shortened
 from steelyard.fleet import Batch, Cause, Finding, Fleet, RobotGroup, SiblingComparison
 from steelyard.fleet.causes import FACTORS
 from steelyard.fleet.siblings import deviations_of
@@ -211,7 +211,7 @@ def _bar(one: Finding) -> Markup:
 
 
 def _named(group: RobotGroup) -> str:
-    return f" of {group.name}" if group.name else ""
+    return group.alike + (f" of {group.name}" if group.name else "")
 
 
 def _pictures(fleet: Fleet) -> Markup:
@@ -220,7 +220,8 @@ def _pictures(fleet: Fleet) -> Markup:
         for compared, kind in ((group.siblings, "siblings"), (group.drift, "drift")):
             if compared is not None:
                 title = "Beside siblings" if kind == "siblings" else "Change in time, beside that of siblings"
-                drawn.append(f"<h3>{escape(title + _named(group))}</h3>{_picture(fleet, group, compared, kind)}")
+                title += ", robots" * bool(group.alike) + _named(group)
+                drawn.append(f"<h3>{escape(title)}</h3>{_picture(fleet, group, compared, kind)}")
     if not drawn:
         return Markup("")
     text = (
@@ -329,7 +330,7 @@ def _usual(fleet: Fleet) -> Markup:
 def _amount(value: float, cause: Cause) -> str:
     if not np.isfinite(value):
         return "–"
-    return f"{100.0 * value:.2g} %" if cause.has_ratio else f"{value * cause.nominal:.2g}"
+    return f"{few_digits(100.0 * value, 2)} %" if cause.has_ratio else few_digits(value * cause.nominal, 2)
 
 
 def _verdicts(fleet: Fleet) -> Markup:
