@@ -397,18 +397,21 @@ class ActiveExcitation:
         assert plan is not None
         full = np.abs(self._command) >= self.limits.torque
         self._tell_excess(t, dq, full)
-        share = self._share.follow(t, q, reference.dq[k], dq, self._damping, ~full & (self._stage != "exciting"))
+        # A joint that its own stiffness drives back does not run away, however fast it becomes.
+        may_rise = ~full & (self._stage != "exciting") & (error * speed_error >= 0.0)
+        share = self._share.follow(t, q, reference.dq[k], dq, self._damping, may_rise)
         # A joint that needs more feedback than was thought is heavier than was thought.
         room, width = np.minimum(np.maximum(share, 1.0) * plan.bound, self.limits.torque), plan.bandwidth
         part = np.sqrt(share)
         inertia = part[:, None] * plan.inertia[k] * part
         push = width * (inertia @ (width * np.clip(error, -REACH, REACH)))
         root = np.sqrt(width)
-        self._damping = 2.0 * DAMPING * root * (inertia @ (root * speed_error))
+        damping = 2.0 * DAMPING * root * (inertia @ (root * speed_error))
+        self._damping = 2.0 * DAMPING * width * np.diagonal(inertia) * speed_error
         known = plan.knowledge.information.count > 0
         # A link of which nothing is known but that it swings like a light one is not to be driven as a heavy one.
-        forward = reference.torque[k] * (1.0 if known else np.minimum(share, 1.0))
-        command = forward + self._integral + push + self._damping
+        forward = reference.torque[k] * (1.0 if known else self._share.forward)
+        command = forward + self._integral + push + damping
         if self._joins:  # other gains and another model: the torque passes over without a jump
             self._jump, self._joins = self._command - command, False
             if self._stage == "stopping":  # what drove the robot too far is not to drive it on
@@ -882,8 +885,17 @@ class ActiveExcitation:
         # What is assumed of a joint may be ten thousand times too little, where the shape of its link is a mark of a
         # centimetre and its rotor is not: feedback for that alone holds nothing. A loop bears too large an inertia much
         # better than one that is too small, so that one standard deviation is added.
-        joints = np.arange(size)
-        plan.inertia[:, joints, joints] += spreads.mean(axis=0)
+        # Before anything is known it is added as of a heavier robot of the same shape: where its neighbours are free to
+        # move, a joint has a small part of the inertia that it has alone, and what is added to the diagonal would be
+        # added to that part.
+        joints, added = np.arange(size), spreads.mean(axis=0)
+        if knowledge.information.count:
+            plan.inertia[:, joints, joints] += added
+        else:
+            alone = np.maximum(np.diagonal(plan.inertia, axis1=1, axis2=2), 1e-12)
+            plan.inertia[:, joints, joints] = alone
+            heavier = np.sqrt(1.0 + added / alone.mean(axis=0))
+            plan.inertia *= heavier[:, None] * heavier
         own = np.diagonal(plan.inertia, axis1=1, axis2=2).mean(axis=0)
         plan.bandwidth = BANDWIDTH * np.clip((1.0 - SURE * spreads / values).min(axis=0), LEAST_SHARE, 1.0)
         before = self._plan
@@ -1047,5 +1059,9 @@ class ActiveExcitation:
         )
         times = np.arange(0.0, duration + self.sample_time, self.sample_time)
         plan = _Plan(t, self._knowledge, duration + 0.5)
-        self._prepare(plan, way.motion(times))
+        q, dq, ddq = way.motion(times)
+        self._prepare(plan, (q, dq, ddq))
+        assert plan.reference is not None
+        # Friction helps to stop; that of an estimate that is wrong, fed forward, would drive the joint on.
+        plan.reference.torque = self._predicted((q, np.zeros_like(dq), ddq), self._knowledge.parameters)
         self._take(plan, t, "stopping")

@@ -13,38 +13,49 @@ FIRST = 1.0 / 256.0
 """With which all joints begin. With the whole feedback at once, robots of a thirtieth of the credible masses passed
 their limits of velocity 30 to 170 times over, since their swing grows tenfold within a few samples. With 1/1024 heavy
 robots fall too far."""
-RISE = 0.004
-"""s in which a share doubles. The robot falls for some 30 ms meanwhile, to a quarter of the limits of velocity of
-simulated arms. With 3 ms robots of a tenth of the credible masses are taken back too late."""
-AGAIN = 0.02  # s in which it doubles once it was taken back
-TAKEN_BACK = 1.0 / 16.0
-"""By which a share is multiplied where its joint swings. With 1/4, arms of a tenth of the credible masses passed their
-limits 1.7 times over; what is too little rises again where the joint runs away."""
+RISE = 0.0035
+"""s in which all shares double while a joint escapes: while it gets faster beyond its reference. The robot falls for
+some 30 ms meanwhile, to a half of the limits of velocity of simulated arms. With 3 ms a Panda of a thirtieth of the
+credible masses passed its limits."""
+CALM = 0.08
+"""s in which they double where no joint escapes. What caught the robot is about what its masses need; shares that went
+on to one at once were a hundred times that of a light robot, before its swing was seen."""
+SPARE = 4.0  # times the share that caught the robot, to which they rise so, and to one at most
+TAKEN_BACK = 0.25
+"""By which shares are multiplied where a joint swings. With 1/16 arms of a fifth of the credible masses fell at once,
+at up to 2.6 times their limits of velocity."""
 CEILING = 0.5  # of the share at which a joint swung, to which it rises again
+ESCAPE = 0.03  # of the limit of velocity, beyond its reference, from which a joint escapes
+GROWS = 0.003  # s within which its velocity was the largest so far, where it still gets faster: what noise hides
 RUNAWAY = 0.2
 """Of the limit of velocity, beyond its reference, from which a joint that still gets faster runs away: its share rises
 beyond one. With 0.3 heavy arms fall to 1.1 of their limits, with 0.15 a UR5 begins to swing."""
-FAST = 0.001
-"""s in which a share beyond one doubles while its joint runs away: a joint that does so with the whole feedback is
-heavy, and does not swing soon. With 4 ms a link that falls at 45 rad/s² passed its limit of 2 rad/s."""
+URGENT, FAST = 0.5, 0.001
+"""Of the limit of velocity from which on a share doubles in so many s, where its joint runs away. Without it a last
+link of ten times the credible masses passed its limit by 3 %; from 0.2 of the limit on, a heavy Panda swung."""
 MOST = 1000.0  # share beyond which none rises, whatever a joint does
 LEAST = 1.0 / 256.0  # share below which none is taken back, so that a joint that others swing is not let go
 SWING = 0.03
 """Of the limit of velocity, by which a velocity must turn back to count: a reference turns ten times more slowly than
 `WITHIN`, and a loop that is stable swings less."""
 READINGS = 1.0  # of the encoder within a sample, which a swing must exceed, too: coarse ones jump by a third of it
-WITHIN = 0.02  # s from one turn to the next, which are a swing if the damping drove the joint between them
+WITHIN = 0.02
+"""s from one turn to the next, which are a swing if the damping drove the joint between them. A joint that turned
+within this time does not escape: without that, shares rose with the swing of light joints, to 128 and 3.5 limits of
+velocity."""
 
 
 class FeedbackShare:
-    """Shares of a feedback, one for each joint, that rise to one, and further where a joint runs away.
+    """Shares of a feedback, one for each joint: they rise while a joint escapes, and are taken back where one swings.
 
-    They are taken back where a joint begins to swing.
+    All rise together, since joints move each other: feedback for one that is much stiffer than for its neighbours, in
+    the ratio of their inertias, throws these about. So they are taken back together, too, or those beyond one alone.
 
     A sampled loop whose velocities are late is unstable where the inertia is much smaller than the one that its gains
     are for: the velocity turns within a few samples, and the damping drives the joint. What it gives to the joint is
     exactly the sum of its torques times the ways between samples (Hannaford and Ryu, "Time-domain passivity control of
-    haptic interfaces", IEEE Transactions on Robotics and Automation 18, 2002).
+    haptic interfaces", IEEE Transactions on Robotics and Automation 18, 2002). That of a joint alone counts, since
+    what joints give to each other has any sign.
 
     Parameters
     ----------
@@ -55,6 +66,9 @@ class FeedbackShare:
     ----------
     values : ndarray
         (N,) the shares; more than 1 where a joint has more inertia than the feedback is for.
+    forward : ndarray
+        (N,) the shares at which the first joint no longer escaped, 1 at most: what of the assumed masses the robot has.
+        More of their weight would throw a light robot up.
     taken_back : list of (float, int)
         Times at which a share was taken back, s, and the indices of the joints.
 
@@ -65,7 +79,7 @@ class FeedbackShare:
     >>> share, q, dq, largest = FeedbackShare(np.array([2.0])), np.zeros(1), np.array([0.05]), 0.0
     >>> torque = asked = np.zeros(1)
     >>> rises = np.array([True])
-    >>> for k in range(1000):
+    >>> for k in range(2000):
     ...     torque, asked = asked, -1500.0 * share.follow(0.001 * k, q, np.zeros(1), dq, torque, rises) * dq
     ...     dq = dq + 0.001 * torque
     ...     q, largest = q + 0.001 * dq, max(largest, float(abs(dq[0])))
@@ -76,12 +90,16 @@ class FeedbackShare:
     def __init__(self, velocity: Array) -> None:
         size = len(velocity)
         self.values: Array = np.full(size, FIRST)
+        self.forward = self.values
         self.taken_back: list[tuple[float, int]] = []
-        self._least, self._runaway = SWING * velocity, RUNAWAY * velocity
-        self._most, self._doubling = np.full(size, MOST), np.full(size, RISE)
+        self._least, self._escape, self._runaway = SWING * velocity, ESCAPE * velocity, RUNAWAY * velocity
+        self._urgent = URGENT * velocity
+        self._most = np.full(size, MOST)
         self._direction, self._extreme = np.zeros(size), np.zeros(size)  # no direction before a joint moves
-        self._turned = np.full(size, -np.inf)
+        # Times of the last turn that may be the first of a swing, of the last turn, and of the largest velocity since.
+        self._turned, self._since, self._fastest = np.full((3, size), -np.inf)
         self._work, self._reading = np.zeros(size), np.full(size, np.inf)
+        self._escapes, self._caught = np.zeros(size, dtype=bool), False
         self._last: tuple[float, Array] | None = None
 
     def follow(
@@ -96,10 +114,10 @@ class FeedbackShare:
         q, wanted, dq : ndarray
             (N,) positions, velocities of the reference, and velocities as the feedback knows them.
         damping : ndarray
-            (N,) torques of the damping since the measurement before, N·m or N.
+            (N,) torques of the damping of each joint alone since the measurement before, N·m or N.
         may_rise : ndarray
-            (N,) whether the share may rise beyond one: not where the drive is at its limit of torque, nor in a fast
-            motion, whose torques drive a light joint beyond its reference, too.
+            (N,) whether the share may rise beyond one: not where the drive is at its limit of torque, nor on the way
+            back to the reference, nor in a fast motion, whose torques drive a light joint beyond its reference, too.
         """
         if self._last is not None and t > self._last[0]:
             passed, way = t - self._last[0], q - self._last[1]
@@ -108,10 +126,21 @@ class FeedbackShare:
             self._reading = np.where(moved, np.minimum(self._reading, np.abs(way)), self._reading)
             least = np.maximum(self._least, READINGS * self._reading / passed)
             further = self._direction * (dq - self._extreme) > 0.0
-            runs_away = may_rise & further & (self._direction * (dq - wanted) > self._runaway)
-            goal = np.where(runs_away, MOST, np.minimum(np.maximum(self.values, 1.0), self._most))
-            doubling = np.where(runs_away & (self.values >= 1.0), max(FAST, passed), self._doubling)
+            steady = (self._work <= 0.0) & (t - self._since > WITHIN)
+            beyond = np.where(steady, self._direction * (dq - wanted), 0.0)
+            runs_away = may_rise & further & (beyond > self._runaway)
+            self._fastest = np.where(further, t, self._fastest)
+            escapes = (beyond > self._escape) & (t - self._fastest < GROWS)
+            blind = np.isfinite(self._reading) & (self._reading > 3.0 * self._escape * passed)
+            escapes |= blind  # a velocity that a coarse encoder shows in jumps does not tell
+            self._caught = self._caught or bool((self._escapes & ~escapes).any())
+            self._escapes = escapes
+            enough = min(SPARE * float(self.forward.max()), 1.0) if self._caught and not escapes.any() else 1.0
+            goal = np.where(runs_away, MOST, np.minimum(np.maximum(self.values, enough), self._most))
+            doubling = np.where(runs_away & (beyond > self._urgent), FAST, RISE if escapes.any() else CALM)
             self.values = np.minimum(self.values * np.exp2(np.minimum(passed / doubling, 60.0)), goal)
+            if not self._caught:
+                self.forward = np.minimum(self.values, 1.0)
             self._most = np.maximum(self._most, self.values)
             self._extreme = np.where(further, dq, self._extreme)
             for joint in np.flatnonzero(np.abs(dq - self._extreme) > least):
@@ -123,16 +152,20 @@ class FeedbackShare:
         """Let all shares begin at one at most, since the feedback is now for inertias that were measured."""
         self._most[:] = MOST
         self.values = np.minimum(self.values, 1.0)
+        self.forward, self._caught = np.ones_like(self.values), True
 
     def _turn(self, t: float, joint: int, speed: float) -> None:
         starts = self._direction[joint] == 0.0
         self._direction[joint], self._extreme[joint] = np.sign(speed - self._extreme[joint]), speed
         driven, self._work[joint] = self._work[joint] > 0.0, 0.0
         swings = driven and t - self._turned[joint] <= WITHIN
+        self._since[joint] = -np.inf if starts else t
         # A start is no turn, and a swing is counted once.
         self._turned[joint] = -np.inf if starts or swings else t
         if swings:
-            self._most[joint] = max(CEILING * self.values[joint], LEAST)
-            self.values[joint] = max(TAKEN_BACK * self.values[joint], LEAST)
-            self._doubling[joint] = AGAIN
+            # Those of joints that ran away are beyond what holds the rest, and swing their neighbours.
+            raised = self.values > 1.0
+            back = raised | ~raised.any()
+            self._most[back] = np.maximum(CEILING * self.values[back], LEAST)
+            self.values = np.where(back, np.maximum(TAKEN_BACK * self.values, LEAST), self.values)
             self.taken_back.append((t, joint))
