@@ -1,6 +1,6 @@
 """A fleet whose robots repeat their programmes: what the model misses returns with each period and tells no more."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +8,9 @@ import pytest
 from numpy.typing import NDArray
 
 import steelyard as sy
-from steelyard.fleet import DataSet, FleetManifest, identify_fleet, reduce_data_sets
+from steelyard.fleet import DataSet, FleetManifest, data_sets, identify_fleet, reduce_data_sets
+from steelyard.identification.log_reader import LogTask
+from steelyard.robot import RobotFile
 
 ROBOT = """\
 [description]
@@ -95,3 +97,21 @@ def test_estimates_are_as_far_off_as_is_said_and_reduced_logs_say_the_same(writt
     reduced.save(manifest.path.parent / "reduced.json")
     again = sy.regression.ParameterCovariance.of(sy.Information.load(manifest.path.parent / "reduced.json"))
     assert again.matrix == pytest.approx(rows[0].values["covariance"], rel=1e-9)
+
+
+def test_of_many_logs_few_rows_are_kept(written: Callable[..., Path], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each of 400 logs kept up to 32 768 rows, 3 GB of seven joints."""
+    folder, kept = written([1], lambda _: 0.0).parent, []
+
+    def one_by_one(reader: object, tasks: list[LogTask], *_: object) -> Iterator[None]:
+        kept.extend(task.rows for task in tasks)
+        raise sy.InputError("enough")
+
+    for number in range(1, 400):
+        (folder / f"{number}.csv").hardlink_to(folder / "0.csv")
+    monkeypatch.setattr(data_sets, "one_by_one", one_by_one)
+    logs = [str(folder / f"{number}.csv") for number in range(400)]
+    with pytest.raises(sy.InputError, match="enough"):
+        data_sets.reduced_logs(RobotFile.load(folder / "robot.toml"), sy.Model.load(folder / "robot.toml"), logs)
+    assert len(kept) == 400
+    assert sum(kept) <= 120_000

@@ -26,14 +26,22 @@ from .parameter_table import MANY_PARAMETERS
 if TYPE_CHECKING:
     from steelyard.regression.drift import FrictionDrift
 
-__all__ = ["ReducedLogs", "change_in_log", "copies_among", "reduced_logs", "require_once", "told_by_rows"]
+__all__ = [
+    "ALL_DRAWN_ROWS",
+    "ReducedLogs",
+    "change_in_log",
+    "copies_among",
+    "reduced_logs",
+    "require_once",
+    "told_by_rows",
+]
 
 SHORTEST_DRIFT = 60.0
 """s of a log below which no drift of friction is looked for: gears warm up in minutes, and what changes in seconds is
 the motion."""
 _TRACE_POINTS = 1200  # points of the curves of a log: about as many as a figure of the report has pixels
 _ALL_POINTS = 24_000  # of all the logs of a role together, so that thousands of them do not fill the memory
-_DRAWN_ROWS, _ALL_DRAWN_ROWS = 20_000, 120_000
+_DRAWN_ROWS, ALL_DRAWN_ROWS = 20_000, 120_000
 """Rows of a log that are kept to be drawn, and of all the logs of a role together. All joints share them: 20 000 are
 700 pieces of the log of seven joints, each with four extremes of each joint, and 172 of 29 joints."""
 
@@ -152,7 +160,7 @@ def reduced_logs(
 def _task(log: GivenLog, number: int, count: int, fitted: bool) -> LogTask:
     """Say what is to be kept of one of `count` logs of a role: of the first one more than of the others."""
     points = _TRACE_POINTS if number == 0 else min(max(_ALL_POINTS // count, 100), _TRACE_POINTS)
-    rows = _DRAWN_ROWS if number == 0 else min(max(_ALL_DRAWN_ROWS // count, 200), _DRAWN_ROWS)
+    rows = _DRAWN_ROWS if number == 0 else min(max(ALL_DRAWN_ROWS // count, 200), _DRAWN_ROWS)
     return LogTask(log, points, rows, count, fitted)
 
 
