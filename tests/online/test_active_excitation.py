@@ -9,7 +9,7 @@ import pytest
 from scipy.linalg import eigh
 
 import steelyard as sy
-from steelyard.errors import InputError
+from steelyard.errors import InputError, MissingExtraError
 from steelyard.excitation import MotionLimits
 from steelyard.excitation.criterion import Criterion, Subset
 from steelyard.excitation.vjp import RegressorInformation
@@ -174,7 +174,7 @@ def unknown_arm(name: str) -> tuple[sy.Model, MotionLimits, np.ndarray]:
     """Return the kinematics of an arm, its limits, and the parameters that its description has."""
     try:
         robot = EXAMPLES[name].robot()
-    except sy.InputError as error:
+    except MissingExtraError as error:
         pytest.skip(str(error))
     whole = model_of_estimate(None, RobotFile.of(robot)).without_channels
     limits = MotionLimits.from_robot(whole.robot).updated({"velocity": 2.5, "acceleration": 8.0})
