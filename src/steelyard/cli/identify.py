@@ -100,7 +100,6 @@ def identify(
       steelyard identify robot.toml run1.csv run2.csv --set processing.cutoff=8 --output result
       steelyard identify robot.toml run1.csv --output result --json --quiet
       steelyard identify robot.toml 'logs/**/*.parquet' --workers 4 --output result
-      steelyard identify robot.toml run2.csv day1.json --output result
       steelyard identify leg.toml sweeps.csv --from positions --output result
     """
     from contextlib import nullcontext
