@@ -12,17 +12,9 @@ from steelyard.fleet import DataSet, FleetManifest, data_sets, identify_fleet, r
 from steelyard.identification.log_reader import LogTask
 from steelyard.robot import RobotFile
 
-ROBOT = """\
-[description]
-convention = "standard"
-rows = [["pi/2", 0, 0.3, "q"], [0, 0.5, 0, "q"]]
+from .conftest import ROBOT
 
-[processing]
-cutoff = "none"
-
-[[terms]]
-kind = "viscous"
-"""
+WITH_FRICTION = ROBOT + '\n[[terms]]\nkind = "viscous"\n'
 PERIOD, PERIODS, RATE = 4.0, 10, 200.0
 INERTIA, FRICTION, RIPPLE, NOISE = 0.3, 0.4, 0.15, 0.05
 
@@ -52,7 +44,7 @@ def torques(q: NDArray[np.float64], dq: NDArray[np.float64], ddq: NDArray[np.flo
 @pytest.fixture
 def written(tmp_path: Path) -> Callable[..., Path]:
     """Writes the logs of some robots, each of a programme, whose torques ripple with their positions."""
-    (tmp_path / "robot.toml").write_text(ROBOT)
+    (tmp_path / "robot.toml").write_text(WITH_FRICTION)
 
     def write(programmes: list[int], phase: Callable[[int], float]) -> Path:
         t = np.arange(round(PERIOD * PERIODS * RATE)) / RATE

@@ -111,7 +111,8 @@ def identify(
     file = load_robot(robot, lines, topic=topic, allow_extensions=allow_extensions)
     require_apart(output, (file.path, file.robot.source, *map(Path, (*logs, *(validate or ())))))
     if measured == "positions":
-        unused = sorted(given_options(context).intersection(_TORQUES_ALONE), key=_TORQUES_ALONE.index)
+        given = given_options(context)
+        unused = [name for name in _TORQUES_ALONE if name in given]
         _from_positions(file, logs, validate or [], output, weights, friction, unused, json=json, quiet=quiet)
         return
     require_replaceable(output, file.robot)

@@ -19,9 +19,8 @@ from steelyard.identification.given import (
     wider_model,
     without_informations,
 )
-from steelyard.identification.log_reader import LogReader, LogTask, ReducedLog, one_by_one
-from steelyard.identification.reduced_logs import ALL_DRAWN_ROWS, copies_among, require_once
-from steelyard.identification.validation import DRAWN_ROWS
+from steelyard.identification.log_reader import LogReader, LogTask, ReducedLog, drawn_rows, one_by_one
+from steelyard.identification.reduced_logs import copies_among, require_once
 from steelyard.recording import Samples
 from steelyard.recording.formats import contents_of, require_unwritten, unchanged, written_states
 from steelyard.recording.formats.hashes import LogContent
@@ -160,7 +159,7 @@ def reduced_logs(
     reader.require_torques()
     reader.decide(logs, lambda _: None)
     tree, blocks, parts = BatchMeansTree(), TimeBlocks(empty_factors(model)), []
-    drawn = FEW if each is None and len(logs) == 1 else min(max(ALL_DRAWN_ROWS // max(len(logs), 1), FEW), DRAWN_ROWS)
+    drawn = FEW if each is None and len(logs) < 2 else drawn_rows(max(len(logs), 1), FEW)
     tasks = [LogTask(log, FEW, drawn, len(logs), True) for log in logs]
     windows: list[Samples] = []  # of several logs, which may hold one motion
     for (one,), means in one_by_one(reader, tasks, model, lambda _: None):

@@ -41,11 +41,10 @@ from .doubts import mistakes_in_logs
 from .examination import HARMS, Examination, Finding, Harm, merged, stated_remedy
 from .given import GivenLog, GivenRobot, GivenSamples, One, given_constraints, given_logs, given_robot
 from .late_logs import LateLog, late_hypotheses, late_logs
-from .log_reader import LogReader, LogTask, ReducedLog, against_limits
+from .log_reader import DRAWN_ROWS, LogReader, LogTask, ReducedLog, against_limits
 from .prediction_verdict import few_rows_of, said_of
 from .reduced_logs import SHORTEST_DRIFT, change_in_log
 from .unlogged_torques import told_by_unlogged_torques
-from .validation import DRAWN_ROWS
 from .wrong_scale import scale_by_description
 
 __all__ = ["examine"]

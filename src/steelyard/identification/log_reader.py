@@ -49,6 +49,7 @@ if TYPE_CHECKING:
     from steelyard.dynamics.bristles import Bristles
 
 __all__ = [
+    "DRAWN_ROWS",
     "DrawnLog",
     "DrawnRows",
     "JoinedSections",
@@ -62,6 +63,7 @@ __all__ = [
     "SectionedLog",
     "ThinnedSamples",
     "against_limits",
+    "drawn_rows",
     "one_by_one",
 ]
 
@@ -81,6 +83,17 @@ _MOST_WAITING = 8  # tables of extremes
 _READING_LINES = 20  # lines of progress while logs are read
 _DECIDING_LOGS, _DECIDING_ROWS, _FEWEST_ROWS = 12, 200_000, 10_000
 """Logs and rows, of all logs together and of each, by which the processing of all is decided: they stand in memory."""
+
+
+DRAWN_ROWS = 20_000
+"""Rows of a log that are kept to be drawn, and to see short events; of a longer one its extremes. All joints share
+them: 20 000 are 700 pieces of the log of seven joints, each with four extremes of each joint, and 172 of 29 joints."""
+_ALL_DRAWN_ROWS = 120_000  # of many logs together
+
+
+def drawn_rows(count: int, least: int) -> int:
+    """Return how many rows of each of so many logs are kept to be drawn, at least these few."""
+    return min(max(_ALL_DRAWN_ROWS // count, least), DRAWN_ROWS)
 
 
 class LogTask(NamedTuple):

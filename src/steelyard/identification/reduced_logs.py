@@ -20,14 +20,22 @@ from steelyard.regression.reduction import empty_factors
 from steelyard.regression.time_blocks import TimeBlocks
 
 from .given import GivenLog
-from .log_reader import LogReader, LogReduction, LogTask, Progress, ReducedLog, one_by_one
+from .log_reader import (
+    DRAWN_ROWS,
+    LogReader,
+    LogReduction,
+    LogTask,
+    Progress,
+    ReducedLog,
+    drawn_rows,
+    one_by_one,
+)
 from .parameter_table import MANY_PARAMETERS
 
 if TYPE_CHECKING:
     from steelyard.regression.drift import FrictionDrift
 
 __all__ = [
-    "ALL_DRAWN_ROWS",
     "ReducedLogs",
     "change_in_log",
     "copies_among",
@@ -41,9 +49,6 @@ SHORTEST_DRIFT = 60.0
 the motion."""
 _TRACE_POINTS = 1200  # points of the curves of a log: about as many as a figure of the report has pixels
 _ALL_POINTS = 24_000  # of all the logs of a role together, so that thousands of them do not fill the memory
-_DRAWN_ROWS, ALL_DRAWN_ROWS = 20_000, 120_000
-"""Rows of a log that are kept to be drawn, and of all the logs of a role together. All joints share them: 20 000 are
-700 pieces of the log of seven joints, each with four extremes of each joint, and 172 of 29 joints."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,7 +165,7 @@ def reduced_logs(
 def _task(log: GivenLog, number: int, count: int, fitted: bool) -> LogTask:
     """Say what is to be kept of one of `count` logs of a role: of the first one more than of the others."""
     points = _TRACE_POINTS if number == 0 else min(max(_ALL_POINTS // count, 100), _TRACE_POINTS)
-    rows = _DRAWN_ROWS if number == 0 else min(max(ALL_DRAWN_ROWS // count, 200), _DRAWN_ROWS)
+    rows = DRAWN_ROWS if number == 0 else drawn_rows(count, 200)
     return LogTask(log, points, rows, count, fitted)
 
 

@@ -24,7 +24,7 @@ from steelyard.robot import RobotFile
 from .default_terms import model_of_estimate
 from .doubts import mistakes_in_logs
 from .given import Data, GivenLog, GivenRobot, given_constraints, given_logs, given_robot
-from .log_reader import LogReader, LogTask, Progress, ReducedLog, one_by_one
+from .log_reader import DRAWN_ROWS, LogReader, LogTask, Progress, ReducedLog, one_by_one
 from .mistakes import sentence
 from .prediction_verdict import FEWEST_BATCHES, PredictionVerdict, few_rows_of, prediction_verdict
 from .saved import matching_estimate
@@ -38,7 +38,6 @@ FEWEST_ROWS = FEWEST_BATCHES * BATCH_LENGTHS[0]
 """The fewest rows of a joint, all logs together: fewer do not tell noise from errors, and most of them are near the
 ends, which filters spoil. A third of a second of a UR5 at 250 Hz, without a mistake, was called poor or wrong."""
 
-DRAWN_ROWS = 20_000  # of each log that are kept, to see short events; of a longer one its extremes
 _POINTS = 1200  # of each log that are kept, to look for mistakes where it is predicted poorly
 
 
