@@ -49,25 +49,24 @@ def extreme_rows(values: Array, others: Array, size: int) -> NDArray[np.intp]:
     count, width = values.shape
     if others.shape != values.shape or size < 1 or count % size:
         raise ValueError("rows whose extremes are looked for must be whole groups of both arrays")
-    groups, beyond = count // size, max(batch_lanes() - width, 0)
-    # Of few columns a register reaches into the rows that follow, and the last groups have none: those are copied.
-    whole = groups - min(groups, -(-beyond // max(size * width, 1)))
-    found = np.empty(groups * 4 * width + beyond)
-    last = [np.concatenate([one[whole * size :].ravel(), np.zeros(beyond)]) for one in (values, others)]
-    for first, arrays, many in ((0, (values, others), whole), (whole, last, groups - whole)):
-        places = found[first * 4 * width :]
-        _compiled()(*map(address_of, (*arrays, places)), many, size, width, max(width - batch_lanes(), 0))
+    groups, held = count // size, min(width, batch_lanes())
+    found = np.empty(groups * 4 * width + batch_lanes())
+    if groups:
+        _compiled(held)(*map(address_of, (values, others, found)), groups, size, width, width - held)
     return found[: groups * 4 * width].reshape(groups, 4 * width).astype(np.intp)
 
 
 @cache
-def _compiled() -> Callable[..., None]:
-    code = host_machine(batch_lanes()).load_code(_write, ("extremes",))
+def _compiled(held: int) -> Callable[..., None]:
+    code = host_machine(batch_lanes()).load_code(lambda code: _write(code, held), ("extremes",))
     return code.function("extremes", *[ctypes.c_void_p] * 3, *[ctypes.c_int64] * 4)
 
 
-def _write(code: Code) -> None:
-    """Write the function: of as many columns as there are lanes all that is known of a group stays in registers."""
+def _write(code: Code, held: int) -> None:
+    """Write the function: of as many columns as there are lanes all that is known of a group stays in registers.
+
+    Of fewer columns than lanes, `held`, a register reads nothing of the rows that follow.
+    """
     lanes = code.lanes
     with code.function("extremes", "values", "others", "found", integers="groups size width last") as given:
         values, others, found, groups, size, width, last = given
@@ -75,13 +74,13 @@ def _write(code: Code) -> None:
             for column in code.range(width, step=lanes):
                 at = column.below(last)  # the last columns are those up to the end
                 start = [values.shared_at(group * size * width + at), others.shared_at(group * size * width + at)]
-                one = start[0][0]
-                first = [one, one - start[1][0]]
+                one = start[0].of_first(held)
+                first = [one, one - start[1].of_first(held)]
                 # Least values, where they are, greatest values, and where those are; of both quantities.
                 with code.fold([*first, 0.0, 0.0, *first, 0.0, 0.0], size, 1) as loop:
                     row, place = loop.index * width, loop.index.number()
-                    one = start[0].shared_at(row)[0]
-                    both = [one, one - start[1].shared_at(row)[0]]
+                    one = start[0].shared_at(row).of_first(held)
+                    both = [one, one - start[1].shared_at(row).of_first(held)]
                     low, low_at, high, high_at = (loop.values[k : k + 2] for k in (0, 2, 4, 6))
                     less = [own < least for own, least in zip(both, low, strict=True)]
                     more = [own > most for own, most in zip(both, high, strict=True)]

@@ -193,6 +193,19 @@ class Array:
         text = self.code.number(value).text
         self.code.add(f"store {kind} {text}, ptr {self._place(kind, index)}, align 8")
 
+    def of_first(self, held: int) -> Number:
+        """Return what begins here of the first `held` problems, and 0 of the others, whose memory is not touched."""
+        code = self.code
+        if held == code.lanes:
+            return self[0]
+        name = f"@llvm.masked.load.v{code.lanes}f64.p0"
+        code._declare(name, code.vector, f"ptr, i32, {code.mask}, {code.vector}")
+        chosen = f"{code.mask} <{', '.join(f'i1 {int(lane < held)}' for lane in range(code.lanes))}>"
+        return Number(
+            code,
+            code.let(f"call {code.vector} {name}(ptr {self.text}, i32 8, {chosen}, {code.vector} zeroinitializer)"),
+        )
+
     def shared(self, index: Index | int) -> Number:
         """Return a number that all problems share."""
         return self.code.spread(self.code.let(f"load double, ptr {self._place('double', index)}, align 8"))

@@ -33,7 +33,7 @@ from steelyard.recording import (
 from steelyard.recording.automatic import DECISION_ROWS
 from steelyard.recording.diagnosis import DETECTORS, faulty_rows
 from steelyard.recording.recognition import Layout
-from steelyard.recording.samples import column_ranges, regrouped
+from steelyard.recording.samples import regrouped
 from steelyard.recording.survey import LogSurvey
 from steelyard.regression import Information
 from steelyard.regression.batch_means import BatchMeans, BatchMeansTree
@@ -279,7 +279,7 @@ class LogReader:
         for log in chosen:
             with _told_where(log):
                 recordings.append(chunks.middle_of(self._open(log), self.stated, rows))
-        if not any(one.torque.size and column_ranges(one.torque).any() for one in recordings):
+        if not any(one.torque.size and one.facts["torque"].ranges.any() for one in recordings):
             raise InputError(
                 f"{recordings[0].source}: no torque changes within {recordings[0].count} rows; check `torque` in "
                 "[log], or record it again."

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,10 +17,11 @@ from steelyard.files.advance import ahead
 from .automatic import DECISION_ROWS, decide, settle
 from .clock import CLOCK_ROWS, FEWEST_ROWS, ClockStatistics, clock_of, steady_clock, with_evidence
 from .columns import LogColumns
-from .conversion import Signals, clock_at, convert, log_columns, require_numbers, signals_fields, times
+from .conversion import checked_columns, clock_at, convert, log_columns, require_numbers, signals_fields, times
 from .even import EvenClock, Part
 from .filters.zero_phase import decimation_padding
 from .formats import BLOCK_ROWS, Columns, LogFiles, Source
+from .formats.log_file import column_length
 from .formats.registry import split_source
 from .measurements import check_order, check_period, rate_between_pauses
 from .options import Processing
@@ -137,28 +138,31 @@ class LogStream:
     def _recordings(self) -> Iterator[Recording]:
         first = 0
         for block in self.files.blocks(self.layout.names, CLOCK_ROWS):
-            signals = self._converted(block, first)
-            yield self._recording(signals, first)
-            first += signals.q.shape[0]
+            yield self._recording([self._checked(block, first)], first)
+            first += column_length(block)
 
     def spans(self, spans: Iterable[tuple[int, int]]) -> Iterator[Recording]:
         """Read rows first:last of each span, which must be in ascending order; each comes as one recording."""
-        held: list[tuple[int, Signals]] = []  # with the number of the first row of each
+        held: list[tuple[int, Columns]] = []  # with the number of the first row of each
         blocks: Iterator[Columns] | None = None
         read = 0
         for start, stop in spans:
-            held = [(first, part) for first, part in held if first + part.count > start]
+            held = [(first, block) for first, block in held if first + column_length(block) > start]
             if blocks is None or (not held and start > read + BLOCK_ROWS):
-                blocks, read = self.files.blocks_from(start, self.layout.names, BLOCK_ROWS), start
+                read = start - start % BLOCK_ROWS  # so that blocks end where those of files do
+                blocks = self.files.blocks_from(read, self.layout.names, BLOCK_ROWS)
             while read < stop:
                 block = next(blocks, None)
                 if block is None:
                     raise InputError(f"{self.files.name} became shorter while it was read; read it again.")
-                fresh = self._converted(block, read)
-                held.append((read, fresh))
-                read += fresh.count
-            parts = [part.rows(max(start - first, 0), stop - first) for first, part in held if first < stop]
-            yield self._recording(Signals.joined(parts), start)
+                held.append((read, self._checked(block, read)))
+                read += column_length(block)
+            parts = [
+                {name: values[max(start - first, 0) : stop - first] for name, values in block.items()}
+                for first, block in held
+                if first < stop and start < first + column_length(block)
+            ]
+            yield self._recording(parts, start)
 
     def even(self, processing: Processing) -> EvenClock:
         """Return the clock on which the rows are placed for a processing."""
@@ -177,14 +181,15 @@ class LogStream:
         span = even.rows(part, start, stop)
         return even.placed(next(self.spans([span])), span[0], part, start, stop)
 
-    def _converted(self, block: Any, first: int) -> Signals:
-        return convert(block, self.layout, self.columns, self._where(first), self.files.name)
+    def _checked(self, block: Columns, first: int) -> Columns:
+        return checked_columns(block, self.layout, self.columns, self._where(first), self.files.name)
 
     def _where(self, first: int) -> Callable[[int], str]:
         """Return a function that says where a row stands, counted from row `first` of the log."""
         return lambda row: self.files.where(first + row)
 
-    def _recording(self, signals: Signals, first: int) -> Recording:
+    def _recording(self, parts: Sequence[Columns], first: int) -> Recording:
+        signals = convert(parts, self.layout, self.columns, self.files.name)
         t, _ = times(signals, self.columns, self.files, first, self.origin, self.stated)
         return Recording(
             **signals_fields(signals, t, self.files.name),

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
+from steelyard.graph.column_passes import column_facts, side_by_side
 
 from .clock import ClockStatistics, clock_of
 from .columns import ACCELERATION_UNITS, POSITION_UNITS, TORQUE_UNITS, VELOCITY_UNITS, LogColumns
@@ -17,10 +18,19 @@ from .even import filled
 from .formats import Columns, LogFiles
 from .measurements import check_order
 from .recognition import Layout
-from .samples import cut_channels, joined_channels
+from .samples import is_finite
 from .survey import turned_on, without_dropouts, without_wild
 
-__all__ = ["Signals", "clock_at", "convert", "log_columns", "require_numbers", "signals_fields", "times"]
+__all__ = [
+    "Signals",
+    "checked_columns",
+    "clock_at",
+    "convert",
+    "log_columns",
+    "require_numbers",
+    "signals_fields",
+    "times",
+]
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,38 +44,16 @@ class Signals:
     acceleration: NDArray[np.float64] | None
     channels: Mapping[str, NDArray[np.float64]] | None = None
 
-    @property
-    def count(self) -> int:
-        """Number of rows."""
-        return len(self.q)
 
-    def rows(self, start: int, stop: int) -> Signals:
-        """Return the rows start:stop, without copying them."""
-        cut: dict[str, Any] = {name: a if a is None else a[start:stop] for name, a in self._arrays().items()}
-        return Signals(**cut, channels=cut_channels(self.channels, slice(start, stop)))
-
-    def _arrays(self) -> dict[str, NDArray[np.float64] | None]:
-        return {name: a for name, a in vars(self).items() if name != "channels"}
-
-    @classmethod
-    def joined(cls, parts: Sequence[Signals]) -> Signals:
-        """Put parts of a log one after the other."""
-        if len(parts) == 1:
-            return parts[0]
-        joined: dict[str, Any] = {}
-        for name in parts[0]._arrays():
-            columns = [getattr(part, name) for part in parts]
-            joined[name] = None if any(one is None for one in columns) else np.concatenate(columns)
-        return cls(**joined, channels=joined_channels([part.channels for part in parts]))
-
-
-def convert(raw: Columns, layout: Layout, columns: LogColumns, where: Callable[[int], str], source: str) -> Signals:
-    """Apply units, gains, matrices, offsets and signs to the columns of a log.
+def checked_columns(
+    raw: Columns, layout: Layout, columns: LogColumns, where: Callable[[int], str], source: str
+) -> Columns:
+    """Return columns of a log in which a number is there or, where `columns` allows it, NaN.
 
     Raises
     ------
     InputError
-        For values that are missing, NaN or infinite, and where a list in [log] has the wrong length.
+        For values that are missing, NaN or infinite where they may not be.
     """
     needed: Sequence[str] = layout.names
     if columns.missing == "fill":
@@ -76,6 +64,17 @@ def convert(raw: Columns, layout: Layout, columns: LogColumns, where: Callable[[
         }
     spare = {"velocity": layout.velocity, "acceleration": layout.acceleration}
     require_numbers(raw, needed, where, source, spare, layout.torque)
+    return raw
+
+
+def convert(raw: Sequence[Columns], layout: Layout, columns: LogColumns, source: str) -> Signals:
+    """Apply units, gains, matrices, offsets and signs to the columns of a log, in parts that follow one another.
+
+    Raises
+    ------
+    InputError
+        Where a list in [log] has the wrong length.
+    """
     q = _motion(raw, layout.position, POSITION_UNITS, layout.units["position"], columns)
     if columns.position_offset is not None:
         q += _list_of(columns.position_offset, q.shape[1], "position_offset", source)
@@ -93,7 +92,7 @@ def convert(raw: Columns, layout: Layout, columns: LogColumns, where: Callable[[
     if columns.torque_sign is not None:
         sign = columns.torque_sign
         torque *= sign if isinstance(sign, float) else _list_of(sign, torque.shape[1], "torque_sign", source)
-    t = None if layout.time is None else layout.seconds(raw)
+    t = None if layout.time is None else np.concatenate([layout.seconds(part) for part in raw])
     channels = {name: _stacked(raw, own) for name, own in layout.channels} or None
     return Signals(t, q, torque, velocity, acceleration, channels)
 
@@ -110,7 +109,8 @@ def require_numbers(
 
     Those of `spare` can be left out, and joints of which no torque is there, of the columns `torque`, be excluded.
     """
-    bad = {name: ~np.isfinite(raw[name]) for name in names if not np.isfinite(raw[name]).all()}
+    doubtful = [name for name in names if not is_finite(raw[name])]
+    bad = {name: flags for name, flags in ((name, ~np.isfinite(raw[name])) for name in doubtful) if flags.any()}
     if not bad:
         return
     rows = np.logical_or.reduce(list(bad.values()))
@@ -138,11 +138,8 @@ def _spell(value: float) -> str:
     return "missing or NaN" if np.isnan(value) else "infinite"
 
 
-def _stacked(raw: Columns, names: Sequence[str]) -> NDArray[np.float64]:
-    array = np.empty((raw[names[0]].shape[0], len(names)))
-    for index, name in enumerate(names):
-        array[:, index] = raw[name]
-    return array
+def _stacked(raw: Sequence[Columns], names: Sequence[str]) -> NDArray[np.float64]:
+    return side_by_side([[part[name] for name in names] for part in raw])
 
 
 def _scaled(array: NDArray[np.float64], scales: Sequence[float]) -> NDArray[np.float64]:
@@ -152,7 +149,7 @@ def _scaled(array: NDArray[np.float64], scales: Sequence[float]) -> NDArray[np.f
 
 
 def _motion(
-    raw: Columns, names: Sequence[str], scales: Mapping[str, float], units: Sequence[str], columns: LogColumns
+    raw: Sequence[Columns], names: Sequence[str], scales: Mapping[str, float], units: Sequence[str], columns: LogColumns
 ) -> NDArray[np.float64]:
     array = _scaled(_stacked(raw, names), [scales[unit] for unit in units])
     return array if columns.position_matrix is None else array @ np.array(columns.position_matrix).T
@@ -176,10 +173,18 @@ def log_columns(columns: LogColumns | dict[str, Any] | None) -> LogColumns:
 def signals_fields(signals: Signals, t: NDArray[np.float64], source: str) -> dict[str, Any]:
     """Return the arrays of a Recording by the names of its fields, with values filled and turns put together."""
     fields: dict[str, Any] = {"t": t, "position_missing": None, "torque_missing": None}
-    q, torque = without_wild(t, turned_on(signals.q)[0]), without_dropouts(signals.torque)
+    of_q, of_torque = column_facts(signals.q), column_facts(signals.torque)
+    q, torque = turned_on(signals.q, of_q)[0], without_dropouts(signals.torque, of_torque)
+    q = without_wild(t, q, of_q if q is signals.q else None)
+    whole = {
+        "q": q is signals.q and of_q.are_finite,
+        "torque": torque is signals.torque and of_torque.are_finite,
+    }
     signals = replace(signals, q=q, torque=torque)
     for name in ("q", "torque", "velocity", "acceleration"):
-        values, missing = filled(t, getattr(signals, name), "position" if name == "q" else name, source)
+        values, missing = getattr(signals, name), None
+        if not whole.get(name):
+            values, missing = filled(t, values, "position" if name == "q" else name, source)
         fields[name] = values
         if missing is not None:
             kind = "torque_missing" if name == "torque" else "position_missing"

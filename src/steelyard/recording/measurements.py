@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from steelyard.display import html_table, joint_label
 from steelyard.errors import InputError
 from steelyard.files.arguments import LARGEST
+from steelyard.graph.column_passes import ColumnFacts, column_facts
 from steelyard.once import cached_property
 
 from .samples import checked_channels, cut_channels, read_only_matrix, read_only_vector, require_finite
@@ -69,6 +70,7 @@ class Measurements:
             )
         object.__setattr__(self, "t", t)
         shape: tuple[int, ...] | None = None
+        facts: dict[str, ColumnFacts] = {}
         for name in ("q", "torque", "velocity", "acceleration"):
             values: ArrayLike | None = getattr(self, name)
             if values is None and name in ("velocity", "acceleration"):
@@ -80,7 +82,8 @@ class Measurements:
                     f"`{name}` of {self.source} has shape {array.shape}; expected {shape}, "
                     "one row per time and one column per joint."
                 )
-            if not (array.min() >= -LARGEST and array.max() <= LARGEST):
+            facts[name] = column_facts(array)
+            if not (facts[name].low.min() >= -LARGEST and facts[name].high.max() <= LARGEST):
                 require_finite(array, f"`{name}` of {self.source}")
                 row = int(np.argmax(np.abs(array).max(axis=1) > LARGEST))
                 raise InputError(
@@ -88,6 +91,7 @@ class Measurements:
                     "reaches; remove that row, or record again."
                 )
             object.__setattr__(self, name, array)
+        object.__setattr__(self, "_facts", facts)
         for name in ("position_missing", "torque_missing"):
             flags = getattr(self, name)
             if flags is not None and (np.asarray(flags).dtype != np.bool_ or np.shape(flags) != shape):
@@ -114,6 +118,12 @@ class Measurements:
     def joint_count(self) -> int:
         """Number of joints, N."""
         return int(self.q.shape[1])
+
+    @property
+    def facts(self) -> Mapping[str, ColumnFacts]:
+        """What each column of q, torque, velocity and acceleration holds, as far as these are there."""
+        found: dict[str, ColumnFacts] = vars(self)["_facts"]
+        return found
 
     @cached_property
     def rate(self) -> float:

@@ -18,7 +18,7 @@ from . import diagnosis  # as are these
 from .automatic import decide, settle
 from .clock import CLOCK_ROWS, FEWEST_ROWS
 from .columns import LogColumns
-from .conversion import clock_at, convert, log_columns, signals_fields, times
+from .conversion import checked_columns, clock_at, convert, log_columns, signals_fields, times
 from .cutoff import CutoffChoice
 from .diagnosis import find_missing
 from .even import evened
@@ -115,7 +115,8 @@ class Recording(Measurements):
         files = LogFiles(source, log_columns(columns))
         columns = files.columns
         layout = files.layout(joints)
-        signals = convert(files.read(layout.names), layout, columns, files.where, files.name)
+        read = checked_columns(files.read(layout.names), layout, columns, files.where, files.name)
+        signals = convert([read], layout, columns, files.name)
         stamps, clock = signals.t, None
         if columns.rate is not None and stamps is not None and len(stamps) >= FEWEST_ROWS:
             blocks = (stamps[start : start + CLOCK_ROWS] for start in range(0, len(stamps), CLOCK_ROWS))

@@ -31,9 +31,6 @@ FEW_VALUES = 1000
 """Values up to which `is_finite` asks each, in 1 µs: a control loop asks of a few a thousand times a second."""
 GAP = 1.5
 """Sample times from one row to the next from which on the motion between them is not known."""
-TOGETHER = 128
-"""Rows whose extremes are taken together: seven columns one by one take twelve times as long, with 16 rows or 512
-together it is twice and one and a quarter times."""
 TOO_EARLY = "at a beginning, before presliding friction is known"
 
 
@@ -399,27 +396,6 @@ def read_only_vector(values: ArrayLike, what: str) -> NDArray[np.float64]:
 
 def _numbers(values: ArrayLike, what: str) -> NDArray[np.float64]:
     return np.ascontiguousarray(real_array(values, what, "an array of real numbers, NaN where there is none"))
-
-
-def column_extremes(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the least and the greatest value of each column of (S, N), (N,) each; NaN where a column has one.
-
-    Of no rows they are infinite.
-    """
-    width, whole = values.shape[1], len(values) - len(values) % TOGETHER
-    # Of long rows neighbours in memory are compared many at a time; of a few columns one after the other.
-    long, rest = values[:whole].reshape(-1, TOGETHER * width), values[whole:]
-    low, high = rest.min(axis=0, initial=np.inf), rest.max(axis=0, initial=-np.inf)
-    if len(long):
-        low = np.minimum(long.min(axis=0).reshape(-1, width).min(axis=0), low)
-        high = np.maximum(long.max(axis=0).reshape(-1, width).max(axis=0), high)
-    return low, high
-
-
-def column_ranges(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the greatest less the least value of each column of (S, N), (N,), in an eighth of the time of NumPy."""
-    low, high = column_extremes(values)
-    return high - low
 
 
 def is_finite(array: NDArray[np.float64]) -> bool:

@@ -12,9 +12,9 @@ from steelyard.display import capital, joint_label
 from steelyard.errors import InputError
 from steelyard.files import listed
 from steelyard.files.arguments import LARGEST
+from steelyard.graph.column_passes import ColumnFacts, column_facts
 
 from .measurements import Measurements
-from .samples import column_extremes
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -149,9 +149,12 @@ class LogSurvey:
             self._products = np.zeros((width, width))
         self.count += stop - start
         q = recording.q[rows]
-        extremes = column_extremes(q)
+        whole = stop - start == recording.count
+        facts = recording.facts["q"] if whole else column_facts(q)
+        extremes = facts.low, facts.high
         self._widen("q", *extremes)
-        self._widen("torque", *column_extremes(recording.torque[rows]))
+        of_torque = recording.facts["torque"] if whole else column_facts(recording.torque[rows])
+        self._widen("torque", of_torque.low, of_torque.high)
         # Where positions reach no further than a turn in degrees, none is told as a count, and rounding them is spared.
         if np.abs(extremes).max(initial=0.0) * DEGREE > FULL_TURN:
             self._far += stop - start
@@ -159,7 +162,7 @@ class LogSurvey:
         for index, flags in enumerate((recording.position_missing, recording.torque_missing)):
             self._filled[index] += 0 if flags is None else int(flags[rows].sum())
         if stop - start > 2:
-            self._see_jumps(recording.t[rows], q)
+            self._see_jumps(recording.t[rows], q, facts)
             self._see_speeds(recording.t[rows], q, recording.rate)
             if recording.velocity is not None:
                 self._compare(recording.t[rows], q, recording.velocity[rows], recording.rate)
@@ -188,9 +191,9 @@ class LogSurvey:
         low, high = getattr(self, name)
         setattr(self, name, np.stack([np.minimum(low, lowest), np.maximum(high, highest)]))
 
-    def _see_jumps(self, t: Array, q: Array) -> None:
+    def _see_jumps(self, t: Array, q: Array, facts: ColumnFacts) -> None:
         found = []
-        for j, rows in enumerate(position_jumps(t, q)):
+        for j, rows in enumerate(position_jumps(t, q, facts)):
             for row in map(int, rows):
                 moving = np.flatnonzero(q[: row - 1, j] != q[row - 1, j])
                 since = t[moving[-1] + 1] if len(moving) else t[0]
@@ -569,7 +572,7 @@ def stuck_torques(
 
 
 @np.errstate(over="ignore", invalid="ignore")  # the step between two huge numbers is infinite, and no turn
-def turned_on(q: NDArray[np.float64]) -> tuple[NDArray[np.float64], tuple[int, ...]]:
+def turned_on(q: NDArray[np.float64], facts: ColumnFacts | None = None) -> tuple[NDArray[np.float64], tuple[int, ...]]:
     """Take jumps by a whole turn out of positions, as encoders of joints that turn on and on make them.
 
     A jump counts where the joint moves on after it as before: what is left of the step without the turn is small, and
@@ -579,6 +582,8 @@ def turned_on(q: NDArray[np.float64]) -> tuple[NDArray[np.float64], tuple[int, .
     ----------
     q : ndarray
         (S, N), rad or m; NaN where values are missing.
+    facts : ColumnFacts, optional
+        Of `q`, where they are known.
 
     Returns
     -------
@@ -597,8 +602,8 @@ def turned_on(q: NDArray[np.float64]) -> tuple[NDArray[np.float64], tuple[int, .
     """
     jumps = np.zeros(q.shape[1], dtype=int)
     result = q
-    low, high = column_extremes(q)
-    far = ~(high - low <= TURN - STEADY)  # true also where values are missing
+    facts = column_facts(q) if facts is None else facts
+    far = ~(facts.high - facts.low <= TURN - STEADY)  # true also where values are missing
     for j in map(int, np.flatnonzero(far)):  # no step of the others is as long
         there = np.flatnonzero(np.isfinite(q[:, j]))
         steps = np.diff(q[there, j])
@@ -621,7 +626,9 @@ def turned_on(q: NDArray[np.float64]) -> tuple[NDArray[np.float64], tuple[int, .
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def without_wild(t: NDArray[np.float64], q: NDArray[np.float64]) -> NDArray[np.float64]:
+def without_wild(
+    t: NDArray[np.float64], q: NDArray[np.float64], facts: ColumnFacts | None = None
+) -> NDArray[np.float64]:
     """Make single positions missing that are far from both their neighbours, which are near each other.
 
     A filter makes an acceleration of a wild reading over its whole response, which the model takes for true: *measured*
@@ -634,6 +641,8 @@ def without_wild(t: NDArray[np.float64], q: NDArray[np.float64]) -> NDArray[np.f
         (S,) s.
     q : ndarray
         (S, N), rad or m; NaN where values are missing.
+    facts : ColumnFacts, optional
+        Of `q`, where they are known.
 
     Returns
     -------
@@ -650,7 +659,7 @@ def without_wild(t: NDArray[np.float64], q: NDArray[np.float64]) -> NDArray[np.f
     [70]
     """
     result = q
-    for j in _joints_that_step(q, LEAST_JUMP):
+    for j in _joints_that_step(q, facts, LEAST_JUMP):
         steps = np.diff(q[:, j])
         far = np.flatnonzero(np.abs(steps) > LEAST_JUMP)
         rows = np.intersect1d(far + 1, far, assume_unique=True)  # with a long step before and one after
@@ -667,7 +676,7 @@ def without_wild(t: NDArray[np.float64], q: NDArray[np.float64]) -> NDArray[np.f
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def without_dropouts(torque: NDArray[np.float64]) -> NDArray[np.float64]:
+def without_dropouts(torque: NDArray[np.float64], facts: ColumnFacts | None = None) -> NDArray[np.float64]:
     """Make torques missing that are exactly zero for a moment, among torques that are alike and are not.
 
     Loggers write a zero where the message of a drive was lost. *Measured* on an arm of six joints, 5 % of such rows
@@ -677,6 +686,8 @@ def without_dropouts(torque: NDArray[np.float64]) -> NDArray[np.float64]:
     ----------
     torque : ndarray
         (S, N), N·m or N; NaN where values are missing.
+    facts : ColumnFacts, optional
+        Of `torque`, where they are known.
 
     Returns
     -------
@@ -692,9 +703,8 @@ def without_dropouts(torque: NDArray[np.float64]) -> NDArray[np.float64]:
     [70, 120, 121]
     """
     result = torque
-    if np.count_nonzero(torque) == torque.size:
-        return torque
-    for j in range(torque.shape[1]):
+    facts = column_facts(torque) if facts is None else facts
+    for j in map(int, np.flatnonzero(facts.zeros)):
         values = torque[:, j]
         rows = np.flatnonzero(values == 0.0)
         if not 0 < len(rows) <= MOST_DROPOUTS * len(torque):
@@ -715,7 +725,9 @@ def without_dropouts(torque: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def position_jumps(t: NDArray[np.float64], q: NDArray[np.float64]) -> tuple[NDArray[np.intp], ...]:
+def position_jumps(
+    t: NDArray[np.float64], q: NDArray[np.float64], facts: ColumnFacts | None = None
+) -> tuple[NDArray[np.intp], ...]:
     """Find rows whose position is further from the row before than a joint moves, and which the next rows follow.
 
     An encoder does so that slips, is set to another zero, or goes on after it stood still; and two runs without a pause
@@ -727,6 +739,8 @@ def position_jumps(t: NDArray[np.float64], q: NDArray[np.float64]) -> tuple[NDAr
         (S,) s.
     q : ndarray
         (S, N), rad or m, without wild readings.
+    facts : ColumnFacts, optional
+        Of `q`, where they are known.
 
     Returns
     -------
@@ -743,7 +757,7 @@ def position_jumps(t: NDArray[np.float64], q: NDArray[np.float64]) -> tuple[NDAr
     [[70]]
     """
     found = [np.empty(0, np.intp) for _ in range(q.shape[1])]
-    for j in _joints_that_step(q, 0.5 * SLIPPED):  # two steps differ by no more than twice the longest
+    for j in _joints_that_step(q, facts, 0.5 * SLIPPED):  # two steps differ by no more than twice the longest
         steps, times = np.diff(q[:, j]), np.diff(t)[1:-1]
         here = steps[1:-1]
         off = np.minimum(np.abs(here - steps[:-2]), np.abs(here - steps[2:]))
@@ -761,12 +775,12 @@ def farthest(times: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.maximum(SUDDEN * times, LEAST_JUMP))
 
 
-def _joints_that_step(q: NDArray[np.float64], longest: float) -> list[int]:
+def _joints_that_step(q: NDArray[np.float64], facts: ColumnFacts | None, longest: float) -> list[int]:
     """Return the joints, from 0, whose position has a longer step from row to row, or is missing somewhere."""
     if len(q) < 3:
         return []
-    low, high = column_extremes(np.diff(q, axis=0))
-    return [int(j) for j in np.flatnonzero(~((low >= -longest) & (high <= longest)))]
+    facts = column_facts(q) if facts is None else facts
+    return [int(j) for j in np.flatnonzero(~((facts.least_step >= -longest) & (facts.greatest_step <= longest)))]
 
 
 def turn_remarks(q: NDArray[np.float64], joint_names: Sequence[str] | None = None) -> tuple[str, ...]:

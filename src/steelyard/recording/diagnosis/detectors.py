@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.display import capital, html_sentences, joint_label
 from steelyard.errors import InputError
+from steelyard.graph.column_passes import column_facts
 
 from ..measurements import Measurements
-from ..samples import column_ranges
 
 __all__ = [
     "DETECTORS",
@@ -311,7 +311,7 @@ def find_saturation(recording: Measurements, levels: ArrayLike | None = None) ->
 
 def clipped_rows(torque: Array, levels: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Tell which torques (S, N) are at levels (N, 2), and which of them are or have a neighbour that is."""
-    slack = 1e-6 * column_ranges(torque)
+    slack = 1e-6 * column_facts(torque).ranges
     at = (torque <= levels[:, 0] + slack) | (torque >= levels[:, 1] - slack)
     near = at.copy()
     near[1:] |= at[:-1]

@@ -15,7 +15,7 @@ from steelyard.dynamics.threads import one_thread
 from ..cutoff.by_torques import FAST, TorqueFit
 from ..filters import MotionFilter
 from ..measurements import Measurements
-from ..samples import Samples, column_ranges
+from ..samples import Samples
 from .detectors import noise_deviation, resolution
 
 if TYPE_CHECKING:
@@ -93,7 +93,7 @@ class HeldJoints:
     @classmethod
     def of(cls, recording: Measurements) -> Self:
         """Find the joints that do not move in a recording, or in the first rows of a log."""
-        travel = column_ranges(recording.q)
+        travel = recording.facts["q"].ranges
         likely = travel <= MOST_TRAVEL
         held = cls(likely, recording.q[0].copy(), np.zeros(len(travel)))
         if not likely.any():

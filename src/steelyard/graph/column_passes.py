@@ -1,0 +1,205 @@
+"""Passes over tables with one row per sample, compiled for this processor: each reads what it needs once.
+
+A log of seven joints is larger than the caches, and NumPy goes through it once for each question, into a new array for
+some. For few values, where loading machine code takes longer than all of that, NumPy answers.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Callable, Sequence
+from functools import cache
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .kernel import address_of
+from .machine import batch_lanes, host_machine
+
+if TYPE_CHECKING:
+    from .loops import Code
+
+__all__ = ["ColumnFacts", "central_differences", "column_facts", "side_by_side"]
+
+Array = NDArray[np.float64]
+
+FEW = 50_000
+"""Values below which NumPy is used: it takes 0.2 ms for the facts of so many, as long as loading the machine code."""
+TILE = 512
+"""Rows whose columns are put side by side at a time: those of 8 columns are half of the nearest cache."""
+
+
+class ColumnFacts(NamedTuple):
+    """What `column_facts` finds, of each column.
+
+    Attributes
+    ----------
+    low, high : ndarray
+        (N,) the least and the greatest value; NaN where a column has one, infinite of no rows.
+    least_step, greatest_step : ndarray
+        (N,) the least and the greatest difference from a row to the next, as `low` and `high`.
+    zeros : ndarray of int
+        (N,) how many values are 0.
+    """
+
+    low: Array
+    high: Array
+    least_step: Array
+    greatest_step: Array
+    zeros: NDArray[np.intp]
+
+    @property
+    def ranges(self) -> Array:
+        """(N,) the greatest less the least value."""
+        return self.high - self.low
+
+    @property
+    def are_finite(self) -> bool:
+        """Whether no value is NaN or infinite."""
+        return bool(np.isfinite(self.low).all() and np.isfinite(self.high).all())
+
+
+@np.errstate(over="ignore", invalid="ignore")
+def column_facts(values: Array) -> ColumnFacts:
+    """Return extremes of the columns of a table (S, N) and of their steps, and how many of their values are zero.
+
+    Examples
+    --------
+    >>> facts = column_facts(np.array([[0.0, 5.0], [2.0, 5.0], [1.0, 3.0]]))
+    >>> facts.low.tolist(), facts.high.tolist(), facts.least_step.tolist(), facts.zeros.tolist()
+    ([0.0, 3.0], [2.0, 5.0], [-1.0, -2.0], [1, 0])
+    """
+    count, width = values.shape
+    if values.size >= FEW and values.flags.c_contiguous and values.dtype == np.float64:
+        held = min(width, batch_lanes())
+        found = np.empty(6 * width + batch_lanes())
+        _facts(held)(*map(address_of, (values, found)), count, width, width - held)
+        low, high, least, greatest, zeros, spoiled = found[: 6 * width].reshape(6, width)
+        if not np.isnan(spoiled).any():
+            return ColumnFacts(low, high, least, greatest, zeros.astype(np.intp))
+    steps = values[1:] - values[:-1]
+    return ColumnFacts(
+        low=values.min(axis=0, initial=np.inf),
+        high=values.max(axis=0, initial=-np.inf),
+        least_step=steps.min(axis=0, initial=np.inf),
+        greatest_step=steps.max(axis=0, initial=-np.inf),
+        zeros=count - np.count_nonzero(values, axis=0),
+    )
+
+
+def side_by_side(parts: Sequence[Sequence[Array]]) -> Array:
+    """Return a table whose columns are given in parts that follow one another.
+
+    Parameters
+    ----------
+    parts : sequence of sequences of ndarray
+        For each part its N columns, of as many rows.
+
+    Examples
+    --------
+    >>> side_by_side([[np.array([1.0, 2.0]), np.array([5.0, 6.0])], [np.array([3.0]), np.array([7.0])]]).tolist()
+    [[1.0, 5.0], [2.0, 6.0], [3.0, 7.0]]
+    """
+    counts, width = [len(columns[0]) for columns in parts], len(parts[0])
+    table, start = np.empty((sum(counts), width)), 0
+    for columns, count in zip(parts, counts, strict=True):
+        rows = table[start : start + count]
+        if count * width < FEW:
+            for index, column in enumerate(columns):
+                rows[:, index] = column
+        else:
+            held = [np.ascontiguousarray(column, np.float64) for column in columns]
+            if any(column.shape != (count,) for column in held):
+                raise ValueError("columns that are put side by side must have as many rows")
+            addresses = np.array([address_of(column) for column in held], np.int64)
+            _stacking()(address_of(addresses), address_of(rows), count, width)
+        start += count
+    return table
+
+
+def central_differences(values: Array, span: float, out: Array) -> None:
+    """Write ``(values[2:] - values[:-2]) / span`` of a table (S, N) into `out`, (S - 2, N), to the last bit.
+
+    Examples
+    --------
+    >>> out = np.empty((2, 1))
+    >>> central_differences(np.array([[1.0], [2.0], [5.0], [6.0]]), 2.0, out)
+    >>> out.tolist()
+    [[2.0], [2.0]]
+    """
+    arrays = values, out
+    if out.size < FEW or not all(one.flags.c_contiguous and one.dtype == np.float64 for one in arrays):
+        np.subtract(values[2:], values[:-2], out=out)
+        out /= span
+        return
+    if out.shape != (len(values) - 2, values.shape[1]):
+        raise ValueError("differences over two rows need an array of as many rows less two")
+    over = np.array([span])  # which must live until it is read
+    _differences()(*map(address_of, (values, over, out)), out.size, out.shape[1])
+
+
+@cache
+def _facts(held: int) -> Callable[..., None]:
+    code = host_machine(batch_lanes()).load_code(lambda code: _write_facts(code, held), ("facts",))
+    return code.function("facts", *[ctypes.c_void_p] * 2, *[ctypes.c_int64] * 3)
+
+
+def _write_facts(code: Code, held: int) -> None:
+    """Write the function: of as many columns as there are lanes all that is known stays in registers.
+
+    Of fewer columns than lanes, `held`, a register reads nothing of the rows that follow.
+    """
+    infinite = float("inf")
+    with code.function("facts", "values", "found", integers="count width last") as given:
+        values, found, count, width, last = given
+        for column in code.range(width, step=code.lanes):
+            at = column.below(last)  # the last columns are those up to the end
+            start = values.shared_at(at)
+            first = start.of_first(held)
+            zero = (first > 0.0).choose(0.0, (first < 0.0).choose(0.0, 1.0))
+            initial = [first, first, infinite, -infinite, zero, first * 0.0, first]
+            with code.fold(initial, count, 1) as loop:
+                low, high, least, greatest, zeros, spoiled, before = loop.values
+                own = start.shared_at(loop.index * width).of_first(held)
+                step = own - before
+                loop.next = [
+                    (own < low).choose(own, low),
+                    (own > high).choose(own, high),
+                    (step < least).choose(step, least),
+                    (step > greatest).choose(step, greatest),
+                    zeros + (own > 0.0).choose(0.0, (own < 0.0).choose(0.0, 1.0)),
+                    spoiled + own * 0.0,  # from a value on that is no number, or infinite, no number
+                    own,
+                ]
+            for line, value in enumerate(loop.values[:6]):
+                found.shared_at(width * line + at)[0] = value
+
+
+@cache
+def _differences() -> Callable[..., None]:
+    def write(code: Code) -> None:
+        with code.function("differences", "values", "span", "out", integers="count width") as given:
+            values, span, out, count, width = given
+            over, later = span.shared(0), values.shared_at(width * 2)
+            for index in code.range(count, step=code.lanes):
+                at = index.below(count - code.lanes)  # the last numbers are those up to the end
+                out.shared_at(at)[0] = (later.shared_at(at)[0] - values.shared_at(at)[0]) / over
+
+    code = host_machine(batch_lanes()).load_code(write, ("differences",))
+    return code.function("differences", *[ctypes.c_void_p] * 3, *[ctypes.c_int64] * 2)
+
+
+@cache
+def _stacking() -> Callable[..., None]:
+    def write(code: Code) -> None:
+        with code.function("stack", "columns", "rows", integers="count width") as (columns, rows, count, width):
+            for tile in code.range(count, step=TILE):
+                stop = (tile + TILE).below(count)
+                for column in code.range(width):
+                    source, target = columns.array(column), rows.shared_at(column)
+                    for row in code.range(stop, tile):
+                        target.put(row * width, source.shared(row))
+
+    code = host_machine(1).load_code(write, ("stack",))
+    return code.function("stack", *[ctypes.c_void_p] * 2, *[ctypes.c_int64] * 2)
