@@ -4,9 +4,8 @@ import ctypes
 
 import numpy as np
 
-from steelyard.graph.kernel import address_of
 from steelyard.graph.loops import Code
-from steelyard.graph.machine import batch_lanes, host_machine
+from steelyard.graph.machine import address_of, batch_lanes, host_machine
 
 SIZE = 7
 

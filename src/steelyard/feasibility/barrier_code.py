@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from steelyard.graph.kernel import address_of
-from steelyard.graph.machine import host_machine
+from steelyard.graph.machine import address_of, host_machine
 
 if TYPE_CHECKING:
     from steelyard.graph.loops import Array, Code, Index

@@ -9,8 +9,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from .kernel import address_of
-from .machine import batch_lanes, host_machine
+from .machine import address_of, batch_lanes, host_machine
 
 __all__ = ["filter_columns"]
 

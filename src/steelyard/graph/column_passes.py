@@ -14,9 +14,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .kernel import address_of
-from .machine import batch_lanes, host_machine
-
 if TYPE_CHECKING:
     from .loops import Code
 
@@ -72,6 +69,8 @@ def column_facts(values: Array) -> ColumnFacts:
     """
     count, width = values.shape
     if values.size >= FEW and values.flags.c_contiguous and values.dtype == np.float64:
+        from .machine import address_of, batch_lanes  # for few values it need not be loaded
+
         held = min(width, batch_lanes())
         found = np.empty(6 * width + batch_lanes())
         _facts(held)(*map(address_of, (values, found)), count, width, width - held)
@@ -109,6 +108,8 @@ def side_by_side(parts: Sequence[Sequence[Array]]) -> Array:
             for index, column in enumerate(columns):
                 rows[:, index] = column
         else:
+            from .machine import address_of
+
             held = [np.ascontiguousarray(column, np.float64) for column in columns]
             if any(column.shape != (count,) for column in held):
                 raise ValueError("columns that are put side by side must have as many rows")
@@ -135,12 +136,16 @@ def central_differences(values: Array, span: float, out: Array) -> None:
         return
     if out.shape != (len(values) - 2, values.shape[1]):
         raise ValueError("differences over two rows need an array of as many rows less two")
+    from .machine import address_of
+
     over = np.array([span])  # which must live until it is read
     _differences()(*map(address_of, (values, over, out)), out.size, out.shape[1])
 
 
 @cache
 def _facts(held: int) -> Callable[..., None]:
+    from .machine import batch_lanes, host_machine
+
     code = host_machine(batch_lanes()).load_code(lambda code: _write_facts(code, held), ("facts",))
     return code.function("facts", *[ctypes.c_void_p] * 2, *[ctypes.c_int64] * 3)
 
@@ -178,6 +183,8 @@ def _write_facts(code: Code, held: int) -> None:
 
 @cache
 def _differences() -> Callable[..., None]:
+    from .machine import batch_lanes, host_machine
+
     def write(code: Code) -> None:
         with code.function("differences", "values", "span", "out", integers="count width") as given:
             values, span, out, count, width = given
@@ -192,6 +199,8 @@ def _differences() -> Callable[..., None]:
 
 @cache
 def _stacking() -> Callable[..., None]:
+    from .machine import host_machine
+
     def write(code: Code) -> None:
         with code.function("stack", "columns", "rows", integers="count width") as (columns, rows, count, width):
             for tile in code.range(count, step=TILE):

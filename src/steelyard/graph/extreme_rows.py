@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from .kernel import address_of
-from .machine import batch_lanes, host_machine
+from .machine import address_of, batch_lanes, host_machine
 
 if TYPE_CHECKING:
     from .loops import Code

@@ -28,9 +28,9 @@ from .expression import operation_count
 from .function import Argument, Function
 from .instructions import support_source
 from .llvm import kernel_source
-from .machine import LOCK, LoadedCode, batch_lanes, host_machine
+from .machine import LOCK, LoadedCode, address_of, batch_lanes, host_machine
 
-__all__ = ["DOUBLE", "Kernel", "Signature", "address_of", "addresses_of", "source_digest"]
+__all__ = ["DOUBLE", "Kernel", "Signature", "addresses_of", "source_digest"]
 
 DOUBLE = np.dtype(np.float64)
 _ROOMS = ("robot", "graph", "dynamics")
@@ -576,14 +576,6 @@ def _digest(*texts: str) -> str:
 
 
 # Where the arrays that a compiled function reads and writes stand in memory.
-
-
-def address_of(array: NDArray[Any]) -> int:
-    """Return the address in memory of the first number of a contiguous array."""
-    try:
-        return ctypes.addressof(ctypes.c_char.from_buffer(array))  # type: ignore[arg-type]
-    except (TypeError, ValueError, BufferError):  # an array that may not be written, or an empty one
-        return int(array.ctypes.data)
 
 
 def addresses_of(arguments: tuple[Argument, ...], arrays: tuple[Array, ...]) -> tuple[list[int], int, list[Array]]:

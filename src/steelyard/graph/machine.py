@@ -18,9 +18,11 @@ from .cache import ObjectCache, pack, unpack
 from .instructions import SUPPORT, support_source
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from .loops import Code
 
-__all__ = ["LOCK", "LoadedCode", "Machine", "batch_lanes", "host_machine"]
+__all__ = ["LOCK", "LoadedCode", "Machine", "address_of", "batch_lanes", "host_machine"]
 
 LOCK = threading.RLock()
 """Held by the thread that compiles or loads code."""
@@ -202,3 +204,11 @@ def _link(
         except RuntimeError:
             return None
     return LoadedCode(tracker, symbols, len(code), called)
+
+
+def address_of(array: NDArray[Any]) -> int:
+    """Return the address in memory of the first number of a contiguous array."""
+    try:
+        return ctypes.addressof(ctypes.c_char.from_buffer(array))  # type: ignore[arg-type]
+    except (TypeError, ValueError, BufferError):  # an array that may not be written, or an empty one
+        return int(array.ctypes.data)

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.dynamics.functions import RESIDUE_ACCELERATION, RESIDUE_VELOCITY
-from steelyard.graph.kernel import address_of
-from steelyard.graph.machine import batch_lanes
+from steelyard.graph.machine import address_of, batch_lanes
 
 from .neighbor_code import AT_ONCE, FINE, LENGTH, ORDERS, Constant, Field, Word, compiled
 

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.graph.kernel import address_of
-from steelyard.graph.machine import batch_lanes, host_machine
+from steelyard.graph.machine import address_of, batch_lanes, host_machine
 
 if TYPE_CHECKING:
     from steelyard.graph.loops import Code

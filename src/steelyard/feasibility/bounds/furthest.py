@@ -9,8 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from steelyard.dynamics.threads import in_threads
-from steelyard.graph.kernel import address_of
-from steelyard.graph.machine import batch_lanes
+from steelyard.graph.machine import address_of, batch_lanes
 from steelyard.once import cached_property
 
 from .furthest_code import CONE, SINGLE, UNKNOWN, Word, compiled
