@@ -1,6 +1,6 @@
 """A fleet whose robots repeat their programmes: what the model misses returns with each period and tells no more."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -95,15 +95,16 @@ def test_of_many_logs_few_rows_are_kept(written: Callable[..., Path], monkeypatc
     """Each of 400 logs kept up to 32 768 rows, 3 GB of seven joints."""
     folder, kept = written([1], lambda _: 0.0).parent, []
 
-    def one_by_one(reader: object, tasks: list[LogTask], *_: object) -> Iterator[None]:
-        kept.extend(task.rows for task in tasks)
+    def reduced(reader: object, task: LogTask, model: object) -> None:
+        kept.append(task.rows)
         raise sy.InputError("enough")
 
     for number in range(1, 400):
         (folder / f"{number}.csv").hardlink_to(folder / "0.csv")
-    monkeypatch.setattr(data_sets, "one_by_one", one_by_one)
+    monkeypatch.setattr(data_sets.LogReader, "reduced", reduced)
     logs = [str(folder / f"{number}.csv") for number in range(400)]
-    with pytest.raises(sy.InputError, match="enough"):
-        data_sets.reduced_logs(RobotFile.load(folder / "robot.toml"), sy.Model.load(folder / "robot.toml"), logs)
+    file, model = RobotFile.load(folder / "robot.toml"), sy.Model.load(folder / "robot.toml")
+    with pytest.raises(sy.InputError, match="none of 400 logs can be used; of the last: enough"):
+        data_sets.reduced_logs(file, model, logs, left_out={})
     assert len(kept) == 400
     assert sum(kept) <= 120_000

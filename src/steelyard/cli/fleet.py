@@ -27,8 +27,8 @@ def fleet(
 ) -> None:
     """Estimate many robots; tell which differ, fall into batches or have drifted: exit 0 none, 1 some.
 
-    Exits 1, too, where no parameters explain the data of a robot. Exits 3 where nothing came of some entry; the others
-    are there.
+    Exits 1, too, where no parameters explain the data of a robot. Exits 3 where nothing came of some entry, or a log of
+    several was left out because it cannot be used; the others are there.
 
     \b
     Examples:
@@ -54,7 +54,7 @@ def fleet(
     else:
         echo(found)
         echo(f"Look at {output / 'fleet.html'}")
-    if found.failed:
+    if found.failed or found.left_out:
         raise typer.Exit(3)
     if found.findings or found.unexplained:
         raise typer.Exit(1)

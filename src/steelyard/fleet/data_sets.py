@@ -19,7 +19,7 @@ from steelyard.identification.given import (
     wider_model,
     without_informations,
 )
-from steelyard.identification.log_reader import LogReader, LogTask, ReducedLog, drawn_rows, one_by_one
+from steelyard.identification.log_reader import LogError, LogReader, LogTask, ReducedGroup, ReducedLog, drawn_rows
 from steelyard.identification.reduced_logs import copies_among, require_once
 from steelyard.recording import Samples
 from steelyard.recording.formats import contents_of, require_unwritten, unchanged, written_states
@@ -141,10 +141,12 @@ def reduced_logs(
     logs: Sequence[GivenLog],
     each: Callable[[ReducedLog], None] | None = None,
     informations: Sequence[tuple[str, Information]] = (),
+    left_out: dict[str, str] | None = None,
 ) -> ReducedDataSet:
     """Reduce the logs of one robot in this process, in the base parameters of a model, and add what was reduced before.
 
-    `each` is given each log by itself, with the rows in which short events show.
+    `each` is given each log by itself, with the rows in which short events show. With `left_out` logs that cannot be
+    used stop nothing while others are left: each is put there by its name, and why.
     """
     if file.section("elastic"):
         raise InputError(
@@ -157,12 +159,21 @@ def reduced_logs(
     written = written_states(logs)
     reader = LogReader(file, model)
     reader.require_torques()
-    reader.decide(logs, lambda _: None)
+    logs = _that_open(reader, logs, left_out)
     tree, blocks, parts = BatchMeansTree(), TimeBlocks(empty_factors(model)), []
     drawn = FEW if each is None and len(logs) < 2 else drawn_rows(max(len(logs), 1), FEW)
-    tasks = [LogTask(log, FEW, drawn, len(logs), True) for log in logs]
+    used: list[GivenLog] = []
     windows: list[Samples] = []  # of several logs, which may hold one motion
-    for (one,), means in one_by_one(reader, tasks, model, lambda _: None):
+    for log in logs:
+        try:
+            found = reader.reduced(LogTask(log, FEW, drawn, len(logs), True), model)
+        except InputError as error:
+            if left_out is None or len(logs) == 1:
+                raise
+            left_out[str(log)] = str(error)
+            continue
+        ((one,), means) = ReducedGroup.of([found])
+        used.append(log)
         reader.note(one)
         if each is not None:
             each(one)
@@ -170,9 +181,12 @@ def reduced_logs(
         blocks.append(TimeBlocks.of_held(blocks.empty, one.blocks))
         parts.append(one.information)
         windows += one.drawn.windows if len(logs) > 1 else ()
+    if logs and not used:
+        assert left_out is not None
+        raise InputError(f"none of {len(logs)} logs can be used; of the last: {list(left_out.values())[-1]}")
     require_unwritten(written)
     own = [replace(Information.total(parts), batch_means=tree.total())] if parts else []
-    names = (*map(str, logs), *(path for path, _ in informations))
+    names = (*map(str, used), *(path for path, _ in informations))
     copies = copies_among([(name, "identification", one) for name, one in zip(names, [*parts, *earlier], strict=True)])
     stretches = [part for one in own for part in one.stretches(blocks)]
     if windows and not any(one.returning for one in own):
@@ -185,6 +199,20 @@ def reduced_logs(
         tuple(dict.fromkeys((*reader.remarks, *copies.values()))),
         {name: plain(value) for name, value in reader.decided.items()},
     )
+
+
+def _that_open(reader: LogReader, logs: Sequence[GivenLog], left_out: dict[str, str] | None) -> Sequence[GivenLog]:
+    """Decide how logs are processed; return those that can be opened, as far as the decision has to know."""
+    while True:
+        try:
+            reader.decide(logs, lambda _: None)
+        except LogError as error:
+            if left_out is None or len(logs) == 1:
+                raise
+            left_out[str(error.log)] = str(error)
+            logs = [log for log in logs if log is not error.log]
+        else:
+            return logs
 
 
 def _reduced(common: Any, task: _Task) -> bytes:

@@ -170,6 +170,11 @@ class Fleet:
         return tuple(row for row in self.rows if row.reason)
 
     @property
+    def left_out(self) -> tuple[tuple[RobotRow, str, str], ...]:
+        """The logs that could not be used, of robots that were estimated by others: row, log and reason of each."""
+        return tuple((row, log, reason) for row in self.rows for log, reason in row.values.get("left_out", {}).items())
+
+    @property
     def batches(self) -> tuple[Finding, ...]:
         """What robots of one batch have in common, and those of others have not; the surest first."""
         return tuple(one for one in self.findings if one.kind == "batch")
@@ -204,6 +209,9 @@ class Fleet:
             parts.append(f"no parameters like those of siblings explain the data of {number}")
         if self.failed:
             parts.append(f"nothing came of {len(self.failed)} of {len(self.rows)} entries")
+        if self.left_out:
+            count = len(self.left_out)
+            parts.append(f"{count} log{'s were' if count > 1 else ' was'} left out that cannot be used")
         return (
             f"{robots}: {', '.join(parts)}." if parts else f"{robots}, of which none has siblings to compare it with."
         )
@@ -222,6 +230,9 @@ class Fleet:
         if self.failed:
             rows = [(row.entry.label, row.reason) for row in self.failed[:MOST_SENTENCES]]
             lines.append(text_table(("robot", "nothing came of it, because"), rows))
+        if self.left_out:
+            rows = [(row.entry.label, reason) for row, _, reason in self.left_out[:MOST_SENTENCES]]
+            lines.append(text_table(("robot", "a log was left out, because"), rows))
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
@@ -239,6 +250,10 @@ class Fleet:
                 _finding_row(one) | {"history": list(one.history), "robots": list(one.robots)} for one in self.findings
             ],
             "failed": [{"robot": r.entry.id, "date": r.entry.date, "reason": r.reason} for r in self.failed],
+            "left_out": [
+                {"robot": row.entry.id, "date": row.entry.date, "log": log, "reason": reason}
+                for row, log, reason in self.left_out
+            ],
             "remarks": list(self.remarks),
         }
 
@@ -270,6 +285,7 @@ class Fleet:
                     "date": row.entry.date,
                     "reason": row.reason,
                     "rows": values.get("rows"),
+                    "left_out": len(values.get("left_out", ())),
                     "least_squares": values.get("feasible"),
                     "possible": values.get("possible"),
                     "prediction": values.get("word"),

@@ -6,7 +6,7 @@ robot beforehand are made once for all robots of one description.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -172,27 +172,31 @@ def robot_estimate(common: Any, task: dict[str, Any]) -> bytes:
 
 
 def something_came(content: bytes) -> bool:
-    """Tell whether what `robot_estimate` returned is an estimate; only these are kept.
+    """Tell whether what `robot_estimate` returned is an estimate of all the logs; only these are kept.
 
     Not each reason follows from the data alone: a disk that was full, or memory that did not suffice, may do so later.
     """
-    return not unpacked(content)["reason"]
+    found = unpacked(content)
+    return not found["reason"] and not found["left_out"]
 
 
 def _estimate(task: dict[str, Any]) -> dict[str, Any]:
     robot = task["robot"]
+    left_out: dict[str, str] = {}
     if task["informations"]:
-        parts = [Information.load(path) for path in task["informations"]]
-        known = _known_for(robot, parts[0], task["informations"][0])
-        for path, part in zip(task["informations"], parts, strict=True):
+        loaded = _loaded(task["informations"], left_out)
+        known = _known_for(robot, loaded[0][1], loaded[0][0])
+        for path, part in loaded:
             part.model_among([known.model], path)
-        information, stretches, remarks = Information.total(parts), tuple(parts), list(parts[0].remarks)
+        parts = [part for _, part in loaded]
+        information, stretches = Information.total(parts), tuple(parts)
+        remarks = [*_told_of(left_out), *parts[0].remarks]
         if len(parts) < FEWEST_FOLDS:
             stretches = ()
-        given = [(path, "identification", part) for path, part in zip(task["informations"], parts, strict=True)]
+        given = [(path, "identification", part) for path, part in loaded]
         own: list[ReducedLog] = []  # whose rows are not known
     else:
-        known, information, stretches, remarks, own = _reduced(robot, task["logs"])
+        known, information, stretches, remarks, own = _reduced(robot, task["logs"], left_out)
         given = [(log.name, "identification", log.information) for log in own]
     model, feasible_set = known.model, known.feasible_set
     if information.count <= information.base_count:
@@ -264,6 +268,7 @@ def _estimate(task: dict[str, Any]) -> dict[str, Any]:
         "condition_number": information.condition_number,
         "filtered": information.filtered_torque,
         "table": rows,
+        "left_out": left_out,
         "remarks": list(dict.fromkeys(remarks)),
     }
 
@@ -280,14 +285,35 @@ def _known_for(robot: Description, information: Information, path: str) -> Known
     return known_of(robot, information.model_among(models, path) is not models[0])
 
 
+def _loaded(paths: Sequence[str], left_out: dict[str, str]) -> list[tuple[str, Information]]:
+    """Read Informations; what cannot be used of several goes to `left_out`."""
+    found = []
+    for path in paths:
+        try:
+            found.append((path, Information.load(path)))
+        except InputError as error:
+            left_out[path] = str(error)
+    if not found:
+        raise InputError(left_out[paths[-1]])
+    return found
+
+
 def _reduced(
-    robot: Description, logs: Sequence[str]
+    robot: Description, logs: Sequence[str], left_out: dict[str, str]
 ) -> tuple[Known, Information, tuple[Information, ...], list[str], list[ReducedLog]]:
-    """Reduce logs; the rotors of robots whose terms nobody states belong to the model, as siblings have the same."""
+    """Reduce logs; the rotors of robots whose terms nobody states belong to the model, as siblings have the same.
+
+    What cannot be used of several logs goes to `left_out`, so that it stops none of the others.
+    """
     known = known_of(robot, True)
     each: list[ReducedLog] = []
-    found = reduced_logs(known.file, known.model, given_logs(list(logs), None)[0], each.append)
-    return known, found.information, found.stretches, list(found.remarks), each
+    given = given_logs(list(logs), None)[0]
+    found = reduced_logs(known.file, known.model, given, each.append, left_out=left_out)
+    return known, found.information, found.stretches, [*_told_of(left_out), *found.remarks], each
+
+
+def _told_of(left_out: Mapping[str, str]) -> list[str]:
+    return [f"{path} was left out: {reason}" for path, reason in left_out.items()]
 
 
 def _validation(known: Known, paths: Sequence[str]) -> tuple[list[Information], list[ReducedLog]]:

@@ -53,6 +53,7 @@ __all__ = [
     "DrawnLog",
     "DrawnRows",
     "JoinedSections",
+    "LogError",
     "LogReader",
     "LogReduction",
     "LogTask",
@@ -94,6 +95,19 @@ _ALL_DRAWN_ROWS = 120_000  # of many logs together
 def drawn_rows(count: int, least: int) -> int:
     """Return how many rows of each of so many logs are kept to be drawn, at least these few."""
     return min(max(_ALL_DRAWN_ROWS // count, least), DRAWN_ROWS)
+
+
+class LogError(InputError):
+    """A log that cannot be used, and why.
+
+    Attributes
+    ----------
+    log : str, Path, LogFile or GivenSamples
+    """
+
+    def __init__(self, log: GivenLog, reason: str) -> None:
+        super().__init__(reason)
+        self.log = log
 
 
 class LogTask(NamedTuple):
@@ -547,9 +561,9 @@ def _told_where(log: GivenLog) -> Iterator[None]:
         yield
     except InputError as error:
         path, told = str(log), str(error)
-        if path in told or not told.startswith(name := Path(path).name):
-            raise
-        raise InputError(path + told.removeprefix(name)) from None
+        if path not in told and told.startswith(name := Path(path).name):
+            told = path + told.removeprefix(name)
+        raise LogError(log, told) from None
 
 
 def _until(stop: Event | None, stream: Iterator[Samples]) -> Iterator[Samples]:

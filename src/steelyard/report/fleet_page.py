@@ -44,6 +44,7 @@ def fleet_html(fleet: Fleet) -> str:
         ("usual", "What is usual among siblings", _usual(fleet)),
         ("verdicts", "Verdicts", _verdicts(fleet)),
         ("failed", "Entries of which nothing came", _failed(fleet)),
+        ("left-out", "Logs that were left out", _left_out(fleet)),
         ("robots", "All robots", _robots(fleet)),
         ("remarks", "Remarks", bullets(fleet.remarks)),
         ("how", "How robots are compared", _how(fleet)),
@@ -70,6 +71,8 @@ def _lead(fleet: Fleet) -> Markup:
     if fleet.unexplained:
         told.append(("Not explained", f"{len({row.entry.id for row in fleet.unexplained})}", "see the remarks"))
     told.append(("Nothing came of", f"{len(fleet.failed)}", "the reasons are below" if fleet.failed else ""))
+    if fleet.left_out:
+        told.append(("Logs left out", f"{len(fleet.left_out)}", "the reasons are below"))
     return Markup(f'<p class="lead">{escape(fleet.headline)}</p><dl class="figures">{figures(told)}</dl>')
 
 
@@ -352,13 +355,23 @@ def _verdicts(fleet: Fleet) -> Markup:
 
 
 def _failed(fleet: Fleet) -> Markup:
-    if not fleet.failed:
+    rows = [(row.entry.id, row.entry.date, row.reason) for row in fleet.failed]
+    return _reasons("Entries and reasons", ("Robot", "Date", "Reason"), rows, "reasons", (1, 2))
+
+
+def _left_out(fleet: Fleet) -> Markup:
+    rows = [(row.entry.id, row.entry.date, log, reason) for row, log, reason in fleet.left_out]
+    return _reasons("Logs and reasons", ("Robot", "Date", "Log", "Reason"), rows, "left-out-logs", (1, 2, 3))
+
+
+def _reasons(
+    title: str, heads: Sequence[str], rows: Sequence[Sequence[str]], identifier: str, texts: tuple[int, ...]
+) -> Markup:
+    if not rows:
         return Markup("")
-    rows = [(row.entry.id, row.entry.date, row.reason) for row in fleet.failed[:MOST_FAILED]]
-    left = len(fleet.failed) - len(rows)
-    text = f"<p>{left} more are in robots.parquet.</p>" if left else ""
-    told = table("Entries and reasons", ("Robot", "Date", "Reason"), rows, identifier="reasons", texts=(1, 2))
-    return Markup(told + text)
+    left = len(rows[MOST_FAILED:])
+    text = f"<p>{left} more are in {'robots.parquet' if identifier == 'reasons' else 'fleet.json'}.</p>" if left else ""
+    return Markup(table(title, heads, rows[:MOST_FAILED], identifier=identifier, texts=texts) + text)
 
 
 def _robots(fleet: Fleet) -> Markup:

@@ -64,6 +64,7 @@ _TEXT = ("robot", "group", "date", "reason", "least_squares", "prediction", "pre
 _ROBOTS = dict.fromkeys(_TEXT, str) | {
     "batch": str,
     "rows": int,
+    "left_out": int,
     "possible": bool,
     "model_error": float,
     "relative_error": float,
