@@ -179,6 +179,23 @@ def test_noise_that_few_rows_tell_is_not_taken_for_known(fleets: int, most: int)
     assert named[False] > named[True]
 
 
+def test_masses_are_told_in_kg_where_the_description_states_them(tmp_path: Path) -> None:
+    """Of others no torque tells more than by which factor all of a link is larger."""
+    stated = '<inertial><mass value="3.5"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
+    found = {}
+    for name, inertial in (("stated", stated), ("not", "")):
+        (tmp_path / f"{name}.urdf").write_text(
+            f'<robot name="{name}"><link name="base"/><link name="arm">{inertial}</link><joint name="turn" '
+            'type="continuous"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/></joint></robot>'
+        )
+        model = sy.Model(sy.Robot.from_urdf(tmp_path / f"{name}.urdf"))
+        values = np.full(model.parameter_count, 3.5)
+        [cause] = [one for one in possible_causes(model, values) if one.kind == "mass"]
+        found[name] = (cause.unit, cause.nominal)
+        assert np.allclose(cause.directions[:, 0], model.base_parameters().values(values))
+    assert found == {"stated": ("kg", 3.5), "not": ("", 1.0)}
+
+
 def test_causes_are_columns_of_the_base_parameters() -> None:
     robot = sy.Robot.from_dh([(0, 0.4, 0, "q"), (0, 0.3, 0, "q")], gravity=(0, -9.81, 0))
     model = sy.Model(robot.with_terms(sy.Viscous(), sy.Coulomb(), sy.Offset(), sy.RotorInertia()))

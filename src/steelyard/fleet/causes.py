@@ -151,6 +151,7 @@ def possible_causes(
     told = dict(zip(rules.expressions, np.asarray(K @ values if base is None else base, dtype=float), strict=True))
     names = [str(name) for name in model.parameter_names]
     values = np.array([told.get(name, value) for name, value in zip(names, values, strict=True)])
+    described = np.asarray(robot.parameters, dtype=float)
     found: list[Cause] = []
     width = sum(len(term.parameters) for term in robot.terms)
     for number, joint in enumerate(robot.joints):
@@ -179,8 +180,9 @@ def possible_causes(
         own = values[columns]
         if own[9] > 0.0:
             direction = K[:, columns] @ own
-            cause = Cause(f"mass of {link.name}", "mass", link.name, "mass", "kg", float(own[9]), direction[:, None])
-            found.append(cause)
+            # No torque shows how much of what it shows of a link is mass: kg are those of the description.
+            unit, size = ("kg", float(own[9])) if np.isfinite(described[columns[9]]) else ("", 1.0)
+            found.append(Cause(f"mass of {link.name}", "mass", link.name, "mass", unit, size, direction[:, None]))
         shown = K[:, columns]
         left, sizes, _ = np.linalg.svd(shown / np.maximum(np.abs(shown).max(initial=0.0), 1e-300))
         rank = int(np.sum(sizes > ALL_LINKS * sizes.max(initial=0.0)))

@@ -997,6 +997,9 @@ def sentence(one: Deviation, kind: Kind, *, when: str = "", since: str = "") -> 
     >>> mass = Cause("mass of forearm", "mass", "forearm", "mass", "kg", 6.0, np.ones((1, 1)))
     >>> sentence(Deviation(0, mass, 0.1, 0.01, 0.08, 0.12, 10.0, 1e-18), "siblings")
     'The link forearm is 0.6 kg heavier than that of its siblings (0.48 to 0.72 kg), 10 %, if it is made like theirs.'
+    >>> mass = replace(mass, nominal=1.0, unit="")  # of a robot whose masses nobody describes
+    >>> sentence(Deviation(0, mass, 0.1, 0.01, 0.08, 0.12, 10.0, 1e-18), "siblings")
+    'The link forearm is 10 % heavier than that of its siblings (8 to 12 %), if it is made like theirs.'
     >>> gain = Cause("torque gain of elbow", "gain", "elbow", "torque gain", "", 1.0, np.ones((1, 1)))
     >>> print(sentence(Deviation(0, gain, -2.0, 0.1, -2.2, -1.8, 20.0, 1e-80), "siblings"))  # doctest: +ELLIPSIS
     The torque measured at elbow for the same motion is -1 times that of its siblings (-1.2 to -0.8), as where the ...
@@ -1013,12 +1016,14 @@ def sentence(one: Deviation, kind: Kind, *, when: str = "", since: str = "") -> 
         than = {"batch": "than that of the others", "siblings": "than its siblings", "drift": f"than on {when}"}[kind]
         text = f"The link {cause.part} has another mass, centre of mass or inertia {than}"
     elif cause.kind == "mass":
-        text = (
-            f"The link {cause.part} is {few_digits(size, 2)} kg "
-            f"{'heavier' if sign > 0.0 else 'lighter'} than {others} ({_interval(ends[0], ends[1], 2)} kg), "
-            f"{few_digits(100.0 * abs(one.amplitude), 2)} %, if it is made like "
-            f"{'it was' if kind == 'drift' else 'theirs'}"
-        )
+        more, share = "heavier" if sign > 0.0 else "lighter", f"{few_digits(100.0 * abs(one.amplitude), 2)} %"
+        made = f"if it is made like {'it was' if kind == 'drift' else 'theirs'}"
+        if cause.unit:
+            within = f"{_interval(ends[0], ends[1], 2)} kg), {share}"
+            text = f"The link {cause.part} is {few_digits(size, 2)} kg {more} than {others} ({within}, {made}"
+        else:
+            low, high = sorted((100.0 * sign * low, 100.0 * sign * high))
+            text = f"The link {cause.part} is {share} {more} than {others} ({_interval(low, high, 2)} %), {made}"
     elif cause.kind in TURNABLE:
         measured = cause.what.removesuffix(" gain")
         text = (
