@@ -15,7 +15,7 @@ from log_writers import BAGS, START, State, states, write_mcap_json, write_ros1,
 from steelyard.errors import InputError, MissingExtraError
 from steelyard.recording import Processing, Recording, Samples, process_chunks
 from steelyard.recording.formats.joint_messages import JointRows
-from steelyard.recording.formats.ros_bag import Ros1Bag
+from steelyard.recording.formats.ros1_bag import Ros1Bag
 
 pytest.importorskip("rosbags", reason="bags are read with rosbags")
 pytest.importorskip("mcap", reason="MCAP files are read with mcap")
@@ -94,8 +94,8 @@ def test_a_bag_is_decoded_once_until_it_is_written_again(tmp_path: Path, monkeyp
     from steelyard.recording.formats import mcap_file
 
     opened = []
-    decoder = mcap_file.McapFile._decoder
-    monkeypatch.setattr(mcap_file.McapFile, "_decoder", lambda *given: opened.append(1) or decoder(*given))
+    decoder = mcap_file._decoder
+    monkeypatch.setattr(mcap_file, "_decoder", lambda *given: opened.append(1) or decoder(*given))
     path = bag(tmp_path, STATES)
     expect(Recording.read(path, joints=("wrist",)), ("wrist",))
     once = len(opened)
@@ -361,7 +361,11 @@ def test_a_size_that_no_memory_holds_is_one_sentence(tmp_path: Path) -> None:
     path = write_ros2(tmp_path / "run", {"/joint_states": STATES}, "MCAP")
     file = next(file for file in path.iterdir() if file.suffix != ".yaml")
     data = bytearray(file.read_bytes())
-    data[9:17] = (2**60).to_bytes(8, "little")  # of the first record
+    chunk = 17 + int.from_bytes(data[9:17], "little")  # behind the first record
+    assert data[chunk] == 6
+    name = chunk + 9 + 28  # of its compression, behind its times, its size and its checksum
+    size = name + 4 + int.from_bytes(data[name : name + 4], "little")
+    data[size : size + 8] = (2**60).to_bytes(8, "little")
     file.write_bytes(data)
     with pytest.raises(InputError, match=r"as a bag of ROS 2: a size that stands in it is larger than the memory;"):
         Recording.read(path)
@@ -378,11 +382,11 @@ def test_damaged_metadata_is_one_sentence(content: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("suffix", "module"), [(".bag", "rosbags.rosbag1"), (".db3", "rosbags.rosbag2"), (".mcap", "mcap.reader")]
+    ("name", "module"),
+    [("ros1.bag", "rosbags.rosbag1.reader"), ("ros2_sqlite", "rosbags.typesys"), ("cdr.mcap", "mcap.stream_reader")],
 )
-def test_missing_library_is_named(suffix: str, module: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = tmp_path / f"run{suffix}"
-    path.write_bytes(b"anything")
+def test_missing_library_is_named(name: str, module: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = BAGS[name](tmp_path / name, {"/joint_states": STATES[:5]})
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(MissingExtraError, match=r"pip install 'rosbags>="):
         Recording.read(path)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import re
-import sys
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +19,7 @@ from steelyard.files import reading_table, shown, tell
 from ..columns import LogColumns
 from .decoded import DecodedColumns, decoded_once
 from .log_file import Columns, LogFile, column_length, flattened, regrouped_columns
+from .unpacking import ZSTD
 
 __all__ = ["CsvFile"]
 
@@ -579,6 +579,5 @@ def _open_compressed(path: Path) -> IO[bytes]:
         import gzip  # loaded for compressed logs alone
 
         return cast("IO[bytes]", gzip.open(path, "rb"))
-    module = "compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd"
     need = "Files compressed by zstd are read with the module"
-    return cast("IO[bytes]", require_package(module, need, "zstd").open(path, "rb"))
+    return cast("IO[bytes]", require_package(ZSTD, need, "zstd").open(path, "rb"))

@@ -7,14 +7,20 @@ from typing import Any
 
 from steelyard.errors import require_package
 
-__all__ = ["BAGS", "ros_decoder"]
+from .unpacking import BAGS
 
-BAGS = "bags"
-"""The extra that brings the packages for bags and MCAP."""
+__all__ = ["ros_decoder"]
+
 CONTROLLER_STATE = "control_msgs/msg/JointTrajectoryControllerState"
 POINTS = ("desired", "actual", "error"), ("reference", "feedback", "error", "output")
 """Its points in the versions of control_msgs until Humble and since, which bags of SQLite do not tell until Iron."""
 SEPARATOR = "=" * 80 + "\n"
+LARGEST_DEFINITION = 2**18
+"""Characters; those of joint states have two thousand."""
+MOST_WRITTEN_OUT = 10_000
+"""Elements of arrays of fixed lengths that hold texts or messages; the library makes a line of code for each."""
+PLACEHOLDER = "structure_needs_at_least_one_member"
+"""What the library puts into a type that holds nothing."""
 
 
 def ros_decoder(kind: str, language: str, definition: str, *, ros1: bool) -> Callable[[bytes], Any]:
@@ -31,8 +37,12 @@ def ros_decoder(kind: str, language: str, definition: str, *, ros1: bool) -> Cal
     """
     typesys = require_package("rosbags.typesys", "ROS messages are read with the module", BAGS)
     if language:
+        if len(definition) > LARGEST_DEFINITION:
+            raise ValueError(f"the definition of {kind} has {len(definition)} characters")
         store = typesys.get_typestore(typesys.Stores.EMPTY)
-        store.register(_types(typesys, kind, language, definition))
+        types = _types(typesys, kind, language, definition)
+        _require_bounded(types)
+        store.register(types)
         return _decode(store, kind, ros1)
     stores = typesys.Stores
     store = typesys.get_typestore(stores.ROS1_NOETIC if ros1 else stores.ROS2_HUMBLE)
@@ -60,6 +70,34 @@ def _types(typesys: Any, kind: str, language: str, definition: str) -> Any:
     for part in definition.split(SEPARATOR)[1:]:
         types.update(typesys.get_types_from_idl(part.partition("\n")[2]))
     return types
+
+
+def _require_bounded(types: Any) -> None:
+    """Refuse types of which a message of a few bytes holds any number, or whose code is endless."""
+    data: dict[str, bool] = {}
+
+    def has_data(kind: str) -> bool:
+        if kind not in data:
+            data[kind] = kind not in types or any(
+                name != PLACEHOLDER and field_has_data(*field) for name, field in types[kind][1]
+            )
+        return data[kind]
+
+    def field_has_data(node: Any, what: Any) -> bool:
+        if node.name == "ARRAY":
+            return bool(what[1]) and field_has_data(*what[0])
+        return node.name != "NAME" or has_data(what)
+
+    written_out = 0
+    for kind, (_, fields) in types.items():
+        for name, (node, what) in fields:
+            (inner, inside), count = what if node.name in ("ARRAY", "SEQUENCE") else ((node, what), 1)
+            if inner.name == "NAME" and not has_data(inside):
+                raise ValueError(f"the field {name} of {kind} is of a type that holds nothing")
+            if node.name == "ARRAY" and (inner.name == "NAME" or inside[0] == "string"):
+                written_out += count
+    if written_out > MOST_WRITTEN_OUT:
+        raise ValueError(f"the definition of {kind} has arrays of {written_out} elements")
 
 
 def _decode(store: Any, kind: str, ros1: bool) -> Callable[[bytes], Any]:

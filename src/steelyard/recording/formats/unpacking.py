@@ -1,0 +1,105 @@
+"""Bounds for what a bag unpacks to: a few kB may stand for any number of bytes and of messages."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from steelyard.errors import InputError, require_package
+
+__all__ = ["BAGS", "ZSTD", "Unpacking"]
+
+BAGS = "bags"
+"""The extra that brings the packages for bags and MCAP."""
+ZSTD = "compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd"
+DECOMPRESSORS = {
+    "bz2": ("bz2", "BZ2Decompressor"),
+    "lz4": ("lz4.frame", "LZ4FrameDecompressor"),
+    "zstd": (ZSTD, "ZstdDecompressor"),
+}
+AT_ONCE = 2**27
+"""Bytes that anything may unpack to; chunks have 1 to 4 MB, or the size of the one image in them."""
+TIMES = 4
+"""Times its own size that a larger chunk may unpack to; measured values and images do so 1.5 to 3 times."""
+LARGEST_MESSAGE = 2**20
+"""Bytes of the largest message that is decoded. Joint states have some hundred; objects of Python take up to a hundred
+times the bytes that they are made of."""
+RECORD, MESSAGE = 2**9, 2**14
+"""Bytes that are unpacked in the time in which a record is passed over, and a message is decoded."""
+LEAST, RATIO = 2**28, 4000
+"""Bytes that may be unpacked of any file, and further ones for each byte of it. A bag whose messages are small takes a
+thousand for each; images of one colour take as many."""
+
+
+class Unpacking:
+    """What is unpacked of one bag while it is open: each part, and all that is made of it together, has a bound.
+
+    Parameters
+    ----------
+    path : Path
+        The bag, for messages.
+    size : int
+        Bytes of its files.
+
+    Examples
+    --------
+    >>> import bz2
+    >>> Unpacking(Path("run.bag"), 10**6).unpacked("bz2", bz2.compress(bytes(9)), 9)
+    b'\\x00\\x00\\x00\\x00\\x00\\x00\\x00\\x00\\x00'
+    """
+
+    def __init__(self, path: Path, size: int) -> None:
+        self.path = path
+        self._left = LEAST + RATIO * size
+
+    def spend(self, work: int) -> None:
+        """Take note of work, in bytes that are unpacked in its time.
+
+        Raises
+        ------
+        InputError
+            Where the file has asked for more than its size explains.
+        """
+        self._left -= work
+        if self._left < 0:
+            raise InputError(
+                f"{self.path} unpacks to far more than a recording of its size holds; record it again, or write it "
+                "without compression if it is sound."
+            )
+
+    def takes(self, message: bytes) -> bool:
+        """Return whether a message may be a joint state, by its size, and take note of it."""
+        self.spend(MESSAGE + len(message))
+        return len(message) <= LARGEST_MESSAGE
+
+    def unpacked(self, compression: str, data: bytes, size: int | None = None) -> bytes:
+        """Unpack a chunk, which states its size, or a message, which may not.
+
+        Raises
+        ------
+        InputError
+            Where it is larger than what is held in memory.
+        ValueError
+            Where it has another size, or is packed in an unknown way.
+        """
+        if compression in ("", "none"):
+            return data
+        if compression not in DECOMPRESSORS:
+            raise ValueError(f"a chunk is packed by {compression[:20]!r}, which is not known")
+        most = max(AT_ONCE, TIMES * len(data))
+        if size is None or size <= most:
+            module, name = DECOMPRESSORS[compression]
+            decompressor = getattr(require_package(module, "Compressed bags are read with the module", BAGS), name)()
+            self.spend(size or 0)
+            # One byte more than is allowed tells a chunk that has more from one that ends there.
+            content: bytes = decompressor.decompress(data, max_length=(most if size is None else size) + 1)
+            if size is None:
+                self.spend(len(content))
+            elif len(content) != size:
+                raise ValueError(f"a chunk does not unpack to the {size} bytes that it states")
+            if len(content) <= most:
+                return content
+        raise InputError(
+            f"{self.path} holds {len(data)} bytes that unpack to more than {most >> 20} MiB; write it again in smaller "
+            "chunks, or without compression."
+        )
