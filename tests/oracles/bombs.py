@@ -9,6 +9,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 JOINT_STATE = "float64[] position\nstring[] name\n"
+IDL = (
+    'module x {{ module msg {{ const long a = {}; @verbatim (language="comment", text="(not (this))") // or ((this))\n'
+    "struct JointState {{ sequence<double> position; sequence<string> name; }}; }}; }};"
+)
 EMPTY = struct.pack("<II", 0, 0)
 """A message of this definition that names no joint, as ROS 1 writes it; it is passed over."""
 STATE = struct.pack("<IdI", 1, 0.5, 1) + struct.pack("<I", 1) + b"a"
@@ -49,8 +53,8 @@ def text(content: str | bytes) -> bytes:
 HEAD = MAGIC + record(1, text("ros2"), text(""))
 
 
-def schema(definition: str = JOINT_STATE) -> bytes:
-    return record(3, struct.pack("<H", 1), text("x/msg/JointState"), text("ros1msg"), text(definition))
+def schema(definition: str = JOINT_STATE, language: str = "ros1msg") -> bytes:
+    return record(3, struct.pack("<H", 1), text("x/msg/JointState"), text(language), text(definition))
 
 
 def channel(number: int = 1, topic: str = "/joint_states", encoding: str = "ros1") -> bytes:
@@ -85,10 +89,11 @@ def mcap(
     times: int = 1,
     channels: Sequence[bytes] = (),
     definition: str = JOINT_STATE,
+    language: str = "ros1msg",
     summary: int = 0,
 ) -> bytes:
     """Return a file of chunks, each of which stands in the index so many times."""
-    known = schema(definition) + b"".join(channels or [channel()])
+    known = schema(definition, language) + b"".join(channels or [channel()])
     content = HEAD + known
     indexes = b""
     for one in chunks:
@@ -304,6 +309,12 @@ BOMBS: Bombs = {
             ],
             "",
         ),
+    ),
+    "brackets.mcap": lambda place: written(
+        place, mcap([message()], "", indexed=False, definition=IDL.format("(" * 9 + "1" + ")" * 9), language="ros2idl")
+    ),
+    "shifts.mcap": lambda place: written(
+        place, mcap([message()], "", indexed=False, definition=IDL.format("1 << 1 << 34"), language="ros2idl")
     ),
     # ROS 1
     "honest_lz4.bag": lambda place: written(place, ros1([chunk1("lz4", bytes(LARGE))], [[(0, 0)]])),

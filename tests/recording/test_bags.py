@@ -10,11 +10,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from bombs import zstd
 from log_writers import BAGS, START, State, states, write_mcap_json, write_ros1, write_ros2
 
 from steelyard.errors import InputError, MissingExtraError
 from steelyard.recording import Processing, Recording, Samples, process_chunks
 from steelyard.recording.formats.joint_messages import JointRows
+from steelyard.recording.formats.mcap_file import McapFile
+from steelyard.recording.formats.message_log import MessageLog
 from steelyard.recording.formats.ros1_bag import Ros1Bag
 
 pytest.importorskip("rosbags", reason="bags are read with rosbags")
@@ -84,6 +87,50 @@ def test_the_file_in_the_folder_of_a_bag_is_read_too(storage: str, tmp_path: Pat
     folder = write_ros2(tmp_path / "run", {"/joint_states": STATES}, storage)
     (file,) = (path for path in folder.iterdir() if path.suffix != ".yaml")
     expect(Recording.read(file, joints=JOINTS))
+
+
+@pytest.mark.parametrize("name", ["ros2_sqlite", "ros2_sqlite_file", "ros2_mcap", "ros2_mcap_file"])
+def test_a_bag_may_have_several_files(name: str, tmp_path: Path) -> None:
+    """As `ros2 bag record --max-bag-size` makes them; the description lists them in their order."""
+    first, second = (
+        BAGS[name](tmp_path / part, {"/joint_states": some})
+        for part, some in (("b", STATES[:100]), ("a", STATES[100:]))
+    )
+    (file,), (other,) = ([path for path in folder.iterdir() if path.suffix != ".yaml"] for folder in (first, second))
+    other.rename(first / other.name)
+    description = first / "metadata.yaml"
+    lines = description.read_text().splitlines()
+    (place,) = (k for k, line in enumerate(lines) if line.strip() == f"- {file.name}")
+    lines.insert(place + 1, lines[place].replace(file.name, other.name))
+    description.write_text("\n".join(lines))
+    expect(Recording.read(first, joints=JOINTS))
+
+
+@pytest.mark.parametrize("kind", [Ros1Bag, McapFile])
+def test_messages_come_in_the_order_of_their_recording(kind: type[MessageLog], tmp_path: Path) -> None:
+    """Chunks may hold messages that were recorded before those of chunks in front of them."""
+    recorded = START + 200_000_000 * np.random.default_rng(4).permutation(S)
+    messages = [state._replace(stamp=0, recorded=int(time)) for state, time in zip(STATES, recorded, strict=True)]
+    path = tmp_path / "run"
+    if kind is Ros1Bag:
+        write_ros1(path, {"/joint_states": messages}, "LZ4", chunk_size=2000)
+    else:
+        write_mcap_json(path, {"/joint_states": messages}, chunk_size=2000)
+    found = kind(path).read(["recorded", "position[elbow]"])
+    np.testing.assert_allclose(found["recorded"], 0.2 * np.arange(S), rtol=1e-12)
+    np.testing.assert_array_equal(found["position[elbow]"], Q[np.argsort(recorded), 1])
+
+
+def test_large_chunks_are_read_where_the_file_is_as_large(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from steelyard.recording.formats import unpacking
+
+    monkeypatch.setattr(unpacking, "AT_ONCE", 1000)
+    noise = np.random.default_rng(0).bytes(5000)
+    opened = unpacking.Unpacking(tmp_path, 5000)
+    assert opened.unpacked("zstd", zstd(noise), 5000) == noise == opened.unpacked("zstd", zstd(noise))
+    for size in (5000, None):
+        with pytest.raises(InputError, match="unpack to more than"):
+            opened.unpacked("zstd", zstd(bytes(5000)), size)
 
 
 def bag(folder: Path, messages: list[State]) -> Path:

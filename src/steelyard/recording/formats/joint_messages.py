@@ -261,7 +261,10 @@ class JointTable:
                 f"{self.source} names its joints in more than {MOST_ORDERS} ways; a robot's messages do so in a few."
             )
         if sum(map(len, self._orders)) + len(names) > MOST_NAMES:
-            raise InputError(f"{self.source} names more than {MOST_NAMES} joints; a robot has at most some hundred.")
+            raise InputError(
+                f"{self.source} names its joints in {len(self._orders) + 1} ways with more than {MOST_NAMES} names; a "
+                "robot has at most some hundred: choose another `topic` in [log]."
+            )
         order = self._orders[names] = _Order(names)
         return order
 

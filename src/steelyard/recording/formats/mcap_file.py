@@ -18,7 +18,7 @@ from steelyard.files.arguments import all_listed
 
 from .message_log import MessageLog, Topic
 from .ros_messages import ros_decoder
-from .unpacking import AT_ONCE, BAGS, RECORD, Unpacking
+from .unpacking import AT_ONCE, BAGS, LARGEST_MESSAGE, RECORD, Unpacking
 
 __all__ = ["McapFile", "McapMessages"]
 
@@ -202,6 +202,8 @@ def _decoder(path: Path, channel: Any, schema: Any) -> Callable[[bytes], Any]:
     encoding = channel.message_encoding
     if encoding == "json":
         return json.loads
+    if schema is not None and len(schema.data) > LARGEST_MESSAGE:
+        raise ValueError(f"the schema of the topic {channel.topic} has {len(schema.data)} bytes")
     if encoding == "protobuf":
         library = require_package(
             "mcap_protobuf.decoder", "Messages of Protobuf in MCAP files are read with the module", BAGS

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -15,8 +16,13 @@ CONTROLLER_STATE = "control_msgs/msg/JointTrajectoryControllerState"
 POINTS = ("desired", "actual", "error"), ("reference", "feedback", "error", "output")
 """Its points in the versions of control_msgs until Humble and since, which bags of SQLite do not tell until Iron."""
 SEPARATOR = "=" * 80 + "\n"
-LARGEST_DEFINITION = 2**18
-"""Characters; those of joint states have two thousand."""
+LARGEST = {"msg": 2**18, "idl": 2**16}
+"""Characters of a definition; those of joint states have two thousand as msg, and ten thousand as IDL."""
+NO_CODE = re.compile(r'/[*](?:[^*]|[*](?!/))*[*]/|//[^\n]*|"(?:\\"|[^"])*"')
+"""Comments and texts of IDL."""
+EXPRESSIONS = re.compile(r"[^\w\s]\s*\(|<<")
+"""Brackets within brackets, for each of which the library takes a hundred times the time, and shifts, by which a number
+fills the memory. Constants of messages have neither."""
 MOST_WRITTEN_OUT = 10_000
 """Elements of arrays of fixed lengths that hold texts or messages; the library makes a line of code for each."""
 PLACEHOLDER = "structure_needs_at_least_one_member"
@@ -37,7 +43,7 @@ def ros_decoder(kind: str, language: str, definition: str, *, ros1: bool) -> Cal
     """
     typesys = require_package("rosbags.typesys", "ROS messages are read with the module", BAGS)
     if language:
-        if len(definition) > LARGEST_DEFINITION:
+        if len(definition) > LARGEST[language]:
             raise ValueError(f"the definition of {kind} has {len(definition)} characters")
         store = typesys.get_typestore(typesys.Stores.EMPTY)
         types = _types(typesys, kind, language, definition)
@@ -64,11 +70,14 @@ def ros_decoder(kind: str, language: str, definition: str, *, ros1: bool) -> Cal
 def _types(typesys: Any, kind: str, language: str, definition: str) -> Any:
     if language == "msg":
         return typesys.get_types_from_msg(definition, kind)
-    if not definition.startswith(f"{SEPARATOR}IDL: "):
-        return typesys.get_types_from_idl(definition)
+    parts = [definition]
+    if definition.startswith(f"{SEPARATOR}IDL: "):
+        parts = [part.partition("\n")[2] for part in definition.split(SEPARATOR)[1:]]
     types: dict[str, Any] = {}
-    for part in definition.split(SEPARATOR)[1:]:
-        types.update(typesys.get_types_from_idl(part.partition("\n")[2]))
+    for part in parts:
+        if EXPRESSIONS.search(NO_CODE.sub("0", part)):
+            raise ValueError(f"the definition of {kind} computes with brackets or shifts")
+        types.update(typesys.get_types_from_idl(part))
     return types
 
 

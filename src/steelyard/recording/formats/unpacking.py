@@ -26,9 +26,9 @@ LARGEST_MESSAGE = 2**20
 times the bytes that they are made of."""
 RECORD, MESSAGE = 2**9, 2**14
 """Bytes that are unpacked in the time in which a record is passed over, and a message is decoded."""
-LEAST, RATIO = 2**28, 4000
-"""Bytes that may be unpacked of any file, and further ones for each byte of it. A bag whose messages are small takes a
-thousand for each; images of one colour take as many."""
+LEAST, RATIO = 2**28, 8000
+"""Bytes that may be unpacked of any file, and further ones for each byte of it. The bag of a simulated robot that
+stands still takes a thousand for each, by its messages; black images take some thousand."""
 
 
 class Unpacking:
