@@ -238,6 +238,12 @@ def messages(size: int) -> bytes:
     return one * (size // len(one))
 
 
+def many_joints(first: int) -> bytes:
+    """Return a message of joints, each order of which is kept with room for a thousand messages."""
+    names = b"".join(text(f"{(first + k) % 3000}") for k in range(3000))
+    return message(int32(3000) + bytes(8 * 3000) + int32(3000) + names)
+
+
 def lying(content: bytes) -> bytes:
     """Return a bag of ROS 1 whose chunk states another size than its own."""
     return content.replace(b"size=" + int32(LARGE), b"size=" + int32(5000))
@@ -282,7 +288,9 @@ BOMBS: Bombs = {
     "objects.mcap": lambda place: written(
         place,
         mcap(
-            [chunk("zstd", message(b"[" + b"{}," * (4 * 10**7) + b"{}]"))], "zstd", channels=[channel(encoding="json")]
+            [chunk("zstd", message(b"[" + b"{}," * (4 * 10**7) + b"{}]"))],
+            "zstd",
+            channels=[channel(encoding="json")],
         ),
     ),
     "empty_fields.mcap": lambda place: written(
@@ -293,23 +301,7 @@ BOMBS: Bombs = {
             definition=f"Empty[] a\n{JOINT_STATE}{'=' * 80}\nMSG: x/Empty\n",
         ),
     ),
-    "names.mcap": lambda place: written(
-        place,
-        mcap(
-            [
-                chunk(
-                    "",
-                    message(
-                        int32(5 * 10**4)
-                        + bytes(8 * 5 * 10**4)
-                        + int32(5 * 10**4)
-                        + b"".join(text(str(k)) for k in range(5 * 10**4))
-                    ),
-                )
-            ],
-            "",
-        ),
-    ),
+    "names.mcap": lambda place: written(place, mcap([chunk("zstd", b"".join(map(many_joints, range(30))))], "zstd")),
     "brackets.mcap": lambda place: written(
         place, mcap([message()], "", indexed=False, definition=IDL.format("(" * 9 + "1" + ")" * 9), language="ros2idl")
     ),

@@ -96,7 +96,7 @@ REFUSED = {
     "empty_fields.mcap": NOTHING,
     "brackets.mcap": "computes with brackets or shifts;",
     "shifts.mcap": "computes with brackets or shifts;",
-    "names.mcap": "in 1 ways with more than 10000 names;",
+    "names.mcap": "in 4 ways with more than 10000 names;",
     "honest_lz4.bag": TOO_LARGE,
     "honest_bz2.bag": TOO_LARGE,
     "lying_lz4.bag": LYING,

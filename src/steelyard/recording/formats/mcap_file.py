@@ -10,7 +10,6 @@ import struct
 import zlib
 from collections.abc import Callable, Iterator
 from functools import partial
-from pathlib import Path
 from typing import IO, Any
 
 from steelyard.errors import InputError, require_package
@@ -18,13 +17,13 @@ from steelyard.files.arguments import all_listed
 
 from .message_log import MessageLog, Topic
 from .ros_messages import ros_decoder
-from .unpacking import AT_ONCE, BAGS, LARGEST_MESSAGE, RECORD, Unpacking
+from .unpacking import AT_ONCE, BAGS, DECODED, RECORD, Unpacking
 
 __all__ = ["McapFile", "McapMessages"]
 
 LARGEST_RECORD = 2**30
 """Bytes of a chunk, which stands in memory; writers make them of some MB."""
-DECODED = ("cdr", "ros1", "json", "protobuf")
+DECODED_KINDS = ("cdr", "ros1", "json", "protobuf")
 END = 37
 """Bytes of the footer and of the mark behind it."""
 RECORD_HEAD, MESSAGE_HEAD = struct.Struct("<BQ"), struct.Struct("<HIQQ")
@@ -137,6 +136,7 @@ class McapMessages:
 
     def _in_order(self, topic: str) -> Iterator[tuple[Any, Any]]:
         """Yield the messages of a topic by when they were recorded, and by where they stand."""
+        self._unpacking.spend(RECORD * len(self._chunks))
         waiting: list[tuple[int, int, int, Any]] = []
         held = 0
         for index in sorted(self._chunks, key=lambda one: (one.message_start_time, one.chunk_start_offset)):
@@ -190,34 +190,33 @@ class McapMessages:
         for channel, message in self._in_order(topic) if self._chunks else self._as_written(topic):
             decode = decoders.get(channel.id)
             if decode is None:
-                decode = decoders[channel.id] = _decoder(
-                    self._unpacking.path, channel, self._schemas.get(channel.schema_id)
-                )
+                schema = self._schemas.get(channel.schema_id)
+                decode = decoders[channel.id] = _decoder(channel, schema, self._unpacking)
             data = self._unpacking.unpacked(self._compression, message.data)
             if self._unpacking.takes(data):
                 yield message.log_time, decode(data)
 
 
-def _decoder(path: Path, channel: Any, schema: Any) -> Callable[[bytes], Any]:
+def _decoder(channel: Any, schema: Any, unpacking: Unpacking) -> Callable[[bytes], Any]:
     encoding = channel.message_encoding
     if encoding == "json":
         return json.loads
-    if schema is not None and len(schema.data) > LARGEST_MESSAGE:
-        raise ValueError(f"the schema of the topic {channel.topic} has {len(schema.data)} bytes")
-    if encoding == "protobuf":
-        library = require_package(
-            "mcap_protobuf.decoder", "Messages of Protobuf in MCAP files are read with the module", BAGS
-        )
-        decoder = library.DecoderFactory().decoder_for(encoding, schema)
-        if decoder is not None:
-            return decoder  # type: ignore[no-any-return]
-    elif encoding in ("cdr", "ros1") and schema is not None:
+    if encoding == "protobuf" and schema is not None and schema.encoding == encoding:
+        key = schema.name, schema.data
+        if key not in unpacking.decoders:
+            library = require_package(
+                "mcap_protobuf.decoder", "Messages of Protobuf in MCAP files are read with the module", BAGS
+            )
+            unpacking.spend(DECODED * len(schema.data))
+            unpacking.decoders[key] = library.DecoderFactory().decoder_for(encoding, schema)
+        return unpacking.decoders[key]
+    if encoding in ("cdr", "ros1") and schema is not None:
         language = {"ros1msg": "msg", "ros2msg": "msg", "ros2idl": "idl", "omgidl": "idl"}.get(schema.encoding, "")
         text = schema.data.decode("utf-8", errors="replace") if language else ""
         kind = schema.name if schema.name.count("/") == 2 else schema.name.replace("/", "/msg/", 1)
-        return ros_decoder(kind, language, text, ros1=encoding == "ros1")
+        return ros_decoder(kind, language, text, unpacking, ros1=encoding == "ros1")
     raise InputError(
-        f"{path}: the topic {channel.topic} has messages in the encoding {encoding!r} with "
+        f"{unpacking.path}: the topic {channel.topic} has messages in the encoding {encoding!r} with "
         f"{'no schema' if schema is None else f'a schema in {schema.encoding!r}'}; read are "
-        f"{all_listed(DECODED)} with their schemas: convert it, or name another `topic`."
+        f"{all_listed(DECODED_KINDS)} with their schemas: convert it, or name another `topic`."
     )

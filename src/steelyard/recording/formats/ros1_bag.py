@@ -42,6 +42,7 @@ class Ros1Bag(MessageLog):
 def _reader(library: Any, path: os.PathLike[str]) -> Any:
     """Return the library's reader, which reads the index; chunks of a forged bag may share their parts of it."""
     most = os.path.getsize(path)
+    numbers: set[int] = set()
 
     class Reader(library.Reader):  # type: ignore[misc, name-defined, unused-ignore]
         indexed = 0
@@ -52,6 +53,13 @@ def _reader(library: Any, path: os.PathLike[str]) -> Any:
             self.indexed += self.bio.tell() - begin
             if self.indexed > most:
                 raise ValueError("its index lists more messages than it holds")
+
+        def read_connection(self) -> Any:
+            connection = super().read_connection()
+            if connection.id in numbers:
+                raise ValueError("its index lists a connection twice")
+            numbers.add(connection.id)
+            return connection
 
     return Reader(path)
 
@@ -78,7 +86,7 @@ class _Content:
 
     def _decoded(self, connections: Sequence[Any]) -> Iterator[tuple[int, Any]]:
         text = next((one.msgdef.data for one in connections if one.msgdef.data), "")
-        decode = ros_decoder(connections[0].msgtype, "msg" if text else "", text, ros1=True)
+        decode = ros_decoder(connections[0].msgtype, "msg" if text else "", text, self._unpacking, ros1=True)
         place, chunk = -1, io.BytesIO()
         for entry in heapq.merge(*(self._reader.indexes[one.id] for one in connections)):
             if entry.chunk_pos != place:

@@ -18,7 +18,7 @@ from .decoded import large_files
 from .mcap_file import McapMessages
 from .message_log import MessageLog, Topic
 from .ros_messages import ros_decoder
-from .unpacking import AT_ONCE, BAGS, ZSTD, Unpacking
+from .unpacking import AT_ONCE, BAGS, RECORD, ZSTD, Unpacking
 
 __all__ = ["Ros2Bag"]
 
@@ -123,6 +123,7 @@ class _Database:
 
     def __init__(self, database: sqlite3.Connection, unpacking: Unpacking, compression: str) -> None:
         self._database, self._unpacking, self._compression = database, unpacking, compression
+        self._rows = 0
         database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, AT_ONCE)
 
     def topics(self) -> list[Topic]:
@@ -144,6 +145,7 @@ class _Database:
             "ON topics.id == messages.topic_id GROUP BY topics.id ORDER BY topics.id"
         ):
             found.setdefault((name, kind), {})[number] = count
+            self._rows += count
         return [
             Topic(
                 name,
@@ -167,7 +169,8 @@ class _Database:
         return found
 
     def _decoded(self, kind: str, definition: tuple[str, str], numbers: Sequence[int]) -> Iterator[tuple[int, Any]]:
-        decode = ros_decoder(kind, *definition, ros1=False)
+        decode = ros_decoder(kind, *definition, self._unpacking, ros1=False)
+        self._unpacking.spend(RECORD * self._rows)  # all are looked at, for each topic
         places = ", ".join("?" * len(numbers))
         query = f"SELECT timestamp, data FROM messages WHERE topic_id IN ({places}) ORDER BY timestamp"
         for recorded, packed in self._database.execute(query, numbers):

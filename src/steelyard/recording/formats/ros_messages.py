@@ -8,7 +8,7 @@ from typing import Any
 
 from steelyard.errors import require_package
 
-from .unpacking import BAGS
+from .unpacking import BAGS, Unpacking
 
 __all__ = ["ros_decoder"]
 
@@ -16,20 +16,23 @@ CONTROLLER_STATE = "control_msgs/msg/JointTrajectoryControllerState"
 POINTS = ("desired", "actual", "error"), ("reference", "feedback", "error", "output")
 """Its points in the versions of control_msgs until Humble and since, which bags of SQLite do not tell until Iron."""
 SEPARATOR = "=" * 80 + "\n"
-LARGEST = {"msg": 2**18, "idl": 2**16}
-"""Characters of a definition; those of joint states have two thousand as msg, and ten thousand as IDL."""
+CHARACTER, EXPRESSION = 2**11, 2**18
+"""Bytes that are unpacked in the time in which the library reads a character of a definition, and a number of IDL."""
 NO_CODE = re.compile(r'/[*](?:[^*]|[*](?!/))*[*]/|//[^\n]*|"(?:\\"|[^"])*"')
 """Comments and texts of IDL."""
 EXPRESSIONS = re.compile(r"[^\w\s]\s*\(|<<")
 """Brackets within brackets, for each of which the library takes a hundred times the time, and shifts, by which a number
 fills the memory. Constants of messages have neither."""
+EXPRESSIONS_BEGIN = re.compile(r"[=@(,<\[]")
 MOST_WRITTEN_OUT = 10_000
 """Elements of arrays of fixed lengths that hold texts or messages; the library makes a line of code for each."""
 PLACEHOLDER = "structure_needs_at_least_one_member"
 """What the library puts into a type that holds nothing."""
 
 
-def ros_decoder(kind: str, language: str, definition: str, *, ros1: bool) -> Callable[[bytes], Any]:
+def ros_decoder(
+    kind: str, language: str, definition: str, unpacking: Unpacking, *, ros1: bool
+) -> Callable[[bytes], Any]:
     """Return the function that decodes messages of a type.
 
     Parameters
@@ -38,15 +41,24 @@ def ros_decoder(kind: str, language: str, definition: str, *, ros1: bool) -> Cal
         The type, such as ``"sensor_msgs/msg/JointState"``.
     language : str
         Of the definition: ``"msg"``, ``"idl"``, or ``""`` where the file holds none.
+    definition : str
+    unpacking : Unpacking
+        What keeps the time to read definitions within bounds.
     ros1 : bool
         Whether messages are serialized as in ROS 1; otherwise as CDR.
     """
+    key = kind, language, definition, ros1
+    if key not in unpacking.decoders:
+        unpacking.decoders[key] = _made(*key, unpacking)
+    return unpacking.decoders[key]
+
+
+def _made(kind: str, language: str, definition: str, ros1: bool, unpacking: Unpacking) -> Callable[[bytes], Any]:
     typesys = require_package("rosbags.typesys", "ROS messages are read with the module", BAGS)
     if language:
-        if len(definition) > LARGEST[language]:
-            raise ValueError(f"the definition of {kind} has {len(definition)} characters")
+        unpacking.spend(CHARACTER * len(definition))
         store = typesys.get_typestore(typesys.Stores.EMPTY)
-        types = _types(typesys, kind, language, definition)
+        types = _types(typesys, kind, language, definition, unpacking)
         _require_bounded(types)
         store.register(types)
         return _decode(store, kind, ros1)
@@ -67,7 +79,7 @@ def ros_decoder(kind: str, language: str, definition: str, *, ros1: bool) -> Cal
     return lambda data: _first(decoders, data)
 
 
-def _types(typesys: Any, kind: str, language: str, definition: str) -> Any:
+def _types(typesys: Any, kind: str, language: str, definition: str, unpacking: Unpacking) -> Any:
     if language == "msg":
         return typesys.get_types_from_msg(definition, kind)
     parts = [definition]
@@ -75,7 +87,9 @@ def _types(typesys: Any, kind: str, language: str, definition: str) -> Any:
         parts = [part.partition("\n")[2] for part in definition.split(SEPARATOR)[1:]]
     types: dict[str, Any] = {}
     for part in parts:
-        if EXPRESSIONS.search(NO_CODE.sub("0", part)):
+        code = NO_CODE.sub("0", part)
+        unpacking.spend(EXPRESSION * len(EXPRESSIONS_BEGIN.findall(code)))
+        if EXPRESSIONS.search(code):
             raise ValueError(f"the definition of {kind} computes with brackets or shifts")
         types.update(typesys.get_types_from_idl(part))
     return types

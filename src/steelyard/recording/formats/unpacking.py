@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable, Hashable
 from pathlib import Path
+from typing import Any
 
 from steelyard.errors import InputError, require_package
 
@@ -21,11 +23,11 @@ AT_ONCE = 2**27
 """Bytes that anything may unpack to; chunks have 1 to 4 MB, or the size of the one image in them."""
 TIMES = 4
 """Times its own size that a larger chunk may unpack to; measured values and images do so 1.5 to 3 times."""
-LARGEST_MESSAGE = 2**20
-"""Bytes of the largest message that is decoded. Joint states have some hundred; objects of Python take up to a hundred
-times the bytes that they are made of."""
-RECORD, MESSAGE = 2**9, 2**14
-"""Bytes that are unpacked in the time in which a record is passed over, and a message is decoded."""
+LARGEST_MESSAGE = 2**16
+"""Bytes of the largest message that is decoded. Joint states have some hundred, those of 500 joints in JSON 50 000;
+objects of Python take up to a hundred times the bytes that they are made of."""
+RECORD, MESSAGE, DECODED = 2**9, 2**14, 2**6
+"""Bytes that are unpacked in the time in which a record is passed over, a message is decoded, and each byte of it."""
 LEAST, RATIO = 2**28, 8000
 """Bytes that may be unpacked of any file, and further ones for each byte of it. The bag of a simulated robot that
 stands still takes a thousand for each, by its messages; black images take some thousand."""
@@ -41,6 +43,11 @@ class Unpacking:
     size : int
         Bytes of its files.
 
+    Attributes
+    ----------
+    decoders : dict
+        What decodes messages, by their definitions, none of which is read twice.
+
     Examples
     --------
     >>> import bz2
@@ -50,6 +57,7 @@ class Unpacking:
 
     def __init__(self, path: Path, size: int) -> None:
         self.path = path
+        self.decoders: dict[Hashable, Callable[[bytes], Any]] = {}
         self._left = LEAST + RATIO * size
 
     def spend(self, work: int) -> None:
@@ -69,8 +77,9 @@ class Unpacking:
 
     def takes(self, message: bytes) -> bool:
         """Return whether a message may be a joint state, by its size, and take note of it."""
-        self.spend(MESSAGE + len(message))
-        return len(message) <= LARGEST_MESSAGE
+        is_small = len(message) <= LARGEST_MESSAGE
+        self.spend(MESSAGE + DECODED * len(message) if is_small else len(message))
+        return is_small
 
     def unpacked(self, compression: str, data: bytes, size: int | None = None) -> bytes:
         """Unpack a chunk, which states its size, or a message, which may not.
