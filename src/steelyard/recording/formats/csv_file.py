@@ -19,7 +19,6 @@ from steelyard.files import reading_table, shown, tell
 from ..columns import LogColumns
 from .decoded import DecodedColumns, decoded_once
 from .log_file import Columns, LogFile, column_length, flattened, regrouped_columns
-from .unpacking import ZSTD
 
 __all__ = ["CsvFile"]
 
@@ -579,5 +578,7 @@ def _open_compressed(path: Path) -> IO[bytes]:
         import gzip  # loaded for compressed logs alone
 
         return cast("IO[bytes]", gzip.open(path, "rb"))
+    from .unpacking import ZSTD  # so is this
+
     need = "Files compressed by zstd are read with the module"
     return cast("IO[bytes]", require_package(ZSTD, need, "zstd").open(path, "rb"))
