@@ -215,6 +215,13 @@ def of_one_name(place: Path) -> Path:
     return described(place, ["bag.db3.zstd"] * 200, "file")
 
 
+def of_aliases(place: Path) -> Path:
+    place.mkdir()
+    sqlite(place / "bag.db3")
+    lines = "".join(f"a{k}: &a{k} [*a{k - 1}, *a{k - 1}]\n" for k in range(1, 40))
+    return described(place, ["bag.db3"], "", "*a39", more="a0: &a0 [x]\n" + lines)
+
+
 def of_merges(place: Path) -> Path:
     place.mkdir()
     sqlite(place / "bag.db3")
@@ -308,6 +315,9 @@ BOMBS: Bombs = {
     "shifts.mcap": lambda place: written(
         place, mcap([message()], "", indexed=False, definition=IDL.format("1 << 1 << 34"), language="ros2idl")
     ),
+    "comments.mcap": lambda place: written(
+        place, mcap([message()], "", indexed=False, definition=IDL.format("1") + "/* " * 60_000, language="ros2idl")
+    ),
     # ROS 1
     "honest_lz4.bag": lambda place: written(place, ros1([chunk1("lz4", bytes(LARGE))], [[(0, 0)]])),
     "honest_bz2.bag": lambda place: written(place, ros1([chunk1("bz2", bytes(LARGE))], [[(0, 0)]])),
@@ -337,6 +347,7 @@ BOMBS: Bombs = {
     "message": lambda place: of_one_file(place, "message"),
     "one_name": of_one_name,
     "merges": of_merges,
+    "aliases": of_aliases,
     "folder_zstd": lambda place: in_folder(place, mcap([chunk("zstd", messages(LARGE))], "zstd", indexed=False)),
     "folder_message": lambda place: in_folder(place, mcap([message(zstd(bytes(LARGE)))], "", indexed=False), "message"),
     "computed.db3": lambda place: sqlite(

@@ -439,6 +439,13 @@ def test_missing_library_is_named(name: str, module: str, tmp_path: Path, monkey
         Recording.read(path)
 
 
+def test_a_file_that_is_missing_is_named(tmp_path: Path) -> None:
+    path = write_ros2(tmp_path / "run", {"/joint_states": STATES[:5]})
+    (path / "run.db3").rename(tmp_path / "run.db3")
+    with pytest.raises(InputError, match=r"its file 'run.db3' is not there; mend it with `ros2 bag reindex`"):
+        Recording.read(path)
+
+
 def test_a_long_bag_takes_the_memory_of_a_block(tmp_path: Path) -> None:
     """The numbers stand in a file; blocks of them are all that comes into memory."""
     from steelyard.recording.formats.joint_messages import BLOCK, JointMessage, JointTable

@@ -91,7 +91,7 @@ class _Content:
         for entry in heapq.merge(*(self._reader.indexes[one.id] for one in connections)):
             if entry.chunk_pos != place:
                 place, chunk = entry.chunk_pos, self._chunk(entry.chunk_pos)
-            data = self._message(chunk, entry.offset)
+            data = self._message(chunk, entry)
             if self._unpacking.takes(data):
                 yield entry.time, decode(data)
 
@@ -101,8 +101,8 @@ class _Content:
         data = self._library.read_bytes(self._file, self._library.read_uint32(self._file))
         return io.BytesIO(self._unpacking.unpacked(header.get_string("compression"), data, header.get_uint32("size")))
 
-    def _message(self, chunk: io.BytesIO, offset: int) -> bytes:
-        chunk.seek(offset)
+    def _message(self, chunk: io.BytesIO, entry: Any) -> bytes:
+        chunk.seek(entry.offset)
         while True:
             self._unpacking.spend(RECORD)
             if self._library.read_uint32(chunk) > LARGEST_MESSAGE:
@@ -112,7 +112,7 @@ class _Content:
             if header.get_uint8("op") != CONNECTION:
                 break
             chunk.seek(self._library.read_uint32(chunk), os.SEEK_CUR)
-        if header.get_uint8("op") != MESSAGE:
-            raise ValueError("its index names places where no message begins")
+        if header.get_uint8("op") != MESSAGE or header.get_time("time") != entry.time:
+            raise ValueError("its index names places and times at which there is no message")
         data: bytes = self._library.read_bytes(chunk, self._library.read_uint32(chunk))
         return data

@@ -74,14 +74,13 @@ def _described(folder: Path) -> tuple[str, str, list[Path]]:
     described = yaml.load((folder / DESCRIPTION).read_text(encoding="utf-8"))
     try:
         content = described["rosbag2_bagfile_information"]
-        version, storage = content["version"], content["storage_identifier"]
-        mode = (content.get("compression_mode") or "none").lower()
-        packed_by = content.get("compression_format")
+        version, storage = content["version"], content["storage_identifier"].lower()
+        mode, packed_by = ((content.get(f"compression_{key}") or "none").lower() for key in ("mode", "format"))
         names = [PurePath(name).name for name in content["relative_file_paths"]]
         if version > NEWEST:
             raise ValueError(f"its version {version} is not known")
-    except KeyError as missing:
-        raise ValueError(f"its {DESCRIPTION} has no {missing}") from None
+    except KeyError as key:
+        raise ValueError(f"its {DESCRIPTION} has no {key}") from None
     except (TypeError, AttributeError):
         raise ValueError(f"its {DESCRIPTION} is not that of a bag") from None
     if storage not in ("sqlite3", "mcap"):
@@ -90,19 +89,22 @@ def _described(folder: Path) -> tuple[str, str, list[Path]]:
         raise ValueError(f"its {shown(mode)} are compressed by {shown(packed_by)}, not by zstd")
     if len(set(names)) < len(names):
         raise ValueError(f"its {DESCRIPTION} names a file twice")
+    missing = next((name for name in names if not (folder / name).is_file()), None)
+    if missing is not None:
+        raise ValueError(f"its file {shown(missing)} is not there")
     return storage, mode, [folder / name for name in names]
 
 
 def _refuse_merging(node: Any) -> None:
     """Keep a few lines of YAML from standing for millions: merged mappings may merge others, twice each."""
-    if any(key.tag == "tag:yaml.org,2002:merge" for key, _ in node.value):
+    if any(str(key.tag) == "tag:yaml.org,2002:merge" for key, _ in node.value):
         raise ValueError(f"its {DESCRIPTION} merges mappings")
 
 
 def _unpacked(path: Path, folder: Path, unpacking: Unpacking) -> Path:
     """Unpack a file of a bag into a folder."""
     library = require_package(ZSTD, "Compressed bags are read with the module", BAGS)
-    target = folder / path.stem
+    target = folder / path.name
     with path.open("rb") as packed, library.open(packed, "rb") as source, target.open("wb") as file:
         while part := source.read(COPIED):
             unpacking.spend(len(part))

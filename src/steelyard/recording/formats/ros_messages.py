@@ -18,8 +18,8 @@ POINTS = ("desired", "actual", "error"), ("reference", "feedback", "error", "out
 SEPARATOR = "=" * 80 + "\n"
 CHARACTER, EXPRESSION = 2**11, 2**18
 """Bytes that are unpacked in the time in which the library reads a character of a definition, and a number of IDL."""
-NO_CODE = re.compile(r'/[*](?:[^*]|[*](?!/))*[*]/|//[^\n]*|"(?:\\"|[^"])*"')
-"""Comments and texts of IDL."""
+NO_CODE = re.compile(r'/[*](?:[^*]|[*](?!/))*(?:[*]/|\Z)|//[^\n]*|"(?:\\"|[^"])*(?:"|\Z)')
+"""Comments and texts of IDL, the last of which may have no end."""
 EXPRESSIONS = re.compile(r"[^\w\s]\s*\(|<<")
 """Brackets within brackets, for each of which the library takes a hundred times the time, and shifts, by which a number
 fills the memory. Constants of messages have neither."""

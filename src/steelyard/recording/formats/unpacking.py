@@ -91,6 +91,7 @@ class Unpacking:
         ValueError
             Where it has another size, or is packed in an unknown way.
         """
+        self.spend(len(data))  # of what is not packed, too: a chunk may be asked for again and again
         if compression in ("", "none"):
             return data
         if compression not in DECOMPRESSORS:
