@@ -13,6 +13,7 @@ IDL = (
     'module x {{ module msg {{ const long a = {}; @verbatim (language="comment", text="(not (this))") // or ((this))\n'
     "struct JointState {{ sequence<double> position; sequence<string> name; }}; }}; }};"
 )
+STATES = "sensor_msgs/msg/JointState"
 EMPTY = struct.pack("<II", 0, 0)
 """A message of this definition that names no joint, as ROS 1 writes it; it is passed over."""
 STATE = struct.pack("<IdI", 1, 0.5, 1) + struct.pack("<I", 1) + b"a"
@@ -61,8 +62,8 @@ def channel(number: int = 1, topic: str = "/joint_states", encoding: str = "ros1
     return record(4, struct.pack("<HH", number, 1), text(topic), text(encoding), text(b""))
 
 
-def message(data: bytes = STATE) -> bytes:
-    return record(5, struct.pack("<HIQQ", 1, 0, 5, 5), data)
+def message(data: bytes = STATE, time: int = 5) -> bytes:
+    return record(5, struct.pack("<HIQQ", 1, 0, time, time), data)
 
 
 def chunk(packing: str, data: bytes, size: int | None = None) -> bytes:
@@ -180,13 +181,15 @@ def sqlite(path: Path, messages: Sequence[bytes] = (), tables: str = "") -> Path
     return path
 
 
-def described(folder: Path, names: Sequence[str], mode: str, storage: str = "sqlite3", more: str = "") -> Path:
+def described(
+    folder: Path, names: Sequence[str], mode: str, storage: str = "sqlite3", more: str = "", kind: str = STATES
+) -> Path:
     files = "".join(f"\n    - {name}" for name in names)
     (folder / "metadata.yaml").write_text(
         f"{more}rosbag2_bagfile_information:\n  version: 4\n  storage_identifier: {storage}\n  duration:\n"
         "    nanoseconds: 0\n  starting_time:\n    nanoseconds_since_epoch: 0\n  message_count: 1\n"
         "  topics_with_message_count:\n    - topic_metadata:\n        name: /joint_states\n"
-        "        type: sensor_msgs/msg/JointState\n        serialization_format: cdr\n"
+        f"        type: {kind}\n        serialization_format: cdr\n"
         "        offered_qos_profiles: ''\n      message_count: 1\n"
         f"  compression_format: {'zstd' if mode else chr(39) * 2}\n  compression_mode: {mode.upper() or 'NONE'}\n"
         f"  relative_file_paths:{files}\n"
@@ -230,9 +233,11 @@ def of_merges(place: Path) -> Path:
 
 
 def in_folder(place: Path, content: bytes, mode: str = "") -> Path:
+    """Write a bag of ROS 2 that is stored as MCAP without an index."""
     place.mkdir()
-    (place / "bag.mcap").write_bytes(content)
-    return described(place, ["bag.mcap"], mode, "mcap")
+    known = {"channels": [channel(encoding="cdr")], "language": "ros2msg", "indexed": False}
+    (place / "bag.mcap").write_bytes(mcap([content], "", **known))
+    return described(place, ["bag.mcap"], mode, "mcap", kind="x/msg/JointState")
 
 
 def written(place: Path, content: bytes) -> Path:
@@ -279,6 +284,9 @@ BOMBS: Bombs = {
     # Chunks that are no larger than others, of messages by the million, or one chunk again and again.
     "messages.mcap": lambda place: written(place, mcap([chunk("zstd", messages(10**8))], "zstd")),
     "chunks.mcap": lambda place: written(place, mcap([chunk("zstd", messages(3 * 10**7))] * 20, "zstd")),
+    "overlapping.mcap": lambda place: written(
+        place, mcap([chunk("zstd", message(bytes(50_000), time=9) * 600)] * 50, "zstd")
+    ),
     "again.mcap": lambda place: written(place, mcap([chunk("zstd", record(99, bytes(10**8)))], "zstd", times=300)),
     "channels.mcap": lambda place: written(
         place,
@@ -328,9 +336,9 @@ BOMBS: Bombs = {
     "again_bz2.bag": lambda place: written(
         place,
         ros1(
-            [chunk1("bz2", message1(int32(10**7) + bytes(8 * 10**7 + 4)))],
+            [chunk1("bz2", message1(STATE + int32(10**7) + bytes(8 * 10**7)))],
             [[(0, 0)] * 5000],
-            definition="float64[] x\nstring[] name\n",
+            definition=f"{JOINT_STATE}float64[] x\n",
         ),
     ),
     "index.bag": lambda place: written(place, ros1([chunk1("none", message1())], [[(0, 0)] * 20_000], times=2000)),
@@ -348,8 +356,8 @@ BOMBS: Bombs = {
     "one_name": of_one_name,
     "merges": of_merges,
     "aliases": of_aliases,
-    "folder_zstd": lambda place: in_folder(place, mcap([chunk("zstd", messages(LARGE))], "zstd", indexed=False)),
-    "folder_message": lambda place: in_folder(place, mcap([message(zstd(bytes(LARGE)))], "", indexed=False), "message"),
+    "folder_zstd": lambda place: in_folder(place, chunk("zstd", messages(2 * MILLIONS))),
+    "folder_message": lambda place: in_folder(place, message(zstd(bytes(LARGE))), "message"),
     "computed.db3": lambda place: sqlite(
         place,
         tables="CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, "

@@ -89,6 +89,7 @@ REFUSED = {
     "unindexed_zstd.mcap": TOO_LARGE,
     "messages.mcap": TOO_MUCH,
     "chunks.mcap": TOO_MUCH,
+    "overlapping.mcap": "has too many chunks that begin before others end;",
     "again.mcap": TOO_MUCH,
     "channels.mcap": TOO_MUCH,
     "in_summary.mcap": TOO_LARGE,

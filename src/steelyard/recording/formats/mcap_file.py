@@ -17,7 +17,7 @@ from steelyard.files.arguments import all_listed
 
 from .message_log import MessageLog, Topic
 from .ros_messages import ros_decoder
-from .unpacking import AT_ONCE, BAGS, DECODED, RECORD, Unpacking
+from .unpacking import AT_ONCE, BAGS, DECODED, RECORD, TIMES, Unpacking
 
 __all__ = ["McapFile", "McapMessages"]
 
@@ -154,7 +154,7 @@ class McapMessages:
                 if isinstance(record, self._records.Message) and self._channel(record.channel_id).topic == topic:
                     heapq.heappush(waiting, (record.log_time, index.chunk_start_offset, number, record))
                     held += len(record.data) + HELD
-                    if held > AT_ONCE:
+                    if held > max(AT_ONCE, TIMES * len(chunk.data)):
                         raise InputError(
                             f"{self._unpacking.path} has too many chunks that begin before others end; put its "
                             "messages in order with `mcap sort`."
