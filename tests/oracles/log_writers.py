@@ -57,11 +57,14 @@ def ros_message(store: Any, state: State, *, ros1: bool) -> Any:
     )
 
 
-def write_ros1(path: Path, topics: dict[str, Iterable[State]], compression: str | None = None) -> Path:
+def write_ros1(
+    path: Path, topics: dict[str, Iterable[State]], compression: str | None = None, chunk_size: int = 2**20
+) -> Path:
     """Write a bag of ROS 1."""
     rosbag1, typesys = pytest.importorskip("rosbags.rosbag1"), pytest.importorskip("rosbags.typesys")
     store = typesys.get_typestore(typesys.Stores.ROS1_NOETIC)
     writer = rosbag1.Writer(path)
+    writer.chunk_threshold = chunk_size
     if compression is not None:
         writer.set_compression(rosbag1.Writer.CompressionFormat[compression])
     with writer:
@@ -91,11 +94,13 @@ def write_ros2(
     return path
 
 
-def write_mcap_json(path: Path, topics: dict[str, Iterable[State]], schema: str = "sensor_msgs/JointState") -> Path:
+def write_mcap_json(
+    path: Path, topics: dict[str, Iterable[State]], schema: str = "sensor_msgs/JointState", chunk_size: int = 2**20
+) -> Path:
     """Write MCAP with messages in JSON."""
     library = pytest.importorskip("mcap.writer")
     with path.open("wb") as file:
-        writer = library.Writer(file)
+        writer = library.Writer(file, chunk_size=chunk_size)
         writer.start()
         number = writer.register_schema(name=schema, encoding="jsonschema", data=b'{"type": "object"}')
         for topic, messages in topics.items():
@@ -182,6 +187,8 @@ BAGS: dict[str, Callable[[Path, dict[str, Iterable[State]]], Path]] = {
     "ros2_sqlite_file": lambda path, topics: write_ros2(path, topics, compression="FILE"),
     "ros2_mcap": lambda path, topics: write_ros2(path, topics, "MCAP"),
     "ros2_mcap_chunks": lambda path, topics: write_ros2(path, topics, "MCAP", "STORAGE"),
+    "ros2_mcap_messages": lambda path, topics: write_ros2(path, topics, "MCAP", "MESSAGE"),
+    "ros2_mcap_file": lambda path, topics: write_ros2(path, topics, "MCAP", "FILE"),
     "json.mcap": write_mcap_json,
     "protobuf.mcap": write_mcap_protobuf,
     "cdr.mcap": write_mcap_ros,

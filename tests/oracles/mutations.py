@@ -242,15 +242,17 @@ DAE = """<?xml version="1.0"?>
 
 
 MESSAGES = ("ros1.bag", "ros1_bz2.bag", "ros1_lz4.bag", "json.mcap", "protobuf.mcap", "cdr.mcap", "without_chunks.mcap")
+COMPRESSED = {"messages.db3": "MESSAGE", "file.db3.zstd": "FILE"}
+"""Files of bags of ROS 2 that are compressed, and how."""
 LIBRARIES: dict[str, tuple[str, ...]] = {
     "robot.xacro": ("xacro",),
     "log.csv.zst": ("backports.zstd",),
     **dict.fromkeys(("log.h5", "new.mat"), ("h5py",)),
-    **dict.fromkeys((*MESSAGES, "bag.db3", "metadata.yaml"), ("rosbags", "mcap", "mcap_protobuf")),
+    **dict.fromkeys((*MESSAGES, *COMPRESSED, "bag.db3", "metadata.yaml"), ("rosbags", "mcap", "mcap_protobuf")),
 }
 """What files of a kind are read and written with, beyond what is always there."""
 MESHES = {"mesh.stl", "mesh.obj", "mesh.ply", "binary.ply", "mesh.dae"}
-TAKES_LONG = MESHES | {"log.mat", "robot.xacro", "bag.db3", "metadata.yaml"}
+TAKES_LONG = MESHES | {"log.mat", "robot.xacro", "bag.db3", "metadata.yaml", *COMPRESSED}
 """Kinds whose files are read by a process each, or as slowly."""
 
 
@@ -362,6 +364,11 @@ def _write_other_logs(folder: Path, arrays: dict[str, np.ndarray]) -> None:
         (folder / "bag.db3").write_bytes((bag / "bag.db3").read_bytes())
         (folder / "metadata.yaml").write_bytes((bag / "metadata.yaml").read_bytes())
         shutil.rmtree(bag)
+    for name in filter(is_readable, COMPRESSED):
+        bag = write_ros2(folder / name.partition(".")[0], messages, compression=COMPRESSED[name])
+        (folder / name).write_bytes((bag / name).read_bytes())
+        (folder / f"{name}.yaml").write_bytes((bag / "metadata.yaml").read_bytes())
+        shutil.rmtree(bag)
 
 
 # What reads a file, and all that comes of it: numbers that must be finite.
@@ -434,6 +441,16 @@ def _read_bag(path: Path) -> None:
     for name in ("bag.db3", "metadata.yaml"):
         source = path if path.name.endswith(name) else path.parent / name
         (bag / name).write_bytes(source.read_bytes())
+    _read_log(bag)
+
+
+def _read_compressed_bag(path: Path) -> None:
+    """Read the file as that of a bag whose description is sound."""
+    (name,) = (name for name in COMPRESSED if path.name.endswith(name))
+    bag = path.parent / f"damaged-{name}-bag"
+    bag.mkdir(exist_ok=True)
+    (bag / name).write_bytes(path.read_bytes())
+    (bag / "metadata.yaml").write_bytes((path.parent / f"{name}.yaml").read_bytes())
     _read_log(bag)
 
 
@@ -547,6 +564,7 @@ READERS: dict[str, tuple[Callable[..., None], ...]] = {
     **dict.fromkeys(MESSAGES, (_read_log,)),
     "bag.db3": (_read_bag,),
     "metadata.yaml": (_read_bag,),
+    **dict.fromkeys(COMPRESSED, (_read_compressed_bag,)),
     "run.json": (_read_saved,),
     "fleet.toml": (_read_fleet,),
     "robots.csv": (_read_fleet,),
@@ -590,7 +608,8 @@ VALUES: list[Any] = [
 
 
 BINARY = (
-    ".npz", ".parquet", ".npy", ".stl", ".feather", ".gz", ".zst", ".mat", ".h5", ".bag", ".mcap", ".db3", ".checkpoint"
+    ".npz", ".parquet", ".npy", ".stl", ".feather", ".gz", ".zst", ".zstd", ".mat", ".h5", ".bag", ".mcap", ".db3",
+    ".checkpoint",
 )  # fmt: skip
 
 

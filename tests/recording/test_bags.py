@@ -10,12 +10,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from bombs import zstd
 from log_writers import BAGS, START, State, states, write_mcap_json, write_ros1, write_ros2
 
 from steelyard.errors import InputError, MissingExtraError
 from steelyard.recording import Processing, Recording, Samples, process_chunks
 from steelyard.recording.formats.joint_messages import JointRows
-from steelyard.recording.formats.ros_bag import Ros1Bag
+from steelyard.recording.formats.mcap_file import McapFile
+from steelyard.recording.formats.message_log import MessageLog
+from steelyard.recording.formats.ros1_bag import Ros1Bag
 
 pytest.importorskip("rosbags", reason="bags are read with rosbags")
 pytest.importorskip("mcap", reason="MCAP files are read with mcap")
@@ -86,6 +89,50 @@ def test_the_file_in_the_folder_of_a_bag_is_read_too(storage: str, tmp_path: Pat
     expect(Recording.read(file, joints=JOINTS))
 
 
+@pytest.mark.parametrize("name", ["ros2_sqlite", "ros2_sqlite_file", "ros2_mcap", "ros2_mcap_file"])
+def test_a_bag_may_have_several_files(name: str, tmp_path: Path) -> None:
+    """As `ros2 bag record --max-bag-size` makes them; the description lists them in their order."""
+    first, second = (
+        BAGS[name](tmp_path / part, {"/joint_states": some})
+        for part, some in (("b", STATES[:100]), ("a", STATES[100:]))
+    )
+    (file,), (other,) = ([path for path in folder.iterdir() if path.suffix != ".yaml"] for folder in (first, second))
+    other.rename(first / other.name)
+    description = first / "metadata.yaml"
+    lines = description.read_text().splitlines()
+    (place,) = (k for k, line in enumerate(lines) if line.strip() == f"- {file.name}")
+    lines.insert(place + 1, lines[place].replace(file.name, other.name))
+    description.write_text("\n".join(lines))
+    expect(Recording.read(first, joints=JOINTS))
+
+
+@pytest.mark.parametrize("kind", [Ros1Bag, McapFile])
+def test_messages_come_in_the_order_of_their_recording(kind: type[MessageLog], tmp_path: Path) -> None:
+    """Chunks may hold messages that were recorded before those of chunks in front of them."""
+    recorded = START + 200_000_000 * np.random.default_rng(4).permutation(S)
+    messages = [state._replace(stamp=0, recorded=int(time)) for state, time in zip(STATES, recorded, strict=True)]
+    path = tmp_path / "run"
+    if kind is Ros1Bag:
+        write_ros1(path, {"/joint_states": messages}, "LZ4", chunk_size=2000)
+    else:
+        write_mcap_json(path, {"/joint_states": messages}, chunk_size=2000)
+    found = kind(path).read(["recorded", "position[elbow]"])
+    np.testing.assert_allclose(found["recorded"], 0.2 * np.arange(S), rtol=1e-12)
+    np.testing.assert_array_equal(found["position[elbow]"], Q[np.argsort(recorded), 1])
+
+
+def test_large_chunks_are_read_where_the_file_is_as_large(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from steelyard.recording.formats import unpacking
+
+    monkeypatch.setattr(unpacking, "AT_ONCE", 1000)
+    noise = np.random.default_rng(0).bytes(5000)
+    opened = unpacking.Unpacking(tmp_path, 5000)
+    assert opened.unpacked("zstd", zstd(noise), 5000) == noise == opened.unpacked("zstd", zstd(noise))
+    for size in (5000, None):
+        with pytest.raises(InputError, match="unpack to more than"):
+            opened.unpacked("zstd", zstd(bytes(5000)), size)
+
+
 def bag(folder: Path, messages: list[State]) -> Path:
     return write_mcap_json(folder / "run.mcap", {"/joint_states": messages})
 
@@ -94,8 +141,8 @@ def test_a_bag_is_decoded_once_until_it_is_written_again(tmp_path: Path, monkeyp
     from steelyard.recording.formats import mcap_file
 
     opened = []
-    decoder = mcap_file.McapFile._decoder
-    monkeypatch.setattr(mcap_file.McapFile, "_decoder", lambda *given: opened.append(1) or decoder(*given))
+    decoder = mcap_file._decoder
+    monkeypatch.setattr(mcap_file, "_decoder", lambda *given: opened.append(1) or decoder(*given))
     path = bag(tmp_path, STATES)
     expect(Recording.read(path, joints=("wrist",)), ("wrist",))
     once = len(opened)
@@ -361,7 +408,11 @@ def test_a_size_that_no_memory_holds_is_one_sentence(tmp_path: Path) -> None:
     path = write_ros2(tmp_path / "run", {"/joint_states": STATES}, "MCAP")
     file = next(file for file in path.iterdir() if file.suffix != ".yaml")
     data = bytearray(file.read_bytes())
-    data[9:17] = (2**60).to_bytes(8, "little")  # of the first record
+    chunk = 17 + int.from_bytes(data[9:17], "little")  # behind the first record
+    assert data[chunk] == 6
+    name = chunk + 9 + 28  # of its compression, behind its times, its size and its checksum
+    size = name + 4 + int.from_bytes(data[name : name + 4], "little")
+    data[size : size + 8] = (2**60).to_bytes(8, "little")
     file.write_bytes(data)
     with pytest.raises(InputError, match=r"as a bag of ROS 2: a size that stands in it is larger than the memory;"):
         Recording.read(path)
@@ -378,13 +429,20 @@ def test_damaged_metadata_is_one_sentence(content: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("suffix", "module"), [(".bag", "rosbags.rosbag1"), (".db3", "rosbags.rosbag2"), (".mcap", "mcap.reader")]
+    ("name", "module"),
+    [("ros1.bag", "rosbags.rosbag1.reader"), ("ros2_sqlite", "rosbags.typesys"), ("cdr.mcap", "mcap.stream_reader")],
 )
-def test_missing_library_is_named(suffix: str, module: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = tmp_path / f"run{suffix}"
-    path.write_bytes(b"anything")
+def test_missing_library_is_named(name: str, module: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = BAGS[name](tmp_path / name, {"/joint_states": STATES[:5]})
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(MissingExtraError, match=r"pip install 'rosbags>="):
+        Recording.read(path)
+
+
+def test_a_file_that_is_missing_is_named(tmp_path: Path) -> None:
+    path = write_ros2(tmp_path / "run", {"/joint_states": STATES[:5]})
+    (path / "run.db3").rename(tmp_path / "run.db3")
+    with pytest.raises(InputError, match=r"its file 'run.db3' is not there; mend it with `ros2 bag reindex`"):
         Recording.read(path)
 
 

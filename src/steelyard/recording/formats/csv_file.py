@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import re
-import sys
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -579,6 +578,7 @@ def _open_compressed(path: Path) -> IO[bytes]:
         import gzip  # loaded for compressed logs alone
 
         return cast("IO[bytes]", gzip.open(path, "rb"))
-    module = "compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd"
+    from .unpacking import ZSTD  # so is this
+
     need = "Files compressed by zstd are read with the module"
-    return cast("IO[bytes]", require_package(module, need, "zstd").open(path, "rb"))
+    return cast("IO[bytes]", require_package(ZSTD, need, "zstd").open(path, "rb"))

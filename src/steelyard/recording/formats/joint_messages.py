@@ -38,6 +38,8 @@ BLOCK = 1024
 """Messages that stand in memory before they are written to the temporary file."""
 MOST_ORDERS = 300
 """Messages name their joints in a few orders, one for each publisher; a table is kept for each."""
+MOST_NAMES = 10_000
+"""Names in all of these orders together, for each of which numbers of so many messages stand in memory."""
 LATEST = 1_000_000_000
 """ns by which the messages of one publisher may come later than younger ones of another. Where stamps go back further,
 a clock was set or a simulation begun anew, and the rows are left as they were recorded, for a message that says so."""
@@ -257,6 +259,11 @@ class JointTable:
         if len(self._orders) == MOST_ORDERS:
             raise InputError(
                 f"{self.source} names its joints in more than {MOST_ORDERS} ways; a robot's messages do so in a few."
+            )
+        if sum(map(len, self._orders)) + len(names) > MOST_NAMES:
+            raise InputError(
+                f"{self.source} names its joints in {len(self._orders) + 1} ways with more than {MOST_NAMES} names; a "
+                "robot has at most some hundred: choose another `topic` in [log]."
             )
         order = self._orders[names] = _Order(names)
         return order

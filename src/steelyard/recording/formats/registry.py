@@ -55,7 +55,7 @@ def _checked_format(suffix: str, offered: object) -> type[LogFile]:
     raise TypeError(f"expected a class derived from steelyard.recording.LogFile, got {shown(offered)}")
 
 
-_ROS2_BAG = f"{__package__}.ros_bag:Ros2Bag"
+_ROS2_BAG = f"{__package__}.ros2_bag:Ros2Bag"
 _CSV, _PARQUET = f"{__package__}.csv_file:CsvFile", f"{__package__}.parquet_file:ParquetFile"
 LOG_FORMATS: Extensions[type[LogFile]] = Extensions(
     "log_formats",
@@ -67,7 +67,7 @@ LOG_FORMATS: Extensions[type[LogFile]] = Extensions(
         **dict.fromkeys(("arrow", "feather", "ipc"), f"{__package__}.arrow_file:ArrowFile"),
         "mat": f"{__package__}.mat_file:MatFile",
         **dict.fromkeys(("h5", "hdf5", "hdf"), f"{__package__}.hdf5_file:Hdf5File"),
-        "bag": f"{__package__}.ros_bag:Ros1Bag",
+        "bag": f"{__package__}.ros1_bag:Ros1Bag",
         "db3": _ROS2_BAG,
         "mcap": f"{__package__}.mcap_file:McapFile",
     },
