@@ -141,7 +141,7 @@ def test_a_joint_that_is_stopped_near_a_limit_of_position_keeps_it(model: sy.Mod
 
 @pytest.mark.slow
 def test_plans_do_not_creep_towards_limits_of_position(model: sy.Model) -> None:
-    """Followed perfectly, the fourth plan came to where the joint could not stop, and 2 mm beyond the limit."""
+    """Followed perfectly, they came to where the joint could not stop, and 0.75 mm beyond the limit."""
     excitation = ActiveExcitation(
         model, {**LIMITS, "lower": -0.5, "upper": 0.5}, sample_time=0.01, longest=30.0, accuracy=1e-9
     )
