@@ -16,7 +16,7 @@ from steelyard.excitation.vjp import RegressorInformation
 from steelyard.identification.default_terms import model_of_estimate
 from steelyard.identification.examples import EXAMPLES
 from steelyard.identification.saved import parameters_of_description
-from steelyard.online import ActiveExcitation, excite_on_the_fly
+from steelyard.online import ActiveExcitation, active_excitation, excite_on_the_fly
 from steelyard.online.credible_robots import CredibleRobots
 from steelyard.online.feedback_share import FeedbackShare
 from steelyard.online.segments import Segment, SegmentFamily, SegmentPlanner, starting_points
@@ -97,6 +97,62 @@ def test_an_excitation_that_ends_after_a_stop_ends_when_that_is_known(model: sy.
     known = np.flatnonzero(np.isfinite(ends))[0]
     assert excitation.end >= 0.01 * known - 1e-9
     assert excitation.finished
+
+
+@pytest.mark.parametrize("below", [0.005, 0.0005])
+def test_a_plan_that_begins_near_a_limit_of_position_keeps_it(
+    model: sy.Model, monkeypatch: pytest.MonkeyPatch, below: float
+) -> None:
+    """It was given 0.01 rad beyond where it begins, so that 4 of 40 arms came to where they could not stop."""
+    found = []
+
+    class Told(SegmentPlanner):
+        def plan(self, state, known):
+            found.append((self.limits, super().plan(state, known)))
+            return found[-1][1]
+
+    monkeypatch.setattr(active_excitation, "SegmentPlanner", Told)
+    excitation = ActiveExcitation(model, LIMITS, sample_time=0.01)
+    for k in range(30):
+        excitation.command(0.01 * k, [2.0 - below, below - 2.0])
+    ((limits, plan),) = found
+    assert np.all(limits.upper <= 2.0)
+    assert np.all(limits.lower >= -2.0)
+    assert plan is not None
+    assert np.abs(plan.motion(np.linspace(0.0, plan.duration, 2001))[0]).max() <= 2.0
+
+
+def test_a_joint_that_is_stopped_near_a_limit_of_position_keeps_it(model: sy.Model) -> None:
+    """At 0.04 rad/s and 0.12 mm before it: a stop of 0.2 s, as others have, goes on for 4 mm."""
+    excitation, k = ActiveExcitation(model, LIMITS), 0
+    while not excitation.interruptions:
+        excitation.command(0.001 * k, [2.0 - 0.04 * max(1.4 - 0.001 * min(max(k, 1000), 1399), 0.0), -0.3])
+        k += 1
+    assert [reason for _, reason in excitation.interruptions] == ["joint1 could not stop before its upper limit"]
+    stop = excitation._reference
+    assert stop is not None
+    assert stop.q[0, 0] > 1.9998
+    assert stop.q[:, 0].max() <= 2.0
+    assert np.abs(stop.ddq).max() <= 2.0 * 6.0
+    assert np.abs(stop.dq[-1]).max() < 1e-9
+    # The derivatives are those of the positions.
+    np.testing.assert_allclose(np.gradient(stop.q, 1e-3, axis=0)[30:], stop.dq[30:], atol=1e-3)
+
+
+@pytest.mark.slow
+def test_plans_do_not_creep_towards_limits_of_position(model: sy.Model) -> None:
+    """Followed perfectly, they came to where the joint could not stop, and 0.75 mm beyond the limit."""
+    excitation = ActiveExcitation(
+        model, {**LIMITS, "lower": -0.5, "upper": 0.5}, sample_time=0.01, longest=30.0, accuracy=1e-9
+    )
+    q = np.array([0.489, -0.3])
+    for k in range(1500):
+        excitation.command(0.01 * k, q)
+        if k == 0:
+            excitation._room[:] = 0.01  # as after many plans
+        q = excitation.reference(0.01 * (k + 1))[0]
+    assert np.abs(excitation.played).max() <= 0.5
+    assert excitation.interruptions == []
 
 
 MARKED = """<robot name="arm"><link name="base"/><link name="upper"/>
@@ -222,6 +278,19 @@ def test_arms_are_held_by_slower_loops(name: str) -> None:
     assert np.all(np.abs(result.dq) <= limits.velocity)
     assert np.all(np.abs(result.q - begin) <= 0.1)
     assert np.all(np.abs(result.dq[-100:]) <= 0.2 * limits.velocity)
+
+
+@pytest.mark.parametrize(("part", "sample_time", "bits"), [(10.0, 0.001, 12), (30.0, 0.004, 17)])
+def test_heavy_arms_are_caught_by_coarse_encoders_and_slow_loops(part: float, sample_time: float, bits: int) -> None:
+    """Jumps of the velocity hid that joints ran away, and shares that grew 16 times at once swung: 2.2 and 9 limits."""
+    model, limits, truth = unknown_arm("ur5")
+    limits = limits.updated({"torque": list(part * limits.torque)})
+    excitation = ActiveExcitation(model, limits, longest=1e-9, sample_time=sample_time)
+    sensors = Sensors(encoder_resolution=2.0 * np.pi / 2**bits, velocity="none")
+    begin = 0.5 * np.add(*limits.ranges)
+    result = simulate(model, part * truth, begin, np.zeros(model.dof), 0.5, excitation, sensors=sensors)
+    assert np.all(np.abs(result.dq) <= 0.8 * limits.velocity)
+    assert np.all(np.abs(result.q - begin) <= 0.2)
 
 
 @pytest.mark.slow
@@ -574,6 +643,24 @@ def test_feedback_rises_where_a_joint_runs_away_and_may(held: bool) -> None:
         assert speeds[-1] == pytest.approx(300.0 / (2.8 * share.values[0]), rel=1e-3)
     share.release()
     assert share.values[0] <= 1.0
+
+
+@pytest.mark.parametrize(("sample_time", "reading"), [(0.001, 2.0 * np.pi / 2**12), (0.004, 1e-5)])
+def test_feedback_rises_behind_coarse_readings_and_at_most_doubles(sample_time: float, reading: float) -> None:
+    """The same joint, whose encoder tells whole readings, through a filter of 60 Hz."""
+    share, q, dq = FeedbackShare(np.array([2.0])), np.zeros(1), np.zeros(1)
+    before, seen, torque, speeds, rises = np.zeros(1), np.zeros(1), np.zeros(1), [], []
+    for k in range(round(0.6 / sample_time)):
+        read = reading * np.round(q / reading)
+        seen = seen - np.expm1(-2.0 * np.pi * 60.0 * sample_time) * ((read - before) / sample_time - seen)
+        last, before = share.values[0], read
+        torque = -2.8 * share.follow(sample_time * k, read, np.zeros(1), seen, torque, np.array([True])) * seen
+        rises.append(share.values[0] / last if last >= 1.0 else 1.0)
+        change = 30.0 + torque / 10.0
+        q, dq = q + sample_time * (dq + 0.5 * sample_time * change), dq + sample_time * change
+        speeds.append(dq[0])
+    assert max(speeds) < 2.0
+    assert 1.0 < max(rises) <= 2.0 + 1e-9
 
 
 @pytest.mark.slow
