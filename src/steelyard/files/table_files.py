@@ -28,6 +28,7 @@ LARGEST_FOOTER = 2**28
 # Thrift's compact protocol, https://github.com/apache/thrift/blob/master/doc/specs/thrift-compact-protocol.md, and the
 # numbers of the fields of https://github.com/apache/parquet-format/blob/master/src/main/thrift/parquet.thrift.
 TRUE, FALSE, BYTE, SHORT, INTEGER, LONG, DOUBLE, BINARY, LIST, SET, MAP, STRUCT = range(1, 13)
+NUMBERED = frozenset((SHORT, INTEGER, LONG, BINARY))  # each begins with an integer
 ROW_GROUPS, COLUMNS, ROWS = 4, 1, 3
 FILE, META_DATA, ENCRYPTED = 1, 3, 8  # of a column chunk
 VALUES, COMPRESSED, DATA_PAGE, DICTIONARY = 5, 7, 9, 11  # of its metadata
@@ -199,6 +200,10 @@ def _read_struct(content: bytes | mmap.mmap, place: int) -> tuple[dict[int, Any]
         kind = head & 15
         if kind in (TRUE, FALSE):
             found[number] = kind == TRUE
+        elif kind in NUMBERED and (value := content[place]) < 128:  # most of all, for which a call takes as long
+            place += 1
+            found[number] = None if kind == BINARY else (value >> 1) ^ -(value & 1)
+            place += value * (kind == BINARY)
         else:
             found[number], place = _read_value(content, place, kind)
     return found, place + 1

@@ -145,11 +145,10 @@ class NeighborCombinations:
             self._work = _Work(self.starts, self.ends, columns, self._work)
         work, groups = self._work, len(torque) // LENGTH
         work.limit(self._limits(work))
-        used = np.ones((len(self.starts), groups, LENGTH), bool)
-        if mask is not None:
-            used[...] = mask.T.reshape(used.shape)
+        shape = len(self.starts), groups, LENGTH
+        used = np.ones(shape, bool) if mask is None else np.ascontiguousarray(mask.T).reshape(shape)
         torque = np.ascontiguousarray(torque, np.float64)
-        counts, lacking = used.sum(axis=(1, 2)), work.lacking
+        counts, lacking = [int(np.count_nonzero(own)) for own in used], work.lacking
         sums = [np.zeros((groups, end - begin + 1)) for begin, end in zip(self.starts, self.ends, strict=True)]
         lacking[:] = 0.0
         parts = [slice(start, min(start + work.groups, groups)) for start in range(0, groups, work.groups)]
@@ -160,7 +159,7 @@ class NeighborCombinations:
         rows = [own[0] if len(own) == 1 else np.concatenate(own) for own in zip(*taken, strict=True)]
         for own, lost in zip(rows, lacking.tolist(), strict=True):
             own[-1, -1] = np.sqrt(max(lost, 0.0))
-        return [CombinedRows(*one) for one in zip(rows, counts.tolist(), sums, strict=True)]
+        return [CombinedRows(*one) for one in zip(rows, counts, sums, strict=True)]
 
     def _limits(self, work: _Work) -> Array:
         """Return the mean square that each column may lose, (C,)."""
