@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
@@ -58,6 +58,8 @@ class Measurements:
     torque_missing: NDArray[np.bool_] | None = None
     layout: Layout | None = None
     channels: Mapping[str, NDArray[np.float64]] | None = None
+    facts: Mapping[str, ColumnFacts] = field(init=False, repr=False)
+    """What each column of q, torque, velocity and acceleration holds, as far as these are there."""
 
     def __post_init__(self) -> None:
         t = read_only_vector(self.t, f"`t` of {self.source}")
@@ -91,7 +93,7 @@ class Measurements:
                     "reaches; remove that row, or record again."
                 )
             object.__setattr__(self, name, array)
-        object.__setattr__(self, "_facts", facts)
+        object.__setattr__(self, "facts", facts)
         for name in ("position_missing", "torque_missing"):
             flags = getattr(self, name)
             if flags is not None and (np.asarray(flags).dtype != np.bool_ or np.shape(flags) != shape):
@@ -118,12 +120,6 @@ class Measurements:
     def joint_count(self) -> int:
         """Number of joints, N."""
         return int(self.q.shape[1])
-
-    @property
-    def facts(self) -> Mapping[str, ColumnFacts]:
-        """What each column of q, torque, velocity and acceleration holds, as far as these are there."""
-        found: dict[str, ColumnFacts] = vars(self)["_facts"]
-        return found
 
     @cached_property
     def rate(self) -> float:
