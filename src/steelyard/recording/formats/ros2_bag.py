@@ -142,22 +142,27 @@ class _Database:
         database.set_progress_handler(self._step, STEPS)
 
     def _step(self) -> bool:
-        """Return whether SQLite must stop, whose error `_rows` replaces."""
+        """Return whether SQLite must stop."""
         try:
             self._unpacking.spend(MESSAGE)
         except InputError:
             return True
         return False
 
-    def _rows(self, query: str, *values: int) -> Iterator[tuple[Any, ...]]:
-        """Yield what a query finds."""
+    @contextlib.contextmanager
+    def _bounded(self) -> Iterator[None]:
         try:
-            for row in self._database.execute(query, values):
+            yield
+        except sqlite3.OperationalError:
+            self._unpacking.spend(0)  # says why SQLite was stopped, if it was
+            raise
+
+    def _rows(self, query: str) -> Iterator[tuple[Any, ...]]:
+        """Yield what a query finds."""
+        with self._bounded():
+            for row in self._database.execute(query):
                 self._unpacking.spend(RECORD + sum(len(one) for one in row if isinstance(one, str | bytes)))
                 yield row
-        except sqlite3.OperationalError:
-            self._unpacking.spend(0)  # says that it was stopped
-            raise
 
     def topics(self) -> list[Topic]:
         """Return the topics, with what reads their messages as long as the database is open."""
@@ -212,8 +217,11 @@ class _Database:
     ) -> Iterator[tuple[int, Any]]:
         decode = ros_decoder(kind, *definition, self._unpacking, ros1=False)
         times, places = (np.concatenate([np.frombuffer(part[k], np.int64) for part in parts]) for k in (0, 1))
-        for index in np.lexsort((places, times)):
-            ((packed,),) = self._rows("SELECT data FROM messages WHERE id = ?", int(places[index]))
-            data = self._unpacking.unpacked(self._compression, packed)
-            if self._unpacking.takes(data):
-                yield int(times[index]), decode(data)
+        order = np.lexsort((places, times))
+        cursor, query = self._database.cursor(), "SELECT data FROM messages WHERE id = ?"
+        with self._bounded():
+            for time, place in zip(times[order].tolist(), places[order].tolist(), strict=True):
+                (packed,) = cursor.execute(query, (place,)).fetchone()
+                data = self._unpacking.unpacked(self._compression, packed)
+                if self._unpacking.takes(data):
+                    yield time, decode(data)
