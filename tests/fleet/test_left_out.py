@@ -1,6 +1,7 @@
 """A log that cannot be used stops neither the others of its robot nor the other robots, and is told."""
 
 import json
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -48,6 +49,42 @@ def test_the_estimate_is_that_of_the_other_logs(place: Path, damage: str) -> Non
     assert reason[:30] in str(fleet)
 
 
+NO_FILES: dict[str, Callable[[Path], object]] = {
+    "pipe": lambda path: os.mkfifo(path),
+    "link to itself": lambda path: path.symlink_to(path),
+    "folder without logs": Path.mkdir,
+}
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes")
+@pytest.mark.parametrize("kind", NO_FILES)
+def test_what_is_no_file_is_left_out_whether_results_are_kept_or_not(place: Path, kind: str) -> None:
+    odd = place / "logs" / "run2.csv"
+    odd.unlink()
+    NO_FILES[kind](odd)
+    path = manifest(place, ("A", logs(1, 2, 3)), ("B", logs(1, 3)))
+    with Checkpoints(place / "out") as kept:
+        fleets = [identify_fleet(path), identify_fleet(path, checkpoints=kept), identify_fleet(path, checkpoints=kept)]
+    for fleet in fleets:
+        assert not fleet.failed
+        np.testing.assert_array_equal(*(row.values["base"] for row in fleet.rows))
+        assert [log for _, log, _ in fleet.left_out] == [str(odd)]
+
+
+@pytest.mark.parametrize("motion", [True, False])
+def test_a_log_that_is_left_out_chooses_no_filter(place: Path, motion: bool) -> None:
+    """That nothing drives a joint, or that none moves, is known only after the filter was chosen by all logs."""
+    path = place / "logs" / "run2.csv"
+    table = np.loadtxt(path, delimiter=",", skiprows=1)
+    table[:, [3, 4] if motion else [1, 2]] = 1.0
+    np.savetxt(path, table, delimiter=",", header="t,q1,q2,tau1,tau2", comments="", fmt="%.9g")
+    fleet = identify_fleet(manifest(place, ("A", logs(1, 2, 3)), ("B", logs(1, 3))))
+    of_all, of_others = (row.values for row in fleet.rows)
+    assert of_all["rows"] == of_others["rows"]
+    for name in ("base", "parameters"):
+        np.testing.assert_array_equal(of_all[name], of_others[name])
+
+
 def test_where_no_log_can_be_used_nothing_comes_of_the_robot(place: Path) -> None:
     for number in (1, 2):
         (place / "logs" / f"run{number}.csv").write_text("")
@@ -57,18 +94,21 @@ def test_where_no_log_can_be_used_nothing_comes_of_the_robot(place: Path) -> Non
     assert fleet.left_out == ()
 
 
-def test_a_reduction_that_is_damaged_is_left_out_as_well(place: Path) -> None:
-    model = sy.Model.load(place / "robot.toml")
+def test_a_reduction_that_is_damaged_or_of_another_robot_is_left_out_as_well(place: Path) -> None:
     for number in (1, 3):
         sets = [sy.fleet.DataSet(place / "robot.toml", [place / log]) for log in logs(number)]
         [reduced] = sy.fleet.reduce_data_sets(sets)
         reduced.information.save(place / f"{number}.json")
-    (place / "2.json").write_text("{")
-    path = manifest(place, ("A", ["1.json", "2.json", "3.json"]), ("B", ["1.json", "3.json"]), key="informations")
-    fleet = identify_fleet(path)
-    np.testing.assert_array_equal(*(row.values["base"] for row in fleet.rows))
-    assert [log for _, log, _ in fleet.left_out] == [str(place / "2.json")]
-    assert model.dof == 2
+    other = sy.Model(sy.Robot.from_dh([("pi/2", 0, 0, "q")]))
+    motion = np.random.default_rng(0).normal(size=(9, 1))
+    of_another = sy.Information.from_samples(other, sy.Samples(q=motion, dq=motion, ddq=motion, torque=motion))
+    for damage in (lambda: (place / "2.json").write_text("{"), lambda: of_another.save(place / "2.json")):
+        damage()
+        for names in (["1.json", "2.json", "3.json"], ["2.json", "1.json", "3.json"]):
+            path = manifest(place, ("A", names), ("B", ["1.json", "3.json"]), key="informations")
+            fleet = identify_fleet(path)
+            np.testing.assert_array_equal(*(row.values["base"] for row in fleet.rows))
+            assert [log for _, log, _ in fleet.left_out] == [str(place / "2.json")]
 
 
 def test_the_command_tells_it_and_tries_again(

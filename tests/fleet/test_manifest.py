@@ -128,3 +128,16 @@ def test_the_folder_of_a_manifest_is_no_pattern(tmp_path: Path) -> None:
     with pytest.raises(sy.errors.InputError, match="correct informations of 1"):
         FleetManifest.load(own / "fleet.toml").entries[1].files("informations")
     assert several.robot == own / "x"
+
+
+def test_each_file_of_a_log_of_several_counts_from_the_folder_of_the_manifest(tmp_path: Path) -> None:
+    given = ["a.csv+b.csv", "/elsewhere/a.csv + day 2/b.csv", "day+night/*.csv", "whole+.csv", "c++"]
+    (tmp_path / "whole+.csv").touch()
+    path = tmp_path / "fleet.toml"
+    path.write_text(f'robot = "robot.toml"\n[[robots]]\nid = "a"\nlogs = {given}\n')
+    [entry] = FleetManifest.load(path).entries
+    assert entry.logs == (
+        f"{tmp_path}/a.csv+{tmp_path}/b.csv",
+        f"/elsewhere/a.csv+{tmp_path}/day 2/b.csv",
+        *(f"{tmp_path}/{one}" for one in given[2:]),
+    )

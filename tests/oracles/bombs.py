@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import bz2
+import contextlib
 import sqlite3
 import struct
 from collections.abc import Callable, Sequence
@@ -17,6 +18,8 @@ STATES = "sensor_msgs/msg/JointState"
 EMPTY = struct.pack("<II", 0, 0)
 """A message of this definition that names no joint, as ROS 1 writes it; it is passed over."""
 STATE = struct.pack("<IdI", 1, 0.5, 1) + struct.pack("<I", 1) + b"a"
+STATE2 = b"\0\1\0\0" + struct.pack("<IIIxxxxII2sxxIdII", 5, 0, 1, 1, 2, b"a", 1, 0.5, 0, 0)
+"""A message of `STATES` as ROS 2 writes it."""
 LARGE, MILLIONS = 6 * 10**8, 2 * 10**8
 """Bytes of nothing, and of messages of 31 bytes or more, from each of which a library makes objects of some hundred."""
 
@@ -181,6 +184,41 @@ def sqlite(path: Path, messages: Sequence[bytes] = (), tables: str = "") -> Path
     return path
 
 
+def searched(path: Path) -> Path:
+    """Write a database in which each of many messages is found only by looking at all of them."""
+    tables = "CREATE TABLE messages(id INTEGER, topic_id INTEGER, timestamp INTEGER, data BLOB);"
+    sqlite(path, tables=tables)
+    with contextlib.closing(sqlite3.connect(path)) as database:
+        database.executemany("INSERT INTO messages VALUES(?, 1, 5, ?)", [(k, STATE2) for k in range(9000)])
+        database.commit()
+    return path
+
+
+def shared_pages(path: Path) -> Path:
+    """Write a database whose table of messages has five levels, each of one page that names the next 580 times.
+
+    See https://www.sqlite.org/fileformat.html, 1.6.
+    """
+    sqlite(path, [STATE])
+    with contextlib.closing(sqlite3.connect(path)) as database:
+        [(number,)] = database.execute("SELECT rootpage FROM sqlite_master WHERE name = 'messages'")
+        [(size,)] = database.execute("PRAGMA page_size")
+    data = path.read_bytes()
+    root = slice(size * (number - 1), size * number)
+    page = data[root]
+    for _ in range(4):
+        data += page
+        below = struct.pack(">I", len(data) // size)
+        cell, many = below + b"\1", 580
+        start = size - len(cell) * many
+        places = struct.pack(f">{many}H", *range(start, size, len(cell)))
+        head = struct.pack(">BHHHB", 5, 0, many, start, 0) + below
+        page = (head + places).ljust(start, b"\0") + cell * many
+    data = data[: root.start] + page + data[root.stop :]
+    path.write_bytes(data[:28] + struct.pack(">I", len(data) // size) + data[32:])
+    return path
+
+
 def described(
     folder: Path, names: Sequence[str], mode: str, storage: str = "sqlite3", more: str = "", kind: str = STATES
 ) -> Path:
@@ -269,6 +307,13 @@ def alternating(packing: str) -> bytes:
     return ros1([chunk1(packing, each + bytes(3 * 10**7)) for each in data], places)
 
 
+def headed() -> bytes:
+    """Return a bag of one message, which is asked for 7000 times, with 13 000 empty fields in its header."""
+    known = (b"op=\2", b"conn=" + int32(0), b"time=" + bytes(8))
+    header = b"".join(map(text, known)) + text(b"=") * 13_000
+    return ros1([chunk1("bz2", text(header) + text(STATE))], [[(0, 0)] * 7000])
+
+
 Bombs = dict[str, Callable[[Path], Path]]
 BOMBS: Bombs = {
     # One chunk of gigabytes, that says so or not, with an index or without.
@@ -333,6 +378,7 @@ BOMBS: Bombs = {
     "lying_bz2.bag": lambda place: written(place, lying(ros1([chunk1("bz2", bytes(LARGE))], [[(0, 0)]]))),
     "alternating_bz2.bag": lambda place: written(place, alternating("bz2")),
     "alternating_lz4.bag": lambda place: written(place, alternating("lz4")),
+    "header.bag": lambda place: written(place, headed()),
     "again_bz2.bag": lambda place: written(
         place,
         ros1(
@@ -364,6 +410,8 @@ BOMBS: Bombs = {
         "data BLOB GENERATED ALWAYS AS (zeroblob(900000000)));"
         "INSERT INTO messages VALUES(1, 1, 5), (2, 1, 5);",
     ),
+    "shared_pages.db3": shared_pages,
+    "searched.db3": searched,
     "endless.db3": lambda place: sqlite(
         place,
         tables="CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER, timestamp INTEGER, data BLOB);"

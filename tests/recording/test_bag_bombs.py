@@ -105,6 +105,7 @@ REFUSED = {
     "lying_bz2.bag": LYING,
     "alternating_bz2.bag": TOO_MUCH,
     "alternating_lz4.bag": TOO_MUCH,
+    "header.bag": TOO_MUCH,
     "again_bz2.bag": TOO_MUCH,
     "index.bag": "its index lists more messages than it holds;",
     "empty_fields.bag": NOTHING,
@@ -116,6 +117,8 @@ REFUSED = {
     "folder_zstd": TOO_LARGE,
     "folder_message": TOO_LARGE,
     "computed.db3": "its table messages is computed, not recorded;",
+    "shared_pages.db3": TOO_MUCH,
+    "searched.db3": TOO_MUCH,
     "endless.db3": "its table message_definitions is computed, not recorded;",
 }
 TAKES_LONG = {"lying_bz2.bag", "honest_bz2.bag", "alternating_bz2.bag", "chunks.mcap", "one_name"}

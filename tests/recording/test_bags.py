@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from bombs import zstd
-from log_writers import BAGS, START, State, states, write_mcap_json, write_ros1, write_ros2
+from log_writers import BAGS, START, State, states, write_mcap_json, write_mcap_ros, write_ros1, write_ros2
 
 from steelyard.errors import InputError, MissingExtraError
 from steelyard.recording import Processing, Recording, Samples, process_chunks
@@ -119,6 +119,21 @@ def test_messages_come_in_the_order_of_their_recording(kind: type[MessageLog], t
     found = kind(path).read(["recorded", "position[elbow]"])
     np.testing.assert_allclose(found["recorded"], 0.2 * np.arange(S), rtol=1e-12)
     np.testing.assert_array_equal(found["position[elbow]"], Q[np.argsort(recorded), 1])
+
+
+@pytest.mark.parametrize("left_out", ["schemas", "channels", "counts"])
+def test_summaries_of_mcap_may_leave_out_what_stands_elsewhere(
+    left_out: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if left_out == "counts":  # by channel, as the specification allows
+        records = pytest.importorskip("mcap.records")
+        write = records.Statistics.write
+        uncounted = lambda one, stream: write(dataclasses.replace(one, channel_message_counts={}), stream)  # noqa: E731
+        monkeypatch.setattr(records.Statistics, "write", uncounted)
+        options = {}
+    else:
+        options = {f"repeat_{left_out}": False}
+    expect(Recording.read(write_mcap_ros(tmp_path / "run.mcap", {"/joint_states": STATES}, **options), joints=JOINTS))
 
 
 def test_large_chunks_are_read_where_the_file_is_as_large(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -163,6 +163,7 @@ def reduced_logs(
     tree, blocks, parts = BatchMeansTree(), TimeBlocks(empty_factors(model)), []
     drawn = FEW if each is None and len(logs) < 2 else drawn_rows(max(len(logs), 1), FEW)
     used: list[GivenLog] = []
+    kept: list[ReducedLog] = []
     windows: list[Samples] = []  # of several logs, which may hold one motion
     for log in logs:
         try:
@@ -176,7 +177,7 @@ def reduced_logs(
         used.append(log)
         reader.note(one)
         if each is not None:
-            each(one)
+            kept.append(one)
         tree.add(means)
         blocks.append(TimeBlocks.of_held(blocks.empty, one.blocks))
         parts.append(one.information)
@@ -184,7 +185,12 @@ def reduced_logs(
     if logs and not used:
         assert left_out is not None
         raise InputError(f"none of {len(logs)} logs can be used; of the last: {list(left_out.values())[-1]}")
+    if len(used) < len(logs):  # those that were left out took part in the choice of the filter
+        return reduced_logs(file, model, used, each, informations, left_out)
     require_unwritten(written)
+    if each is not None:
+        for one in kept:
+            each(one)
     own = [replace(Information.total(parts), batch_means=tree.total())] if parts else []
     names = (*map(str, used), *(path for path, _ in informations))
     copies = copies_among([(name, "identification", one) for name, one in zip(names, [*parts, *earlier], strict=True)])

@@ -211,6 +211,8 @@ def _beside(file: Path, path: str, *, pattern: bool = False) -> str:
     plain = os.path.abspath(os.path.join(file.parent, given))
     if not pattern or os.path.exists(plain):
         return plain
+    if "+" in path and not glob.has_magic(path) and all(parts := path.split("+")):  # a log of several files
+        return "+".join(_beside(file, part.strip(), pattern=True) for part in parts)
     # `*`, `?` and `[` in the name of the manifest's own folder belong to no pattern.
     return os.path.abspath(os.path.join(glob.escape(str(file.parent)), given))
 

@@ -21,7 +21,7 @@ from steelyard.estimators.physical_prior import PhysicalPrior, physical_prior
 from steelyard.estimators.plausible_fit import plausible_fit, tried_prior
 from steelyard.feasibility import FeasibleSet, check
 from steelyard.files import file_hash, plain
-from steelyard.identification.given import given_constraints, given_logs, is_information, wider_model
+from steelyard.identification.given import GivenLog, given_constraints, given_logs, is_information, wider_model
 from steelyard.identification.log_reader import ReducedLog
 from steelyard.identification.parameter_table import parameter_table
 from steelyard.identification.prediction_verdict import few_rows_of, prediction_verdict, said_of
@@ -184,10 +184,7 @@ def _estimate(task: dict[str, Any]) -> dict[str, Any]:
     robot = task["robot"]
     left_out: dict[str, str] = {}
     if task["informations"]:
-        loaded = _loaded(task["informations"], left_out)
-        known = _known_for(robot, loaded[0][1], loaded[0][0])
-        for path, part in loaded:
-            part.model_among([known.model], path)
+        known, loaded = _loaded(robot, task["informations"], left_out)
         parts = [part for _, part in loaded]
         information, stretches = Information.total(parts), tuple(parts)
         remarks = [*_told_of(left_out), *parts[0].remarks]
@@ -285,17 +282,23 @@ def _known_for(robot: Description, information: Information, path: str) -> Known
     return known_of(robot, information.model_among(models, path) is not models[0])
 
 
-def _loaded(paths: Sequence[str], left_out: dict[str, str]) -> list[tuple[str, Information]]:
-    """Read Informations; what cannot be used of several goes to `left_out`."""
+def _loaded(
+    robot: Description, paths: Sequence[str], left_out: dict[str, str]
+) -> tuple[Known, list[tuple[str, Information]]]:
+    """Read Informations of a robot; what cannot be used of several goes to `left_out`."""
+    known: Known | None = None
     found = []
     for path in paths:
         try:
-            found.append((path, Information.load(path)))
+            part = Information.load(path)
+            known = known or _known_for(robot, part, path)
+            part.model_among([known.model], path)
+            found.append((path, part))
         except InputError as error:
             left_out[path] = str(error)
-    if not found:
+    if known is None:
         raise InputError(left_out[paths[-1]])
-    return found
+    return known, found
 
 
 def _reduced(
@@ -307,9 +310,23 @@ def _reduced(
     """
     known = known_of(robot, True)
     each: list[ReducedLog] = []
-    given = given_logs(list(logs), None)[0]
+    given = _given(logs, left_out)
     found = reduced_logs(known.file, known.model, given, each.append, left_out=left_out)
     return known, found.information, found.stretches, [*_told_of(left_out), *found.remarks], each
+
+
+def _given(paths: Sequence[str], left_out: dict[str, str]) -> Sequence[GivenLog]:
+    """Return the logs that paths, folders and patterns stand for; what stands for none goes to `left_out`."""
+    some = []
+    for path in paths:
+        try:
+            given_logs([path], None)
+            some.append(path)
+        except InputError as error:
+            left_out[path] = str(error)
+    if not some:
+        raise InputError(left_out[paths[-1]])
+    return given_logs(some, None)[0]
 
 
 def _told_of(left_out: Mapping[str, str]) -> list[str]:
@@ -332,8 +349,9 @@ def _validation(known: Known, paths: Sequence[str]) -> tuple[list[Information], 
 
 def with_contents(task: dict[str, Any]) -> dict[str, Any]:
     """Return a task with the contents of its files, as which alone they are read."""
-    logs = [str(log) for log in given_logs(task["logs"], None)[0]] if task["logs"] else []
-    return {**task, "contents": contents_of([*logs, *task["informations"], *task["validate"]])}
+    none: dict[str, str] = {}
+    logs = [str(log) for log in _given(task["logs"], none)] if task["logs"] else []
+    return {**task, "contents": contents_of([*logs, *none, *task["informations"], *task["validate"]])}
 
 
 def inputs_of(task: dict[str, Any]) -> list[Any]:

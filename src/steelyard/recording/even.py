@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
+from steelyard.files.arguments import LARGEST
 from steelyard.once import cached_property
 
 from .clock import FEWEST_ROWS, JITTER_SILENT, TICK, ClockStatistics, clock_statistics
@@ -321,9 +322,10 @@ def filled(
 
     result = values.copy()
     for j in map(int, np.flatnonzero(missing.any(axis=0))):
-        good = ~missing[:, j]
+        own, none = values[:, j], missing[:, j]
+        good = np.abs(own) <= LARGEST  # what is beyond is refused, and would overflow here
         if np.count_nonzero(good) < 2 and what == "torque":
-            result[~good, j] = values[good, j].sum()
+            result[none, j] = own[good].sum()
             continue
         if np.count_nonzero(good) < 2:
             raise InputError(
@@ -332,5 +334,5 @@ def filled(
                 "the others."
             )
         inside = np.clip(t, t[good][0], t[good][-1])
-        result[~good, j] = PchipInterpolator(t[good], values[good, j])(inside[~good])
+        result[none, j] = PchipInterpolator(t[good], own[good])(inside[none])
     return result, missing

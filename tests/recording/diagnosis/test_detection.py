@@ -366,6 +366,17 @@ def test_fractional_shift_is_exact_for_cubics(rows):
     assert known.sum() >= 60 - np.ceil(abs(rows)) - 3
 
 
+@pytest.mark.parametrize("value", [1e308, -1.7e308, 1e20])
+@pytest.mark.parametrize("missing", [99, 101])
+def test_a_huge_number_beside_a_missing_one_is_refused_as_it_is_anywhere(value, missing):
+    t = np.arange(500) / 100
+    q = np.sin(t)
+    q[[100, 102]], q[missing] = (value, -value), np.nan
+    log = {"t": t, "q1": q, "tau1": np.cos(t)}
+    with pytest.raises(InputError, match=r"a number beyond .* in row 101, which no robot reaches"):
+        Recording.read(log, {"missing": "fill"})
+
+
 def test_missing_values_are_filled_and_masked(tmp_path):
     q, torque = np.sin(2 * T), np.cos(3 * T)
     q[4000:4005] = np.nan

@@ -77,16 +77,19 @@ class LogContent(NamedTuple):
 
 
 def contents_of(logs: Iterable[str]) -> list[LogContent]:
-    """Return what logs hold now."""
-    found = []
-    for log in logs:
+    """Return what logs hold now; of one that cannot be read nothing, as its reader says why."""
+    return [_content(log) for log in logs]
+
+
+def _content(log: str) -> LogContent:
+    try:
         if "://" in log:  # what an object store tells of an object is its state, too; each question is a request
             entries = hashed_log(log)
-            found.append(LogContent(log, tuple(map(content_hash, entries)), _state_of_objects(entries)))
-        else:
-            state = _state(log)  # first: what is written while it is hashed has another state afterwards
-            found.append(LogContent(log, content_hashes(log), state))
-    return found
+            return LogContent(log, tuple(map(content_hash, entries)), _state_of_objects(entries))
+        state = _state(log)  # first: what is written while it is hashed has another state afterwards
+        return LogContent(log, content_hashes(log), state)
+    except (InputError, OSError):
+        return LogContent(log, (), "")
 
 
 @contextmanager
@@ -116,7 +119,7 @@ def unchanged(contents: Iterable[LogContent]) -> Iterator[None]:
         state = _state(one.log)
         before.append((one.log, state))
         # Where there is none now, its reader says so.
-        if state and state != one.state and content_hashes(one.log) != one.hashes:
+        if state and state != one.state and _content(one.log).hashes != one.hashes:
             raise InputError(
                 f"{one.log} is not what it was when the run began: it was written meanwhile, or workers have other "
                 "files of this name; wait until it is complete, give each the same files, and run again."

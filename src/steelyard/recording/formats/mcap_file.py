@@ -112,9 +112,13 @@ class McapMessages:
                 self._channels[record.id] = record
             elif isinstance(record, self._records.ChunkIndex):
                 self._chunks.append(record)
-        if statistics is None or not self._chunks or not set(statistics.channel_message_counts) <= set(self._channels):
+        if statistics is None or not self._chunks:
             return None
-        return {number: statistics.channel_message_counts.get(number, 0) for number in self._channels}
+        counts = statistics.channel_message_counts  # writers that do not count by channel leave it empty
+        schemas = {channel.schema_id for channel in self._channels.values()} - {0}  # 0 is none
+        if not counts or not counts.keys() <= self._channels.keys() or not schemas <= self._schemas.keys():
+            return None
+        return {number: counts.get(number, 0) for number in self._channels}
 
     def _as_written(self, topic: str | None) -> Iterator[tuple[Any, Any]]:
         """Yield the messages of one topic, or of all, with their channels, as they stand in the file."""

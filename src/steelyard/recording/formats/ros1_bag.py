@@ -14,7 +14,7 @@ from steelyard.errors import require_package
 
 from .message_log import MessageLog, Topic
 from .ros_messages import ros_decoder
-from .unpacking import BAGS, LARGEST_MESSAGE, RECORD, Unpacking
+from .unpacking import BAGS, DECODED, LARGEST_MESSAGE, RECORD, Unpacking
 
 __all__ = ["Ros1Bag"]
 
@@ -104,9 +104,10 @@ class _Content:
     def _message(self, chunk: io.BytesIO, entry: Any) -> bytes:
         chunk.seek(entry.offset)
         while True:
-            self._unpacking.spend(RECORD)
-            if self._library.read_uint32(chunk) > LARGEST_MESSAGE:
+            length = self._library.read_uint32(chunk)
+            if length > LARGEST_MESSAGE:
                 raise ValueError("the header of a message is longer than any message")
+            self._unpacking.spend(RECORD + DECODED * length)
             chunk.seek(-4, os.SEEK_CUR)
             header = self._library.Header.read(chunk)
             if header.get_uint8("op") != CONNECTION:

@@ -5,20 +5,24 @@ from __future__ import annotations
 import contextlib
 import sqlite3
 import tempfile
+from array import array
 from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path, PurePath
 from typing import Any
 from urllib.parse import quote
 
-from steelyard.errors import require_package
+import numpy as np
+
+from steelyard.errors import InputError, require_package
 from steelyard.files import shown
+from steelyard.files.arguments import all_listed
 
 from .decoded import large_files
 from .mcap_file import McapMessages
 from .message_log import MessageLog, Topic
 from .ros_messages import ros_decoder
-from .unpacking import AT_ONCE, BAGS, RECORD, ZSTD, Unpacking
+from .unpacking import AT_ONCE, BAGS, MESSAGE, RECORD, ZSTD, Unpacking
 
 __all__ = ["Ros2Bag"]
 
@@ -27,7 +31,16 @@ NEWEST = 9
 DESCRIPTION = "metadata.yaml"
 COPIED = 2**20
 DEFINITIONS = "message_definitions"
-TABLES = ("topics", "messages", DEFINITIONS)
+TABLES = {
+    "topics": ("id", "name", "type"),
+    "messages": ("id", "topic_id", "timestamp", "data"),
+    DEFINITIONS: ("id", "topic_type", "encoding", "encoded_message_definition"),
+}
+"""The first columns of the tables that are read; before them none may stand that is passed over in each row."""
+LONGEST_SCHEMA = 2**16
+"""Bytes of what describes a table."""
+STEPS = 100
+"""Steps of SQLite, which take as long as a message: a database of a few pages may have rows without end."""
 LANGUAGES = {"ros2msg": "msg", "ros2idl": "idl"}
 
 
@@ -125,57 +138,90 @@ class _Database:
 
     def __init__(self, database: sqlite3.Connection, unpacking: Unpacking, compression: str) -> None:
         self._database, self._unpacking, self._compression = database, unpacking, compression
-        self._rows = 0
-        database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, AT_ONCE)
+        database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LONGEST_SCHEMA)
+        database.set_progress_handler(self._step, STEPS)
+
+    def _step(self) -> bool:
+        """Return whether SQLite must stop."""
+        try:
+            self._unpacking.spend(MESSAGE)
+        except InputError:
+            return True
+        return False
+
+    @contextlib.contextmanager
+    def _bounded(self) -> Iterator[None]:
+        try:
+            yield
+        except sqlite3.OperationalError:
+            self._unpacking.spend(0)  # says why SQLite was stopped, if it was
+            raise
+
+    def _rows(self, query: str) -> Iterator[tuple[Any, ...]]:
+        """Yield what a query finds."""
+        with self._bounded():
+            for row in self._database.execute(query):
+                self._unpacking.spend(RECORD + sum(len(one) for one in row if isinstance(one, str | bytes)))
+                yield row
 
     def topics(self) -> list[Topic]:
         """Return the topics, with what reads their messages as long as the database is open."""
         tables = self._tables()
         if not {"topics", "messages"} <= tables:
             raise ValueError("it has no tables of topics and messages")
-        definitions = {}
+        # SQLite orders nothing: it would put all that the rows hold into temporary files first.
+        definitions: dict[str, tuple[str, str]] = {}
         if DEFINITIONS in tables:  # since Iron
-            definitions = {
-                kind: (LANGUAGES.get(encoding, ""), text)
-                for kind, encoding, text in self._database.execute(
-                    f"SELECT topic_type, encoding, encoded_message_definition FROM {DEFINITIONS} ORDER BY id DESC"
-                )
-            }
-        found: dict[tuple[str, str], dict[int, int]] = {}
-        for number, name, kind, count in self._database.execute(
-            "SELECT topics.id, name, type, count(messages.id) FROM topics LEFT JOIN messages "
-            "ON topics.id == messages.topic_id GROUP BY topics.id ORDER BY topics.id"
-        ):
-            found.setdefault((name, kind), {})[number] = count
-            self._rows += count
+            for kind, encoding, text in self._rows(
+                f"SELECT topic_type, encoding, encoded_message_definition FROM {DEFINITIONS}"
+            ):
+                definitions.setdefault(kind, (LANGUAGES.get(encoding, ""), text))
+        recorded: dict[int, tuple[array[int], array[int]]] = {}
+        for number, topic, time in self._rows("SELECT id, topic_id, timestamp FROM messages NOT INDEXED"):
+            if not type(number) is type(topic) is type(time) is int:
+                raise ValueError("its messages have topics or times that are no whole numbers")
+            times, places = recorded.setdefault(topic, (array("q"), array("q")))
+            times.append(time)
+            places.append(number)
+        found: dict[tuple[str, str], list[tuple[array[int], array[int]]]] = {}
+        for number, name, kind in self._rows("SELECT id, name, type FROM topics"):
+            found.setdefault((name, kind), []).append(recorded.get(number, (array("q"), array("q"))))
         return [
             Topic(
                 name,
                 kind,
-                sum(counts.values()),
-                partial(self._decoded, kind, definitions.get(kind, ("", "")), list(counts)),
+                sum(len(times) for times, _ in parts),
+                partial(self._decoded, kind, definitions.get(kind, ("", "")), parts),
             )
-            for (name, kind), counts in found.items()
+            for (name, kind), parts in found.items()
         ]
 
     def _tables(self) -> set[str]:
         """Return the tables that are there; what is computed in reading them could have no end."""
         found = set()
-        for name, statement in self._database.execute("SELECT lower(name), sql FROM sqlite_master").fetchall():
+        listed = list(self._rows("SELECT lower(name), sql FROM sqlite_master"))
+        self._database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, AT_ONCE)
+        for name, statement in listed:
             if name not in TABLES:
                 continue
-            columns = self._database.execute(f"PRAGMA table_xinfo({name})").fetchall()
+            columns = list(self._rows(f"PRAGMA table_xinfo({name})"))
             if not statement.startswith("CREATE TABLE") or any(hidden for *_, hidden in columns):
                 raise ValueError(f"its table {name} is computed, not recorded")
+            if tuple(column for _, column, *_ in columns)[: len(TABLES[name])] != TABLES[name]:
+                raise ValueError(f"its table {name} does not begin with the columns {all_listed(TABLES[name])}")
             found.add(name)
         return found
 
-    def _decoded(self, kind: str, definition: tuple[str, str], numbers: Sequence[int]) -> Iterator[tuple[int, Any]]:
+    def _decoded(
+        self, kind: str, definition: tuple[str, str], parts: Sequence[tuple[array[int], array[int]]]
+    ) -> Iterator[tuple[int, Any]]:
         decode = ros_decoder(kind, *definition, self._unpacking, ros1=False)
-        self._unpacking.spend(RECORD * self._rows)  # all are looked at, for each topic
-        places = ", ".join("?" * len(numbers))
-        query = f"SELECT timestamp, data FROM messages WHERE topic_id IN ({places}) ORDER BY timestamp"
-        for recorded, packed in self._database.execute(query, numbers):
-            data = self._unpacking.unpacked(self._compression, packed)
-            if self._unpacking.takes(data):
-                yield recorded, decode(data)
+        times, places = (np.concatenate([np.frombuffer(part[k], np.int64) for part in parts]) for k in (0, 1))
+        order = np.lexsort((places, times))
+        cursor, query = self._database.cursor(), "SELECT data FROM messages WHERE id = ?"
+        with self._bounded():
+            for time, place in zip(times[order].tolist(), places[order].tolist(), strict=True):
+                (packed,) = cursor.execute(query, (place,)).fetchone()
+                data = self._unpacking.unpacked(self._compression, packed)
+                if self._unpacking.takes(data):
+                    yield time, decode(data)
