@@ -231,7 +231,8 @@ class Fleet:
             rows = [(row.entry.label, row.reason) for row in self.failed[:MOST_SENTENCES]]
             lines.append(text_table(("robot", "nothing came of it, because"), rows))
         if self.left_out:
-            rows = [(row.entry.label, reason) for row, _, reason in self.left_out[:MOST_SENTENCES]]
+            told = self.left_out[:MOST_SENTENCES]
+            rows = [(row.entry.label, why if log in why else f"{log}: {why}") for row, log, why in told]
             lines.append(text_table(("robot", "a log was left out, because"), rows))
         return "\n".join(lines)
 
