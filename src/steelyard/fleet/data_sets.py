@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -139,13 +139,13 @@ def reduced_logs(
     file: RobotFile,
     model: Model,
     logs: Sequence[GivenLog],
-    each: Callable[[ReducedLog], None] | None = None,
+    each: list[ReducedLog] | None = None,
     informations: Sequence[tuple[str, Information]] = (),
     left_out: dict[str, str] | None = None,
 ) -> ReducedDataSet:
     """Reduce the logs of one robot in this process, in the base parameters of a model, and add what was reduced before.
 
-    `each` is given each log by itself, with the rows in which short events show. With `left_out` logs that cannot be
+    `each` receives each log by itself, with the rows in which short events show. With `left_out` logs that cannot be
     used stop nothing while others are left: each is put there by its name, and why.
     """
     if file.section("elastic"):
@@ -189,8 +189,7 @@ def reduced_logs(
         return reduced_logs(file, model, used, each, informations, left_out)
     require_unwritten(written)
     if each is not None:
-        for one in kept:
-            each(one)
+        each += kept
     own = [replace(Information.total(parts), batch_means=tree.total())] if parts else []
     names = (*map(str, used), *(path for path, _ in informations))
     copies = copies_among([(name, "identification", one) for name, one in zip(names, [*parts, *earlier], strict=True)])

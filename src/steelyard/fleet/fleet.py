@@ -1017,14 +1017,15 @@ def sentence(one: Deviation, kind: Kind, *, when: str = "", since: str = "") -> 
         than = {"batch": "than that of the others", "siblings": "than its siblings", "drift": f"than on {when}"}[kind]
         text = f"The link {cause.part} has another mass, centre of mass or inertia {than}"
     elif cause.kind == "mass":
-        more, share = "heavier" if sign > 0.0 else "lighter", f"{few_digits(100.0 * abs(one.amplitude), 2)} %"
-        made = f"if it is made like {'it was' if kind == 'drift' else 'theirs'}"
-        if cause.unit:
-            within = f"{_interval(ends[0], ends[1], 2)} kg), {share}"
-            text = f"The link {cause.part} is {few_digits(size, 2)} kg {more} than {others} ({within}, {made}"
-        else:
-            low, high = sorted((100.0 * sign * low, 100.0 * sign * high))
-            text = f"The link {cause.part} is {share} {more} than {others} ({_interval(low, high, 2)} %), {made}"
+        share = f"{few_digits(100.0 * abs(one.amplitude), 2)} %"
+        much, within, also = f"{few_digits(size, 2)} kg", f"{_interval(ends[0], ends[1], 2)} kg", f", {share}"
+        if not cause.unit:  # of which nobody stated how many kg it has
+            ends = [100.0 * end for end in ends]
+            much, within, also = share, f"{_interval(ends[0], ends[1], 2)} %", ""
+        text = (
+            f"The link {cause.part} is {much} {'heavier' if sign > 0.0 else 'lighter'} than {others} ({within}){also}, "
+            f"if it is made like {'it was' if kind == 'drift' else 'theirs'}"
+        )
     elif cause.kind in TURNABLE:
         measured = cause.what.removesuffix(" gain")
         text = (

@@ -311,7 +311,7 @@ def _reduced(
     known = known_of(robot, True)
     each: list[ReducedLog] = []
     given = _given(logs, left_out)
-    found = reduced_logs(known.file, known.model, given, each.append, left_out=left_out)
+    found = reduced_logs(known.file, known.model, given, each, left_out=left_out)
     return known, found.information, found.stretches, [*_told_of(left_out), *found.remarks], each
 
 
@@ -341,7 +341,7 @@ def _validation(known: Known, paths: Sequence[str]) -> tuple[list[Information], 
         if is_information(path):
             information = Information.load(path)
         else:
-            information = reduced_logs(known.file, known.model, given_logs([path], None)[0], each.append).information
+            information = reduced_logs(known.file, known.model, given_logs([path], None)[0], each).information
         information.model_among([known.model], path)
         found.append(information)
     return found, each

@@ -22,7 +22,7 @@ __all__ = ["ColumnFacts", "central_differences", "column_facts", "side_by_side"]
 Array = NDArray[np.float64]
 
 FEW = 50_000
-"""Values below which NumPy is used: it takes 0.2 ms for the facts of so many, as long as loading the machine code."""
+"""Values below which NumPy is used: it takes 0.1 ms for the facts of so many, half as long as to load machine code."""
 TILE = 512
 """Rows whose columns are put side by side at a time: those of 8 columns are half of the nearest cache."""
 
@@ -51,11 +51,6 @@ class ColumnFacts(NamedTuple):
         """(N,) the greatest less the least value."""
         return self.high - self.low
 
-    @property
-    def are_finite(self) -> bool:
-        """Whether no value is NaN or infinite."""
-        return bool(np.isfinite(self.low).all() and np.isfinite(self.high).all())
-
 
 @np.errstate(over="ignore", invalid="ignore")
 def column_facts(values: Array) -> ColumnFacts:
@@ -77,14 +72,14 @@ def column_facts(values: Array) -> ColumnFacts:
         low, high, least, greatest, zeros, spoiled = found[: 6 * width].reshape(6, width)
         if not np.isnan(spoiled).any():
             return ColumnFacts(low, high, least, greatest, zeros.astype(np.intp))
-    steps = values[1:] - values[:-1]
-    return ColumnFacts(
-        low=values.min(axis=0, initial=np.inf),
-        high=values.max(axis=0, initial=-np.inf),
-        least_step=steps.min(axis=0, initial=np.inf),
-        greatest_step=steps.max(axis=0, initial=-np.inf),
-        zeros=count - np.count_nonzero(values, axis=0),
-    )
+    found = np.empty((5, width))
+    for column, given in enumerate(values.T):
+        own = np.ascontiguousarray(given)  # which NumPy goes through ten times as fast
+        steps = own[1:] - own[:-1]
+        extremes = [end for one in (own, steps) for end in (one.min(initial=np.inf), one.max(initial=-np.inf))]
+        found[:, column] = *extremes, count - np.count_nonzero(own)
+    low, high, least, greatest, zeros = found
+    return ColumnFacts(low, high, least, greatest, zeros.astype(np.intp))
 
 
 def side_by_side(parts: Sequence[Sequence[Array]]) -> Array:

@@ -173,18 +173,12 @@ def log_columns(columns: LogColumns | dict[str, Any] | None) -> LogColumns:
 def signals_fields(signals: Signals, t: NDArray[np.float64], source: str) -> dict[str, Any]:
     """Return the arrays of a Recording by the names of its fields, with values filled and turns put together."""
     fields: dict[str, Any] = {"t": t, "position_missing": None, "torque_missing": None}
-    of_q, of_torque = column_facts(signals.q), column_facts(signals.torque)
-    q, torque = turned_on(signals.q, of_q)[0], without_dropouts(signals.torque, of_torque)
-    q = without_wild(t, q, of_q if q is signals.q else None)
-    whole = {
-        "q": q is signals.q and of_q.are_finite,
-        "torque": torque is signals.torque and of_torque.are_finite,
-    }
-    signals = replace(signals, q=q, torque=torque)
+    facts = column_facts(signals.q)
+    q, _ = turned_on(signals.q, facts)
+    q = without_wild(t, q, facts if q is signals.q else None)
+    signals = replace(signals, q=q, torque=without_dropouts(signals.torque))
     for name in ("q", "torque", "velocity", "acceleration"):
-        values, missing = getattr(signals, name), None
-        if not whole.get(name):
-            values, missing = filled(t, values, "position" if name == "q" else name, source)
+        values, missing = filled(t, getattr(signals, name), "position" if name == "q" else name, source)
         fields[name] = values
         if missing is not None:
             kind = "torque_missing" if name == "torque" else "position_missing"

@@ -676,7 +676,7 @@ def without_wild(
 
 
 @np.errstate(over="ignore", invalid="ignore")
-def without_dropouts(torque: NDArray[np.float64], facts: ColumnFacts | None = None) -> NDArray[np.float64]:
+def without_dropouts(torque: NDArray[np.float64]) -> NDArray[np.float64]:
     """Make torques missing that are exactly zero for a moment, among torques that are alike and are not.
 
     Loggers write a zero where the message of a drive was lost. *Measured* on an arm of six joints, 5 % of such rows
@@ -686,8 +686,6 @@ def without_dropouts(torque: NDArray[np.float64], facts: ColumnFacts | None = No
     ----------
     torque : ndarray
         (S, N), N·m or N; NaN where values are missing.
-    facts : ColumnFacts, optional
-        Of `torque`, where they are known.
 
     Returns
     -------
@@ -703,8 +701,7 @@ def without_dropouts(torque: NDArray[np.float64], facts: ColumnFacts | None = No
     [70, 120, 121]
     """
     result = torque
-    facts = column_facts(torque) if facts is None else facts
-    for j in map(int, np.flatnonzero(facts.zeros)):
+    for j in map(int, np.flatnonzero(column_facts(torque).zeros)):
         values = torque[:, j]
         rows = np.flatnonzero(values == 0.0)
         if not 0 < len(rows) <= MOST_DROPOUTS * len(torque):

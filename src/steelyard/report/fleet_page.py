@@ -356,21 +356,20 @@ def _verdicts(fleet: Fleet) -> Markup:
 
 def _failed(fleet: Fleet) -> Markup:
     rows = [(row.entry.id, row.entry.date, row.reason) for row in fleet.failed]
-    return _reasons("Entries and reasons", ("Robot", "Date", "Reason"), rows, "reasons", (1, 2))
+    return _reasons("Entries and reasons", ("Robot", "Date", "Reason"), rows, "reasons", "robots.parquet")
 
 
 def _left_out(fleet: Fleet) -> Markup:
     rows = [(row.entry.id, row.entry.date, log, reason) for row, log, reason in fleet.left_out]
-    return _reasons("Logs and reasons", ("Robot", "Date", "Log", "Reason"), rows, "left-out-logs", (1, 2, 3))
+    return _reasons("Logs and reasons", ("Robot", "Date", "Log", "Reason"), rows, "left-out-logs", "fleet.json")
 
 
-def _reasons(
-    title: str, heads: Sequence[str], rows: Sequence[Sequence[str]], identifier: str, texts: tuple[int, ...]
-) -> Markup:
+def _reasons(title: str, heads: Sequence[str], rows: Sequence[Sequence[str]], identifier: str, others: str) -> Markup:
     if not rows:
         return Markup("")
     left = len(rows[MOST_FAILED:])
-    text = f"<p>{left} more are in {'robots.parquet' if identifier == 'reasons' else 'fleet.json'}.</p>" if left else ""
+    text = f"<p>{left} more are in {others}.</p>" if left else ""
+    texts = tuple(range(1, len(heads)))
     return Markup(table(title, heads, rows[:MOST_FAILED], identifier=identifier, texts=texts) + text)
 
 
