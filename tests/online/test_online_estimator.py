@@ -369,7 +369,13 @@ def test_intervals_are_no_wider_than_what_is_forgotten_asks_for(
         ({"rate": 0.0}, "rate must be a positive number"),
         ({"cutoff": 600.0}, "half the rate"),
         ({"forget": -1.0}, "forget must be a positive number"),
-        ({"window": np.nan}, "window must be a positive number"),
+        ({"forget": np.inf}, "or absent where nothing is forgotten, got inf"),
+        ({"window": np.nan}, "window must be a number of s of at least 8 samples"),
+        ({"window": 0.007}, "window must be a number of s of at least 8 samples"),
+        ({"cutoff": 1e-6}, "would hold 2198806717 samples back"),
+        ({"rate": 1e9}, "219880678 samples back at 1e.09 Hz, 0.2199 s, more than 100000 samples; give a cutoff"),
+        ({"order": 0}, "order must be a whole number of at least 1, got 0"),
+        ({"order": "3"}, "order must be a whole number of at least 1"),
         ({"prior_weight": "much"}, 'positive number or "auto"'),
         ({"weights": [1.0]}, "2 positive numbers"),
         ({"weights": "joints"}, "must be None, 'joint' or one number"),
@@ -389,6 +395,7 @@ def test_options_that_make_no_sense(model: sy.Model, options: dict[str, object],
         ([(0.0, [0.0, 0.0], [0.0, 0.0], None, [0.0, 0.0])], "ddq was given without dq"),
         ([(0.0, [0.0, 0.0], [0.0, 0.0]), (0.1, [0.0, 0.0], [0.0, 0.0], [0.0, 0.0])], "give the same of every sample"),
         ([([0.0, 0.1], [[0.0, 0.0]], [[0.0, 0.0]])], "one row for each of 2 times"),
+        ([([[0.0], [0.1]], np.zeros((2, 2)), np.zeros((2, 2)))], r"t has the shape \(2, 1\)"),
         ([(0.0, ["a", "b"], [0.0, 0.0])], "q must be real numbers"),
         ([(0.0, np.zeros(2) + 1j, [0.0, 0.0])], "q must be real numbers, got an array of complex128"),
         ([(0.0, np.zeros(2), np.ma.array([0.0, 1.0], mask=[0, 1]))], "torque must be .* masked numbers"),
@@ -401,6 +408,52 @@ def test_samples_that_do_not_fit(model: sy.Model, samples: list[tuple[object, ..
         estimator.update(*sample)  # type: ignore[arg-type]
     with pytest.raises(sy.InputError, match=message):
         estimator.update(*last)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("accuracy", [0.0, -1.0, np.nan, None])
+def test_no_answer_is_called_the_best_by_an_accuracy_that_is_none(model: sy.Model, accuracy: object) -> None:
+    with pytest.raises(sy.InputError, match="accuracy must be a positive number"):
+        sy.OnlineEstimator(model).estimate(accuracy=accuracy)  # type: ignore[arg-type]
+    with pytest.raises(sy.InputError, match="seconds must be a number of at least 0"):
+        sy.OnlineEstimator(model).estimate(seconds=np.nan)
+
+
+@pytest.mark.parametrize("combinations", [np.zeros((2, 2, 12)), np.full(12, np.nan), "x", np.zeros(11)])
+def test_combinations_that_are_none(model: sy.Model, combinations: object) -> None:
+    with pytest.raises(sy.InputError, match="combinations must be"):
+        sy.OnlineEstimator(model).intervals(combinations)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("together", [1, 7, 3000])
+def test_what_is_missing_changes_nothing_of_the_rows_beside_it(
+    model: sy.Model, motion: tuple[Array, ...], together: int
+) -> None:
+    """By a clock of which rounding leaves 1e-7 s: of 20 rows and 30 torques that are missing, so many are told."""
+    t, q, dq, _, torque = (array[:3000] for array in motion)
+    lost = np.arange(505, 2505, 100)
+    silent = np.arange(1000, 1300, 10)
+    torque = torque.copy()
+    torque[silent, 0] = np.nan
+    kept = np.setdiff1d(np.arange(3000), lost)
+    estimator = sy.OnlineEstimator(model)
+    times = 1.7e9 + t[kept]
+    for k in range(0, len(kept), together):
+        rows = kept[k : k + together] if together > 1 else kept[k]
+        estimator.update(times[k : k + together] if together > 1 else times[k], q[rows], torque[rows])
+    estimator.flush()
+    assert estimator.stream_counts["interpolated"] == len(lost)
+    assert estimator.stream_counts["torques missing"] == len(silent)
+    rest = np.sum(np.abs(dq[220:-220]) < 1e-3, axis=0)
+    assert [f.count for f in estimator.factors()] == [3000 - 440 - len(silent) - rest[0], 3000 - 440 - rest[1]]
+
+
+def test_why_nothing_counts_yet_is_told(model: sy.Model, motion: tuple[Array, ...]) -> None:
+    t, q, _, _, torque = motion
+    estimator = sy.OnlineEstimator(model)
+    estimator.update((1.7e9 + t).astype(np.float32), q, torque)
+    assert "since the filter gives the first one after 0.44 s without a gap" in estimator.estimate().remark
+    assert "in single precision times since 1970 are 128 s apart" in " ".join(estimator.remarks)
+    assert np.spacing(np.float32(1.7e9)) == 128.0
 
 
 def test_torques_at_a_limit_are_told(model: sy.Model, motion: tuple[Array, ...]) -> None:

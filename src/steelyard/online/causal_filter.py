@@ -12,6 +12,9 @@ __all__ = ["CausalMotionFilter", "motion_kernels"]
 
 Array = NDArray[np.float64]
 
+LONGEST = 100_000
+"""Samples that a filter may hold back, 100 s at 1 kHz. A cutoff in the wrong unit asks for 1e8, and 50 GB."""
+
 DEGREE = 4
 """Polynomials up to this degree pass unchanged, with their exact derivatives: a cut impulse response alone would make
 a constant position an acceleration."""
@@ -34,7 +37,7 @@ def motion_kernels(rate: float, cutoff: float, order: int = 3) -> Array:
     Raises
     ------
     InputError
-        If the cutoff is not below half the rate.
+        If the cutoff is not below half the rate, or so near to it or to 0 that the response hardly ends.
 
     Examples
     --------
@@ -48,6 +51,11 @@ def motion_kernels(rate: float, cutoff: float, order: int = 3) -> Array:
     if not 0.0 < cutoff < rate / 2.0:
         raise InputError(f"cutoff must be between 0 and half the rate of {rate:g} Hz, got {cutoff:g} Hz.")
     reach = int(np.ceil(filter_settling(rate, cutoff, order) * rate))
+    if reach > LONGEST:
+        raise InputError(
+            f"A filter with a cutoff of {cutoff:g} Hz and the order {order} would hold {reach} samples back at {rate:g} Hz, "
+            f"{reach / rate:.4g} s, more than {LONGEST} samples; give a cutoff of some Hz, and `rate` in Hz."
+        )
     # Long enough that the response has died away before it wraps around.
     size = 1 << int(np.ceil(np.log2(16 * reach)))
     frequencies = np.fft.rfftfreq(size, 1.0 / rate)

@@ -138,8 +138,8 @@ class EvenStream:
             self._last = rows[-1]
             if not len(grid):
                 return found
-            rows = _between(known, grid)
-            self.counts["interpolated"] += len(grid)
+            rows, between = _between(known, grid, ON_TIME / self.rate)
+            self.counts["interpolated"] += between
         else:
             self._last = rows[-1]
         self._next += len(grid)
@@ -188,13 +188,19 @@ class EvenStream:
             ),
             (
                 "interpolated",
-                f"samples came at uneven times, or not quite at {self.rate:.4g} Hz, and were interpolated to even ones",
+                f"samples were missing, or came at uneven times or not quite at {self.rate:.4g} Hz; "
+                "they were interpolated",
             ),
             ("gaps", f"times samples were missing for more than {ms:g} ms; the filters started anew each time"),
             ("clock resets", f"times the clock went back by more than {ms:g} ms; the filters started anew each time"),
         ):
             if count[key]:
                 found.append(f"{count[key]} {text}.")
+        if 2 * count["repeated"] > count["received"]:
+            found.append(
+                "Most samples have the time stamp of the one before; give each its own time, in double precision: in "
+                "single precision times since 1970 are 128 s apart."
+            )
         if 2 * count["gaps"] > count["received"]:
             found.append(
                 f"Most samples are {self._away / count['gaps']:.4g} s after the one before, so that nothing is learnt "
@@ -211,13 +217,17 @@ class EvenStream:
         return tuple(found)
 
 
-def _between(known: Array, t: Array) -> Array:
-    """Rows at times between those of known rows; not a number beside a torque that is none."""
+def _between(known: Array, t: Array, on_time: float) -> tuple[Array, int]:
+    """Rows at times between those of known rows, and how many are none of these.
+
+    They are not a number beside a torque that is none. A row that came within `on_time` of its time is taken as it is,
+    so that what is missing elsewhere in a batch changes nothing of it.
+    """
     place = np.clip(np.searchsorted(known[:, 0], t, side="right"), 1, max(len(known) - 1, 1))
     if len(known) == 1:
-        return np.repeat(known, len(t), axis=0)
+        return np.repeat(known, len(t), axis=0), 0
     before, after = known[place - 1], known[place]
-    share = np.clip((t - before[:, 0]) / (after[:, 0] - before[:, 0]), 0.0, 1.0)[:, None]
-    # A neighbour that does not count must not make its value none.
-    found = np.where(share == 0.0, before, np.where(share == 1.0, after, before + share * (after - before)))
-    return np.asarray(found)
+    is_before, is_after = t - before[:, 0] <= on_time, after[:, 0] - t <= on_time
+    share = ((t - before[:, 0]) / (after[:, 0] - before[:, 0]))[:, None]
+    found = np.where(is_before[:, None], before, np.where(is_after[:, None], after, before + share * (after - before)))
+    return np.asarray(found), int(np.sum(~(is_before | is_after)))

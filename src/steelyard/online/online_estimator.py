@@ -26,7 +26,7 @@ from steelyard.estimators.reduced_fit import fit_reduced
 from steelyard.estimators.reduced_regression import ReducedRegression
 from steelyard.feasibility import FeasibleSet
 from steelyard.feasibility.bounds.quantities import standard_errors
-from steelyard.files.arguments import read_number, real_array
+from steelyard.files.arguments import read_number, read_whole, real_array
 from steelyard.recording.even import PERIODS_FILLED, TIME_FILLED
 from steelyard.regression import Estimate, Factor, Information, ParameterCovariance
 from steelyard.regression.factor import Reduced, column_lengths, is_well_conditioned, solve
@@ -38,7 +38,7 @@ from .causal_filter import CausalMotionFilter
 from .change_detector import Change, ChangeDetector, Prediction
 from .even_stream import EvenStream, Stretch
 from .position_jumps import PositionJumps
-from .running_information import CountedRows
+from .running_information import PARTS, CountedRows
 from .source_project import generate_online
 
 __all__ = ["OnlineEstimate", "OnlineEstimator"]
@@ -186,11 +186,12 @@ class OnlineEstimator:
         Time constant in s, by which older samples count less; nothing is forgotten where absent. A joint that is at
         rest forgets nothing.
     window : float, optional
-        s of the newest samples that count alone (up to an eighth more); all where absent.
+        s of the newest samples that count alone (up to an eighth more), eight samples at least; all where absent.
     detect_changes : bool
         Whether to notice when the robot is no longer the one that was estimated (see `ChangeDetector` for the rule),
         and to begin anew then, near the last estimate. `changes` holds what was noticed, of more than a hundred changes
-        the first and the newest; `change_count` is their number.
+        the first and the newest; `change_count` is their number. What changes in the first 7 s of motion is not
+        noticed, since nothing is known of the robot yet: it is taken for one with what it was before and after.
     prior : PhysicalPrior, optional
         What is known of the links; gathered from the robot by default.
     prior_weight : float or "auto"
@@ -253,9 +254,12 @@ class OnlineEstimator:
         if longest_gap is not None:
             expected = f"a number of s longer than the {1.0 / rate:.4g} s between two samples"
             read_number(longest_gap, "longest_gap", expected, above=1.0 / rate)
-        for name, given in (("forget", forget), ("window", window)):
-            if given is not None:
-                read_number(given, name, "a positive number", above=0)
+        if forget is not None:
+            read_number(forget, "forget", "a positive number of s, or absent where nothing is forgotten", above=0)
+        if window is not None:
+            expected = f"a number of s of at least {PARTS} samples, or absent where all count"
+            read_number(window, "window", expected, least=PARTS / rate)
+        read_whole(order, "order", 1)
         if feasible_set is not None and feasible_set.model is not model:
             raise InputError("The feasible set is of another model; make it of the model that is estimated.")
         self.model, self.rate, self.detect_changes = model, float(rate), bool(detect_changes)
@@ -275,7 +279,7 @@ class OnlineEstimator:
         self._rows = np.zeros((BATCH, 0))
         self._waiting = 0
         keep = 1.0 if forget is None else float(np.exp(-1.0 / (forget * rate)))
-        samples = None if window is None else max(1, round(window * rate))
+        samples = None if window is None else round(window * rate)
         self._new_rows: Callable[[], CountedRows] = lambda: CountedRows(model, keep, samples)
         self.changes: list[Change] = []
         self.change_count = 0
@@ -376,6 +380,8 @@ class OnlineEstimator:
 
     def _rows_of(self, t: float | ArrayLike, given: tuple[ArrayLike, ...]) -> Array:
         times = np.atleast_1d(real_array(t, "t"))
+        if times.ndim > 1:
+            raise InputError(f"t has the shape {np.shape(t)}; expected a number, or (S,), one number for each sample.")
         parts = [times[:, None]]
         for name, values in zip((*("q", "dq", "ddq")[: len(given) - 1], "torque"), given, strict=True):
             array = np.atleast_2d(real_array(values, name))
@@ -565,8 +571,15 @@ class OnlineEstimator:
         seconds : float
             After which the search is stopped; what it reached by then is given, which is possible, too. Scaling masses
             that a description does not tell is not stopped: it takes 50 ms for seven joints, a few times a minute.
+
+        Raises
+        ------
+        InputError
+            If the accuracy is not positive, or the time is negative or no number.
         """
         begun = perf_counter()
+        read_number(accuracy, "accuracy", "a positive number", above=0)
+        read_number(seconds, "seconds", "a number of at least 0", least=0, infinite=True)
         with one_thread():
             return self._estimated(begun, accuracy, seconds)
 
@@ -642,6 +655,8 @@ class OnlineEstimator:
         prior = self._prior(np.where(self._of_links, np.inf, 1.0))
         start = self._inside(np.where(self._of_links, np.inf, 1.0))
         why = "All torques so far are zero" if rows else "No samples count yet"
+        if not self._taken and self._filter is not None:
+            why += f", since the filter gives the first one after {2.0 * self.delay:.4g} s without a gap"
         text = f"{why}; the parameters are those of the prior."
         ones = np.ones(self.model.dof)
         seconds = perf_counter() - begun
@@ -721,10 +736,12 @@ class OnlineEstimator:
         (k, 2) array
             Infinite for what the data do not determine.
         """
-        rows = np.eye(self._set.K.shape[0]) if combinations is None else np.atleast_2d(np.asarray(combinations, float))
-        if rows.shape[1] != self._set.K.shape[0]:
+        count = self._set.K.shape[0]
+        rows = np.eye(count) if combinations is None else np.atleast_2d(real_array(combinations, "combinations"))
+        if rows.ndim != 2 or rows.shape[1] != count or not np.all(np.isfinite(rows)):
             raise InputError(
-                f"Combinations of {self._set.K.shape[0]} base parameters need as many columns, got {rows.shape}."
+                f"combinations must be finite numbers, one for each of {count} base parameters: ({count},) or "
+                f"(k, {count}); got an array of the shape {rows.shape}."
             )
         center, covariance = self._with_covariance()
         half = NORMAL * standard_errors(self._set, covariance, rows @ self._set.K)

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.dynamics.threads import one_thread
-from steelyard.estimators.carried_body import CarriedBody, Changes, mounting
+from steelyard.errors import InputError
+from steelyard.estimators.carried_body import CarriedBody, Changes, changing_parameters, mounting
 from steelyard.estimators.payload_estimate import LENGTH, PRECISE, PayloadQuantities, PayloadQuantity
 from steelyard.feasibility.barrier import add_log_determinants, log_determinants, minimise
 from steelyard.regression import Factor, Information, ParameterCovariance
@@ -93,7 +94,7 @@ class OnlinePayload:
     Raises
     ------
     InputError
-        If there is no such frame, or the robot does not move it.
+        If there is no such frame, the robot does not move it, or `before` is of another robot.
 
     Examples
     --------
@@ -126,7 +127,12 @@ class OnlinePayload:
     ) -> None:
         self.estimator = estimator
         link, place, self.frame = mounting(estimator.model, frame, placement)
+        changing_parameters(estimator.model, changes)  # refuses other words now, not when something is picked up
         self.body = CarriedBody(estimator.model, link, place, changes)
+        if before is not None:
+            before.model_among([estimator.model], "before")
+            if not before.by_joint:
+                raise InputError("before was reduced over all joints together; give one with the rows of each apart.")
         self._before = before
         self._robot: _KnownRows | None = None
 
