@@ -14,6 +14,7 @@ from steelyard.regression.factor import Reduced, column_lengths
 from steelyard.regression.reduction import residuals_of_rows
 
 from .running_information import stacked
+from .saved_state import Stateful
 
 __all__ = ["Change", "ChangeDetector", "Prediction"]
 
@@ -80,6 +81,7 @@ class Change:
     before: Information = field(repr=False)
 
 
+@dataclass(frozen=True, eq=False)
 class Prediction:
     """What least squares predict of the torques to come, and how uncertain that is.
 
@@ -87,26 +89,32 @@ class Prediction:
     predicted, and the robot is still the same one. *Measured* without this, on robots whose description has no masses:
     of 19 that moved slowly and then fast, and had not changed, 17 were taken for changed ones.
 
-    Parameters
+    Attributes
     ----------
-    problem : Reduced
-        The data so far, of which each row has about the variance 1.
-    near : ndarray
-        (n_b,): base parameters of what the data do not tell.
+    triangle : ndarray
+        (n_b, n_b) of the data so far, of which each row has about the variance 1; its columns come first in memory.
     weights : ndarray
         (N,), by which the rows of each joint were multiplied.
+    answer, data : ndarray
+        (n_b,): base parameters of the last answer, and of the data near it.
     """
 
-    def __init__(self, problem: Reduced, near: Array, weights: Array) -> None:
+    triangle: Array
+    weights: Array
+    answer: Array
+    data: Array
+
+    @classmethod
+    def of(cls, problem: Reduced, near: Array, weights: Array) -> Prediction:
+        """Predict by a regression, and by base parameters (n_b,) what it does not tell."""
         from scipy.linalg import solve_triangular
 
         lengths = column_lengths(problem.R)
         untold = UNTOLD * np.where(lengths > 0.0, lengths, lengths.max())
-        self._triangle = stacked(np.asfortranarray(problem.R), np.diag(untold))
-        self._weights = weights
+        triangle = stacked(np.asfortranarray(problem.R), np.diag(untold))
         left = problem.R.T @ (problem.rho - problem.R @ near)
-        step = solve_triangular(self._triangle, solve_triangular(self._triangle, left, trans="T"))
-        self._bases = near, near + step
+        step = solve_triangular(triangle, solve_triangular(triangle, left, trans="T"))
+        return cls(triangle, weights, near, near + step)
 
     def residuals(self, model: Model, rows: Sequence[Array], used: NDArray[np.bool_], length: int) -> Array:
         """Return residuals (S, N) of rows that come next, over the root of their variance relative to that of noise.
@@ -124,18 +132,18 @@ class Prediction:
         """
         from scipy.linalg import solve_triangular
 
-        means = np.zeros((len(self._bases[0]), len(rows)))
+        means = np.zeros((len(self.answer), len(rows)))
         for k, (own, columns) in enumerate(zip(rows, model.base_columns.joints, strict=True)):
             if used[:, k].any():
-                means[columns, k] = self._weights[k] * own[used[:, k], :-1].mean(axis=0)
-        leverage = length * np.sum(solve_triangular(self._triangle, means, trans="T") ** 2, axis=0)
-        by_answer, by_data = (residuals_of_rows(model, rows, base) for base in self._bases)
+                means[columns, k] = self.weights[k] * own[used[:, k], :-1].mean(axis=0)
+        leverage = length * np.sum(solve_triangular(self.triangle, means, trans="T") ** 2, axis=0)
+        by_answer, by_data = (residuals_of_rows(model, rows, base) for base in (self.answer, self.data))
         by_data /= np.sqrt(1.0 + leverage)
         sums = (np.abs(np.sum(residuals * used, axis=0)) for residuals in (by_answer, by_data))
         return np.where(np.less(*sums), by_answer, by_data)
 
 
-class ChangeDetector:
+class ChangeDetector(Stateful):
     """A cumulative sum of how much larger than usual the residuals are (Page's test).
 
     Residuals are averaged over stretches of `length` samples. Their squares over their usual mean square, averaged over
@@ -163,6 +171,19 @@ class ChangeDetector:
     ----------
     E. S. Page, Continuous inspection schemes, Biometrika 41, 1954.
     """
+
+    _STATE = (
+        "_usual",
+        "_seen",
+        "_sum",
+        "_count",
+        "_filled",
+        "excess",
+        "began",
+        "shares",
+        "_began_filling",
+        "_waiting",
+    )
 
     def __init__(self, joints: int, length: int) -> None:
         self.length = length

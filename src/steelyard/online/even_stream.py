@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 
 from steelyard.recording.diagnosis.detectors import clipped_rows, saturation_levels
 
+from .saved_state import Stateful
+
 __all__ = ["EvenStream", "Stretch"]
 
 Array = NDArray[np.float64]
@@ -50,7 +52,7 @@ class Stretch:
     used: NDArray[np.bool_] = field(repr=False)
 
 
-class EvenStream:
+class EvenStream(Stateful):
     """Puts samples at even times, by linear interpolation between neighbours that are near enough.
 
     Parameters
@@ -65,6 +67,19 @@ class EvenStream:
     counts : dict
         Samples received, those left out and why, and how often samples were missing.
     """
+
+    _STATE = (
+        "counts",
+        "_newest",
+        "_written",
+        "_last",
+        "_origin",
+        "_next",
+        "_begins",
+        "_time",
+        "_steps",
+        "_away",
+    )
 
     def __init__(self, rate: float, joints: int, longest_gap: float) -> None:
         self.rate, self.joints, self.longest_gap = rate, joints, longest_gap
