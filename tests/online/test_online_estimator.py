@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -316,6 +317,33 @@ def test_a_robot_unlike_its_description_has_answers_at_all_times(seconds: float,
     if seconds == np.inf:
         assert all(one.converged for one in answers if one.rows)
         assert estimator.information.relative_error(answers[-1].base) < 0.2
+
+
+@pytest.mark.parametrize("most", [0.5, 1.0])
+@pytest.mark.parametrize("consistency", ["full", "inertia"])
+def test_a_bound_on_the_mass_of_a_light_robot_leaves_room(
+    model: sy.Model, motion: tuple[Array, ...], consistency: Literal["full", "inertia"], most: float
+) -> None:
+    """The masses that are assumed then lie on the bound, and the search begins elsewhere."""
+    t, q, dq, ddq, _ = motion
+    true = TRUE.copy()
+    true[:10] *= 0.1 * most
+    true[12:22] *= 0.2 * most
+    torque = model.inverse_dynamics(q, dq, ddq, true)
+    bounded = sy.FeasibleSet(model, consistency=consistency, constraints=[sy.TotalMass(maximum=most)])
+    assert bounded.contains(true)
+    estimator = sy.OnlineEstimator(model, bounded)
+    estimator.update(t, q, torque + 0.01 * np.random.default_rng(1).normal(size=q.shape))
+    answer = estimator.estimate(accuracy=1e-9)
+    batch = sy.fit(
+        estimator.information,
+        estimator.feasible_set,
+        weights=answer.weights,
+        prior=answer.prior,
+        prior_weight=answer.prior_weight,
+    )
+    assert answer.base == pytest.approx(batch.base, abs=1e-5 * np.abs(batch.base).max())
+    assert answer.base == pytest.approx(model.base_parameters().values(true), abs=0.05)
 
 
 def test_answers_are_proved(model: sy.Model, motion: tuple[Array, ...]) -> None:

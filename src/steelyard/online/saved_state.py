@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from steelyard.files import parse_json, read_bytes, replaced_file, require_format
 from steelyard.files.arrays import read_array
 
-__all__ = ["Stateful", "alike", "read_state", "write_state"]
+__all__ = ["REMEDY", "Stateful", "alike", "read_state", "write_state"]
 
 FORMAT = "steelyard-online-estimator-1"
-REMEDY = "give a file that OnlineEstimator.save wrote"
+REMEDY = "give a file that OnlineEstimator.save wrote, or let the estimator learn anew"
 LARGEST = 4_000_000_000
-"""Bytes; an arm of seven joints with drives has 10 MB, and 0.7 MB more for each change that was noticed."""
+"""Bytes; an arm of seven joints with drives has some 7 MB, and 0.7 MB more for each change that was noticed."""
 KINDS = {"f": np.float64, "i": np.int64, "b": np.bool_}
 
 
