@@ -19,6 +19,7 @@ from steelyard.identification.saved import parameters_of_description
 from steelyard.online import ActiveExcitation, active_excitation, excite_on_the_fly
 from steelyard.online.credible_robots import CredibleRobots
 from steelyard.online.feedback_share import FeedbackShare
+from steelyard.online.robot_knowledge import Learner
 from steelyard.online.segments import Segment, SegmentFamily, SegmentPlanner, starting_points
 from steelyard.online.simulated_excitation import SimulatedExcitation
 from steelyard.robot import RobotFile
@@ -214,8 +215,9 @@ def test_feedback_is_for_a_heavier_robot_of_the_same_shape(model: sy.Model) -> N
     excitation.command(0.0, [0.2, -0.3])
     plan, q = excitation._plan, np.array([[0.2, -0.3]])
     assert plan is not None
-    assumed = np.asarray(model.inertia_matrix(q[0], excitation._credible.parameters))
-    values, spreads = excitation._inertias(q, plan.knowledge)
+    learner = Learner(model, excitation.limits, excitation.cutoff, excitation.sample_time)
+    assumed = np.asarray(model.inertia_matrix(q[0], learner.credible.parameters))
+    values, spreads = learner.inertias(q, plan.knowledge)
     np.testing.assert_allclose(np.diag(plan.inertia[0]), (values + spreads)[0], rtol=1e-6)
     # As correlated as the inertia itself, so that joints that move together lose nothing of it, and gain as much.
     for matrix in (plan.inertia[0], assumed):
@@ -549,24 +551,23 @@ def test_what_is_assumed_gives_way_where_what_is_measured_contradicts_it(model: 
     random = np.random.default_rng(4)
     q, dq, ddq = (random.uniform(-size, size, (1000, 2)) for size in (2.0, 2.0, 6.0))
     noise = np.array([3.0, 1.5])
-    excitation = ActiveExcitation(model, LIMITS)
-    base = model.base_parameters()
-    credible = CredibleRobots.of(model, excitation.limits)
+    learner = Learner(model, MotionLimits.for_robot(model.robot, LIMITS), cutoff=4.8, sample_time=0.001)
+    base, credible = model.base_parameters(), learner.credible
     for factor, gives_way in ((1.0, False), (300.0, True)):
         torque = model.inverse_dynamics(q, dq, ddq, factor * TRUE) + noise * random.normal(size=q.shape)
         info = sy.Information.from_samples(model, sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque))
-        parameters = excitation._fitted(info, noise)
+        parameters = learner.fitted(info, noise)
         true, found = (model.inverse_dynamics(q, dq, ddq, one) / noise for one in (factor * TRUE, parameters))
-        assert np.sum((found - true) ** 2) / excitation._correlation < 2.0 * base.count
+        assert np.sum((found - true) ** 2) / learner.correlation < 2.0 * base.count
         # The truth is so many standard deviations of what was assumed away from it, root mean square.
         off = np.asarray(base.K) @ (factor * TRUE - credible.parameters)
         away = np.sqrt(off @ np.linalg.solve(credible.covariance, off) / base.count)
         assert (away > 2.0) == gives_way
-        trust = excitation._trust(parameters, np.zeros((base.count, base.count)), 1.0)
+        trust = learner.trust(parameters, np.zeros((base.count, base.count)), 1.0)
         assert trust == pytest.approx(min(1.0, away**-2), rel=0.1)
         # What was not measured is known the less.
         empty = sy.Information.empty(model)
-        known = [excitation._known(TRUE, noise, empty, one).expected_error for one in (1.0, trust)]
+        known = [learner.known(TRUE, noise, empty, one).expected_error for one in (1.0, trust)]
         assert known[1] == pytest.approx(known[0] / np.sqrt(trust))
 
 
@@ -616,15 +617,16 @@ def test_a_fit_arrives_wherever_the_robot_is(tmp_path) -> None:
     whole = model_of_estimate(None, RobotFile.load(tmp_path / "arm.urdf")).without_channels
     truth = parameters_of_description(whole)
     links = tuple(replace(link, inertia=None, own_inertia=None) for link in whole.robot.links)
-    excitation = ActiveExcitation(sy.Model(replace(whole.robot, links=links)), {"acceleration": 6.0})
+    model = sy.Model(replace(whole.robot, links=links))
+    learner = Learner(model, MotionLimits.for_robot(model.robot, {"acceleration": 6.0}), 4.8, 0.001)
     random = np.random.default_rng(3)
     q, dq, ddq = (random.uniform(-size, size, (4000, 3)) for size in (3.0, 2.0, 6.0))
     torque = whole.inverse_dynamics(q, dq, ddq, truth)
     noise = 0.01 * np.sqrt(np.mean(torque**2, axis=0))
     samples = sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque + noise * random.normal(size=torque.shape))
-    parameters = excitation._fitted(sy.Information.from_samples(excitation.model, samples), noise)
-    left = (excitation.model.inverse_dynamics(q, dq, ddq, parameters) - samples.torque) / noise
-    assert np.sum(left**2) / excitation._correlation < left.size / excitation._correlation + len(truth)
+    parameters = learner.fitted(sy.Information.from_samples(model, samples), noise)
+    left = (model.inverse_dynamics(q, dq, ddq, parameters) - samples.torque) / noise
+    assert np.sum(left**2) / learner.correlation < left.size / learner.correlation + len(truth)
 
 
 @pytest.mark.parametrize("held", [True, False])

@@ -183,6 +183,22 @@ def test_the_source_has_no_allocation_and_no_undefined_behaviour(tmp_path: Path)
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(
+    ("compiler", "emulator"),
+    [("aarch64-linux-gnu-gcc", "qemu-aarch64"), ("arm-linux-gnueabihf-gcc", "qemu-arm")],
+)
+def test_the_self_test_passes_on_other_processors(compiler: str, emulator: str, tmp_path: Path) -> None:
+    """Those of controllers: fused operations, other registers, and addresses of 32 bits."""
+    need(compiler)
+    need(emulator)
+    sy.OnlineEstimator(wam_model()).generate("c", tmp_path)
+    for flags in (["-O0"], ["-O3", "-ffp-contract=fast"]):
+        for sources in ("wam.c wam_test.c", "wam_online.c wam_online_test.c"):
+            run([compiler, *C_FLAGS, *flags, "-static", *sources.split(), "-o", "test", "-lm"], tmp_path)
+            assert "agree" in run([emulator, tmp_path / "test"], tmp_path)
+
+
+@pytest.mark.slow
 def test_the_self_test_notices_a_wrong_sign(tmp_path: Path) -> None:
     need("gcc")
     generate_online(arm(), tmp_path)

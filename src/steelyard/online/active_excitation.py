@@ -15,25 +15,20 @@ from steelyard.control import FilteredDifference
 from steelyard.display import text_table
 from steelyard.dynamics import Model
 from steelyard.errors import InputError, SteelyardError
-from steelyard.estimators import EntropicPrior
 from steelyard.estimators.estimator import proved_estimate
-from steelyard.estimators.fitting_problems import CAREFUL, WarmFit
-from steelyard.estimators.prior import PreparedPrior
 from steelyard.excitation import MotionConstraint, MotionLimits
 from steelyard.excitation.criterion import Criterion, Subset
 from steelyard.excitation.motion_constraints import TorqueLimit
 from steelyard.excitation.vjp import CompiledVjp, RegressorInformation
-from steelyard.feasibility import FeasibleSet
 from steelyard.files.arguments import is_real, positive, read_whole, real_array
 from steelyard.once import cached_property
-from steelyard.recording import Recording, Samples
+from steelyard.recording import Recording
 from steelyard.regression import Estimate, Information
 from steelyard.regression.factor import eigenvectors
-from steelyard.robot.inertia import parameters_of_pseudo_inertia
 from steelyard.simulation import Measurement
 
-from .credible_robots import CredibleRobots, random_motions
 from .feedback_share import FeedbackShare
+from .robot_knowledge import SHORTEST, Learner, RobotKnowledge
 from .segments import SegmentPlanner, State
 
 __all__ = ["ActiveExcitation", "ExcitationStep"]
@@ -51,7 +46,6 @@ DURATION, PLAYED = 8.0, 4.0
 expected torque error after 16 s was 0.25 of its noise with plans of 6 s of which 4 s are played, 0.19 with 8 s and 6 s,
 and 0.18 with 10 s and 8 s, which uses the new data less often. With 8 s and 4 s the torques of trajectory B are known
 as well as by trajectory A 1.6 s sooner than with 8 s and 6 s."""
-SHORTEST = 1.5  # s of a motion, below which the filters leave nothing of it
 STILL = 0.2  # s before `longest` at which the last motion ends at the latest
 SPACING = 0.8
 """s between control points. With 0.4 s, whose motions are smaller, the error after 16 s is a fifth larger."""
@@ -90,35 +84,14 @@ With 0.01 rad each plan came nearer by as much: four of 40 simulated WAM came to
 passed a limit of position by up to 1.2 % of half its range."""
 FORGETTING = 0.6  # of the room, that stays from one motion to the next where tracking is better
 BLEND = 0.2  # s in which the torque passes from one model to the next
-SLOW = 0.02
-"""Rows of joints that are slower than this share of the limit of velocity are left out, since joints that stick have
-any friction. With them the torque error of a simulated WAM after 37 s was 2.5 times as large, with torques that are not
-filtered as the motion is 1.7 times."""
-TRIM = 0.5  # s at both ends of what was recorded, in which the filters ring
 SMOOTHNESS = 0.02  # width of the smooth sign of friction in the search, relative to the velocity limits
 SIGN_WIDTH = 0.01  # rad/s or m/s, in the torques that are fed forward
-FIRST_NOISE = 0.2  # of the torque sizes, the noise that is assumed before residuals show it
-FIRST_COUNT = 1.0
-"""Independent rows for which this assumption counts, beside those that the parameters do not use up. With 30, and all
-rows counted, the noise of the second joint of a simulated WAM was still taken for four times what it is after 35 s, so
-that the search cared little for it."""
 FREE = 0.15
 """Of the limit of velocity, left free for tracking at least. It costs little: with 0.03 in place of 0.12 a WAM that is
 followed perfectly would be known no sooner."""
 OVERSPEED = 0.6
 """Of the room between the largest velocity of a plan and the limit, beyond which the motion is broken off: a slow plan
 is stopped at a lower velocity than a fast one."""
-FIT_STEPS = 300  # of a search for the estimate; 60 are the usual number
-NOISE_ROUNDS = 3  # in which the noise and the rows that the parameters use up are made to agree
-FIT_ROUNDS = 6
-"""In which the noise and the fit are made to agree at most. With one, what is assumed took as much from the fit as the
-noise that was believed before allows: after 9.8 s a simulated arm of 30 kg was known to 12 % where 4 % were expected,
-with six to 1.1 and 1.6 %."""
-PRIOR_WEIGHTS = tuple(0.2 * 0.1**k for k in range(8))
-"""Of the distance from the assumed distribution of mass, which grows with the ratio of inertias: with 2, one that is
-three times what is assumed was found 30 % too small, by five standard deviations; a Panda was known to 2 % in 23.9 s,
-with 0.2 in 19.9 s. The others are for robots that the description tells nothing of: a link with a thousand times the
-assumed inertia was found with a fourteenth of its own, and what it left unexplained was taken for noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,26 +159,11 @@ class _Reference:
 
 
 @dataclass(eq=False)
-class _Knowledge:
-    """The knowledge of the robot at one time."""
-
-    parameters: Array
-    base: Array
-    root: Array
-    """(n_b, n_b) factor R of the information, with the prior."""
-    noise: Array
-    covariance: Array
-    expected_error: float
-    joint_errors: Array
-    information: Information
-
-
-@dataclass(eq=False)
 class _Plan:
     """A motion that may take over at a time, and what it is played with."""
 
     time: float
-    knowledge: _Knowledge
+    knowledge: RobotKnowledge
     played: float
     reference: _Reference | None = None
     inertia: Array = field(default_factory=lambda: np.zeros((0, 0, 0)))
@@ -334,7 +292,7 @@ class ActiveExcitation:
         self.unchecked = around.unchecked
         self._constraints = (*constraints, *(() if around.own is None else (around.own,)))
         self._criterion_name = criterion
-        self._credible = CredibleRobots.of(model, self.limits)
+        self._learner = Learner(model, self.limits, self.cutoff, self.sample_time)
         self._starts, self._seed = read_whole(starts, "starts", 1), read_whole(seed, "seed")
         self._background = background
         self._pool: ThreadPoolExecutor | None = None
@@ -410,9 +368,8 @@ class ActiveExcitation:
         root = np.sqrt(width)
         damping = 2.0 * DAMPING * root * (inertia @ (root * speed_error))
         self._damping = 2.0 * DAMPING * width * np.diagonal(inertia) * speed_error
-        known = plan.knowledge.information.count > 0
         # A link of which nothing is known but that it swings like a light one is not to be driven as a heavy one.
-        forward = reference.torque[k] * (1.0 if known else self._share.forward)
+        forward = reference.torque[k] * (1.0 if plan.knowledge.is_measured else self._share.forward)
         command = forward + self._integral + push + damping
         if self._joins:  # other gains and another model: the torque passes over without a jump
             self._jump, self._joins = self._command - command, False
@@ -509,11 +466,11 @@ class ActiveExcitation:
     def estimate(self) -> Estimate | None:
         """The present estimate, proved feasible; None before the first motion was processed."""
         known = self._knowledge
-        if not known.information.count:
+        if not known.is_measured:
             return None
         return proved_estimate(
             known.information,
-            self._search[0].feasible_set,
+            self._learner.feasible_set,
             known.parameters,
             "online plausible fit",
             weights=1.0 / known.noise,
@@ -570,7 +527,7 @@ class ActiveExcitation:
         self._plan: _Plan | None = None
         self._waiting: Future[_Plan] | None = None
         self._asked, self._lead = np.inf, LEAD
-        self._knowledge = self._assumed()
+        self._knowledge = self._learner.assumed()
         self._log = np.zeros((4096, 1 + 2 * size))
         self._count = 0
         self._used = 0.0
@@ -593,41 +550,6 @@ class ActiveExcitation:
         self.played.clear()
 
     @cached_property
-    def _base(self) -> Any:
-        return self.model.base_parameters()
-
-    def _rows(self, q: Array, dq: Array, ddq: Array) -> Array:
-        """The base regressor, (S, N, n_b)."""
-        return np.asarray(self.model.kernel("regressor", base=True)(q, dq, ddq)).reshape(len(q), self.model.dof, -1)
-
-    @cached_property
-    def _prediction(self) -> list[Array]:
-        """For each joint the mean of y'y of its rows over motions within the limits, (n_b, n_b)."""
-        rows = self._rows(*random_motions(self.limits, 600))
-        return [rows[:, k].T @ rows[:, k] / len(rows) for k in range(self.model.dof)]
-
-    @cached_property
-    def _search(self) -> tuple[WarmFit, PreparedPrior]:
-        """The search for the estimate, and what it stays near to."""
-        feasible, known = FeasibleSet(self.model), self._credible
-        prior = EntropicPrior(known.prior.parameters, term_deviations=known.term_deviations)
-        search = WarmFit(feasible, to_boundary=CAREFUL)
-        return search, prior.prepare(feasible, PRIOR_WEIGHTS[0])
-
-    @cached_property
-    def _inside(self) -> Array:
-        """(n,) parameters inside the feasible set, where the search begins."""
-        known = self._credible
-        terms = np.isfinite(known.term_deviations)
-        inside = known.parameters.copy()
-        inside[terms] = 0.1 * known.term_deviations[terms]
-        # A link whose shape is a mark of a centimetre has moments of inertia below the margin of the set.
-        room = parameters_of_pseudo_inertia(10.0 * FeasibleSet(self.model).margin * np.eye(4))
-        for columns in self.model.link_columns:
-            inside[np.asarray(columns)] += room
-        return inside
-
-    @cached_property
     def _feedforward(self) -> Any:
         return self.model.kernel("inverse_dynamics", sign="smooth")
 
@@ -638,72 +560,9 @@ class ActiveExcitation:
         return np.asarray(out).reshape(motion[0].shape)
 
     @cached_property
-    def _prior_precision(self) -> Array:
-        return np.asarray(np.linalg.inv(self._credible.covariance))
-
-    @cached_property
     def _torque_vjp(self) -> tuple[CompiledVjp, Array]:
-        held = self._credible.parameters.copy()
+        held = self._learner.credible.parameters.copy()
         return CompiledVjp(self.model.function("inverse_dynamics"), {"parameters": held}), held
-
-    def _assumed(self) -> _Knowledge:
-        """Return what is known before any measurement."""
-        parameters = self._credible.parameters
-        empty = Information.empty(self.model)
-        return self._known(parameters, FIRST_NOISE * self._credible.torque_sizes, empty, 1.0)
-
-    def _covariance(self, noise: Array, info: Information, trust: float) -> tuple[Array, Array]:
-        """Return the factor R of the information with the prior, and the covariance, (n_b, n_b) each.
-
-        A robot that is not as what is assumed in what was measured need not be in what was not: `trust` is the part of
-        the precision of the prior that is left.
-        """
-        precision = trust * self._prior_precision
-        if info.count:
-            R = info.reduced(1.0 / noise).R
-            precision += R.T @ R / self._correlation
-        scale = 1.0 / np.sqrt(np.diag(precision))
-        root = np.linalg.cholesky(precision * np.outer(scale, scale)).T / scale
-        inverse = np.linalg.inv(root)
-        return root, inverse @ inverse.T
-
-    def _spent(self, noise: Array, info: Information, covariance: Array) -> Array:
-        """Return how many independent rows of each joint (N,) the fit uses up: its part of the trace of the hat matrix.
-
-        A fit leaves that many rows less of the noise (MacKay, "Bayesian interpolation", Neural Computation 4, 1992).
-        """
-        found = np.zeros(self.model.dof)
-        for k, factor in enumerate(info.measured):
-            rows = factor.triangle[:, :-1]
-            own = covariance[np.ix_(factor.columns, factor.columns)]
-            found[k] = np.sum((rows @ own) * rows) / (noise[k] ** 2 * self._correlation)
-        return found
-
-    def _trust(self, parameters: Array, covariance: Array, trust: float) -> float:
-        """Return the part of the precision of the prior that is left where measurements contradict it.
-
-        As many parameters as are measured are as far from what was assumed as it says, in its standard deviations
-        (MacKay, eq. 4.8 there); what was not measured may be as far.
-        """
-        off = np.asarray(self._base.K) @ (parameters - self._credible.parameters)
-        measured = self._base.count - trust * float(np.sum(self._prior_precision * covariance))
-        return float(min(1.0, max(measured, 1.0) / (off @ self._prior_precision @ off)))
-
-    def _known(self, parameters: Array, noise: Array, info: Information, trust: float) -> _Knowledge:
-        base = np.asarray(self._base.K) @ parameters
-        root, covariance = self._covariance(noise, info, trust)
-        errors = np.array([np.sum(matrix * covariance) for matrix in self._prediction])
-        sizes = np.array([base @ matrix @ base for matrix in self._prediction])
-        if not info.count:
-            sizes = np.maximum(sizes, self._credible.torque_sizes**2)
-        weights = 1.0 / noise**2
-        whole = float(np.sqrt(np.sum(weights * errors) / np.sum(weights * sizes)))
-        return _Knowledge(parameters, base, root, noise, covariance, whole, np.sqrt(errors / sizes), info)
-
-    @property
-    def _correlation(self) -> float:
-        """Rows that tell as much as one independent one: noise that passes the filter of positions is that slow."""
-        return max(1.0, 0.5 / (self.cutoff * self.sample_time))
 
     def _record(self, t: float, q: Array, torque: Array | None) -> None:
         # A torque that is measured at an instant is the one that was commanded before it.
@@ -715,87 +574,10 @@ class ActiveExcitation:
         row[1 + size :] = self._command if torque is None else torque
         self._count += 1
 
-    def _samples(self, log: Array, begin: float) -> tuple[Samples | None, float]:
-        """Process what was recorded since a time; return the samples and until when they reach."""
-        size = self.model.dof
-        first = int(np.searchsorted(log[:, 0], begin - 1e-9))
-        part = log[first:]
-        if len(part) < SHORTEST / self.sample_time:
-            return None, begin
-        recording = Recording(
-            t=part[:, 0] - part[0, 0], q=part[:, 1 : 1 + size], torque=part[:, 1 + size :], source="on the fly"
-        )
-        if not np.any(np.ptp(recording.q, axis=0) > SLOW * self.limits.velocity):  # held still: no motion to learn from
-            return None, begin
-        samples = recording.process(
-            model=self.model,
-            cutoff=self.cutoff,
-            order=3,
-            trim=TRIM,
-            torque_cutoff=self.cutoff,
-            velocity_threshold=None,
-        )
-        fast = np.abs(samples.dq) >= SLOW * self.limits.velocity
-        if samples.mask is not None:
-            fast &= samples.mask
-        if not fast.any():  # a robot of one joint that has only sunk while it was caught
-            return None, begin
-        return replace(samples, mask=fast), float(part[-1, 0]) - 2.0 * TRIM
-
-    def _learnt(self, log: Array, before: _Knowledge) -> tuple[_Knowledge, float]:
-        samples, used = self._samples(log, self._used)
-        if samples is None:
-            return before, self._used
-        fresh = Information.from_samples(self.model, samples, batch_means=False)
-        info = before.information + fresh
-        counts = np.array([factor.count for factor in info.measured]) / self._correlation
-        first = FIRST_COUNT * (FIRST_NOISE * self._credible.torque_sizes) ** 2
-        noise, most = before.noise, np.full(self.model.dof, np.inf)
-        for _ in range(FIT_ROUNDS):
-            weighted_by = noise
-            parameters, trust = self._fitted(info, noise), 1.0
-            residual = np.asarray(info.joint_rms_error(np.asarray(self._base.K) @ parameters))
-            squares = np.where(counts > 0, counts * residual**2, 0.0)
-            for _ in range(NOISE_ROUNDS):
-                covariance = self._covariance(noise, info, trust)[1]
-                free = np.maximum(counts - self._spent(noise, info, covariance), 0.0)
-                noise = np.sqrt((first + squares) / (FIRST_COUNT + free))
-                trust = self._trust(parameters, covariance, trust)
-            noise = most = np.minimum(noise, most)  # with few rows one joint's grows for ever, at which the others fit
-            if np.all(noise > 0.95 * weighted_by):
-                break
-        return self._known(parameters, noise, info, trust), used
-
-    def _fitted(self, info: Information, noise: Array) -> Array:
-        """Return the parameters (n,) by what was measured and what is assumed.
-
-        What is assumed has the largest weight with which it takes no more from the fit than noise does from as many
-        parameters (the discrepancy principle of Morozov, 1966).
-        """
-        problem, K = info.reduced(1.0 / noise), np.asarray(self._base.K)
-        search, prior = self._search
-        # Of robots whose masses are in the assumed ratios, one that is as heavy as what was measured. A search crawls
-        # from a robot of a hundredth of the masses, or from an answer with another weight, next to the boundary.
-        size = float(np.linalg.norm(problem.rho) / np.linalg.norm(problem.R @ (K @ self._inside)))
-
-        def fit(weight: float) -> tuple[Array, float]:
-            search.begin(max(size, 1.0) * self._inside)
-            # So many rows tell as much as one independent one; the noise is in the weights.
-            found = search.solve(problem.R, problem.rho, self._correlation, prior, weight, most_steps=FIT_STEPS)
-            left = problem.R @ (K @ found.parameters) - problem.rho
-            return found.parameters, float(left @ left) / self._correlation
-
-        _, least = fit(PRIOR_WEIGHTS[-1])
-        for weight in PRIOR_WEIGHTS:
-            parameters, left = fit(weight)
-            if left - least <= self._base.count:
-                break
-        return parameters
-
     def _next(self, log: Array, time: float, state: State) -> _Plan:
         """Learn from what was recorded, and plan the motion that begins at a time in a state of the reference."""
-        knowledge, self._used = self._learnt(log, self._knowledge)
-        done = knowledge.expected_error <= self.accuracy and knowledge.information.count > 0
+        knowledge, self._used = self._learner.learnt(log, self._used, self._knowledge)
+        done = knowledge.expected_error <= self.accuracy and knowledge.is_measured
         left = self._started + self.longest - STILL - time
         if done or left < SHORTEST:
             return _Plan(time, knowledge, np.inf)
@@ -811,7 +593,7 @@ class ActiveExcitation:
             self._torque_constraints(state, limits, knowledge) + self._constraints,
             duration=duration,
             spacing=SPACING if whole >= DURATION else 0.5,
-            rate=1.0 / (self.sample_time * self._correlation),
+            rate=1.0 / (self.sample_time * self._learner.correlation),
             starts=self._starts,
             seed=self._seed + 1000 * len(self.steps),
         )
@@ -828,15 +610,15 @@ class ActiveExcitation:
         return RegressorInformation(self.model, width, np.ones(self.model.dof))
 
     def _criterion(self, noise: Array) -> Criterion:
-        count = self._base.count
+        base = self.model.base_parameters()
         if self._criterion_name != "prediction":
-            return Criterion(self._criterion_name, Subset(self._base.expressions, np.eye(count), True))
-        whole = sum(matrix / s**2 for matrix, s in zip(self._prediction, noise, strict=True))
+            return Criterion(self._criterion_name, Subset(base.expressions, np.eye(base.count), True))
+        whole = sum(matrix / s**2 for matrix, s in zip(self._learner.mean_squares, noise, strict=True))
         values, vectors = eigenvectors(whole)
         directions = vectors * np.sqrt(np.maximum(values, 0.0))
-        return Criterion("a", Subset(self._base.expressions, directions, False))
+        return Criterion("a", Subset(base.expressions, directions, False))
 
-    def _planning_limits(self, time: float, state: State, share: float, knowledge: _Knowledge) -> MotionLimits:
+    def _planning_limits(self, time: float, state: State, share: float, knowledge: RobotKnowledge) -> MotionLimits:
         """Limits of the reference: room for tracking errors, and a part of the velocities where little is known."""
         limits = self.limits
         assert self._reference is not None
@@ -862,7 +644,7 @@ class ActiveExcitation:
         )
 
     def _torque_constraints(
-        self, state: State, limits: MotionLimits, knowledge: _Knowledge
+        self, state: State, limits: MotionLimits, knowledge: RobotKnowledge
     ) -> tuple[MotionConstraint, ...]:
         """Torques by the present estimate, less three standard deviations of what is not known of them.
 
@@ -872,11 +654,11 @@ class ActiveExcitation:
         bound = self.limits.torque
         if not np.isfinite(bound).any():
             return ()
-        unknown = 3.0 * np.sqrt([np.sum(matrix * knowledge.covariance) for matrix in self._prediction])
         now = np.abs(self._predicted((state[0][None], state[1][None], state[2][None]), knowledge.parameters)[0])
         vjp, held = self._torque_vjp
         held[:] = knowledge.parameters
-        return (TorqueLimit(vjp, limits.joint_names, np.maximum.reduce([bound - unknown, 0.5 * bound, 1.5 * now])),)
+        most = np.maximum.reduce([bound - 3.0 * knowledge.deviations, 0.5 * bound, 1.5 * now])
+        return (TorqueLimit(vjp, limits.joint_names, most),)
 
     def _prepare(self, plan: _Plan, motion: State) -> None:
         """Compute what a plan is played with: torques, gains, and the bound of the torques."""
@@ -888,7 +670,7 @@ class ActiveExcitation:
         size = self.model.dof
         inertia = np.asarray(self.model.kernel("total_inertia_matrix")(motion[0], knowledge.parameters))
         plan.inertia = inertia.reshape(len(motion[0]), size, size).copy()
-        values, spreads = self._inertias(q, knowledge)
+        values, spreads = self._learner.inertias(q, knowledge)
         # What is assumed of a joint may be ten thousand times too little, where the shape of its link is a mark of a
         # centimetre and its rotor is not: feedback for that alone holds nothing. A loop bears too large an inertia much
         # better than one that is too small, so that one standard deviation is added.
@@ -896,7 +678,7 @@ class ActiveExcitation:
         # move, a joint has a small part of the inertia that it has alone, and what is added to the diagonal would be
         # added to that part.
         joints, added = np.arange(size), spreads.mean(axis=0)
-        if knowledge.information.count:
+        if knowledge.is_measured:
             plan.inertia[:, joints, joints] += added
         else:
             alone = np.maximum(np.diagonal(plan.inertia, axis1=1, axis2=2), 1e-12)
@@ -911,25 +693,11 @@ class ActiveExcitation:
                 plan.bandwidth, np.sqrt(GROWTH * before.stiffness * np.maximum(self._share.values, 1.0) / own)
             )
         plan.stiffness = plan.bandwidth**2 * own
-        rows = self._rows(q, dq, ddq)
-        spread = np.sqrt(np.einsum("skb,bc,skc->sk", rows, knowledge.covariance, rows)).max(axis=0)
+        spread = self._learner.torque_deviations(q, dq, ddq, knowledge).max(axis=0)
         reserve = REACH * plan.stiffness + 3.0 * knowledge.noise
         plan.bound = np.minimum(self.limits.torque, np.abs(torque).max(axis=0) + TORQUE_BAND * spread + reserve)
         speeds = np.minimum(np.abs(motion[1]).max(axis=0), 0.9 * self.limits.velocity)
         plan.fastest = speeds + OVERSPEED * (self.limits.velocity - speeds)
-
-    def _inertias(self, q: Array, knowledge: _Knowledge) -> tuple[Array, Array]:
-        """Return the inertia of each joint by the estimate at every q, and its standard deviation, (S, N) each."""
-        still = np.zeros_like(q)
-        at_rest = self._rows(q, still, still)
-        values, spreads = np.zeros_like(q), np.zeros_like(q)
-        for k in range(self.model.dof):
-            one = still.copy()
-            one[:, k] = 1.0
-            rows = self._rows(q, still, one)[:, k] - at_rest[:, k]
-            values[:, k] = np.maximum(rows @ knowledge.base, 1e-12)
-            spreads[:, k] = np.sqrt(np.einsum("sb,bc,sc->s", rows, knowledge.covariance, rows))
-        return values, spreads
 
     # Playing
 
@@ -986,7 +754,7 @@ class ActiveExcitation:
         self._note(plan, t, stage)
         if before is not None:
             self._joins = True
-            if plan.knowledge.information.count:  # the model carries the weight that the integral carried so far
+            if plan.knowledge.is_measured:  # the model carries the weight that the integral carried so far
                 self._integral = np.zeros_like(self._integral)
                 self._share.release()
         self._plan, self._reference, self._switched, self._stage = plan, plan.reference, t, stage
