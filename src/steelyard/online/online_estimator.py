@@ -93,7 +93,7 @@ drives, and a robot that picks and places all day changes some thousand times.""
 TOLD_CHANGES = 5
 """The most changes with a sentence of their own."""
 
-RELEARNING = 5.0
+RELEARNING = 1.0
 """s after the start, and after a change, before the next change is looked for: the estimate must be one by then."""
 
 
