@@ -76,6 +76,10 @@ MISFIT = 0.2
 """Part of the weighted torques that an answer leaves, from which it is told where least squares leave less than half of
 that: what is assumed of the robot beyond what bodies can be then makes most of the error."""
 
+UNEXPLAINED = 0.5
+"""Part of the weighted torques that least squares leave, from which it is told that something is wrong: a UR10 and a
+Gen3 leave 0.08, and 0.8 and 0.25 where the columns of their torques stand in another order."""
+
 NOISE_DEVIATIONS = 3.0
 """Standard deviations of the noise of a velocity below which its sign, and so that of friction, is not certain."""
 
@@ -581,14 +585,20 @@ class OnlineEstimator:
             names = [name for name, part in zip(self.model.robot.joint_names, limited, strict=True) if part > 0.0]
             found.append(
                 f"The torque of {', '.join(names)} stands at its largest or least value in up to {limited.max():.2g} "
-                "of the newest samples, as where a sensor or a drive is at its limit. Where it was not that in truth, "
-                "the estimate is off; give NaN for such torques."
+                "of the newest samples, as where a sensor or a drive is dead or at its limit. Where it was not that in "
+                "truth, the estimate is off; give NaN for such torques."
             )
         if self._left[0] > MISFIT and self._left[1] < 0.5 * self._left[0]:
             found.append(
                 f"The last answer leaves {self._left[0]:.2g} of the torques and least squares {self._left[1]:.2g}: "
                 "this robot is not what its description or kinematics make credible, or torques have another unit. "
                 "State its masses in the description, or give `prior`."
+            )
+        if self._left[1] > UNEXPLAINED:
+            found.append(
+                f"Least squares leave {self._left[1]:.2g} of the torques: the model does not describe this motion. "
+                "See whether positions are in rad and m, and whether positions and torques are of the same joints, of "
+                "the same sign and of the same time; `steelyard doctor` examines a log of them."
             )
         told = self.changes
         if self.change_count > TOLD_CHANGES:
