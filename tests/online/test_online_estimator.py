@@ -503,9 +503,43 @@ def test_torques_at_a_limit_are_told(model: sy.Model, motion: tuple[Array, ...])
         if rest:
             estimator.update(t[:3000] - 3.0, still, held, 0.0 * still, 0.0 * still)
         estimator.update(t, q, given, dq, ddq)
-        said = [remark for remark in estimator.remarks if "is at its limit" in remark]
+        said = [remark for remark in estimator.remarks if "at its limit" in remark]
         assert len(said) == told
         assert all(remark.startswith("The torque of joint1 stands at") for remark in said)
+
+
+def test_a_dead_sensor_is_told(model: sy.Model, motion: tuple[Array, ...]) -> None:
+    """That of joint 1 of a real arm reads 0 throughout; brakes make the torque 0, too, while an encoder flickers."""
+    t, q, _, _, torque = motion
+    flicker = 1e-4 * np.random.default_rng(1).integers(0, 2, size=q.shape)
+    for positions, told in ((q, True), (q[0] + flicker, False)):
+        estimator = sy.OnlineEstimator(model)
+        estimator.update(t, positions, np.column_stack([np.zeros(len(t)), torque[:, 1]]))
+        assert (
+            "The torque of joint1 stands at its largest or least value in up to 1" in str(estimator.remarks)
+        ) == told
+
+
+@pytest.mark.parametrize("kind", ["", "degrees", "columns of torques", "noise"])
+def test_what_no_parameters_explain_is_told(model: sy.Model, motion: tuple[Array, ...], kind: str) -> None:
+    """With the part that the least squares of NumPy leave of the weighted torques."""
+    t, q, dq, ddq, torque = motion
+    if kind == "degrees":
+        q, dq, ddq = (np.degrees(one) for one in (q, dq, ddq))
+    elif kind == "columns of torques":
+        torque = torque[:, ::-1]
+    elif kind == "noise":
+        torque = torque + 2.0 * np.random.default_rng(2).normal(size=torque.shape) * torque.std(axis=0)
+    estimator = sy.OnlineEstimator(model, least_speed=0.0)
+    estimator.update(t, q, torque, dq, ddq)
+    weights = estimator.estimate().weights
+    regressor = np.asarray(model.kernel("regressor", base=True)(q, dq, ddq)).reshape(len(t), 2, -1)
+    W, omega = (weights[:, None] * regressor).reshape(2 * len(t), -1), (weights * torque).ravel()
+    left = omega - W @ np.linalg.lstsq(W, omega, rcond=None)[0]
+    part = float(np.linalg.norm(left) / np.linalg.norm(omega))
+    told = " ".join(estimator.remarks)
+    assert (f"Least squares leave {part:.2g} of the torques" in told) == bool(kind)
+    assert (part > 0.5) == bool(kind)
 
 
 def test_a_first_sample_that_is_refused_does_not_say_what_the_next_ones_hold(model: sy.Model) -> None:

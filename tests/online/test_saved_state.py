@@ -87,7 +87,7 @@ def test_who_stops_and_goes_on_ends_as_who_never_stopped(
     assert np.array_equal(never.estimate().parameters, stopped.estimate().parameters)
     assert np.array_equal(never.intervals(), stopped.intervals())
     assert never.remarks == stopped.remarks
-    assert stopped.change_count == bool(options.get("detect_changes"))
+    assert (stopped.change_count > 0) == bool(options.get("detect_changes"))
     told, again = (sy.OnlinePayload(estimator).estimate() for estimator in (never, stopped))
     assert repr(told) == repr(again)
     assert (told is None) == (stopped.change_count == 0)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.recording.diagnosis.detectors import clipped_rows, saturation_levels
+from steelyard.recording.survey import STEADY
 
 from .saved_state import Stateful
 
@@ -23,6 +24,9 @@ RATE_OFF = 0.05
 
 GREATEST = 1e12
 """No position, time or torque is greater; a damaged message may hold 1e308, whose square is no number any more."""
+
+ALIKE = 100
+"""Samples of a joint that moves after which a torque that is always the same is no chance."""
 
 KEPT = 5000
 """The newest samples among which torques at a limit are looked for."""
@@ -176,7 +180,9 @@ class EvenStream(Stateful):
         found = np.zeros(self.joints)
         for joint in range(self.joints):
             shown = torque[moved[:, joint] & np.isfinite(torque[:, joint]), joint][:, None]
-            if len(shown):
+            if len(shown) > ALIKE and np.ptp(shown) == 0.0:  # of which no level is seen
+                found[joint] = float(np.nanmax(q[:, joint]) - np.nanmin(q[:, joint]) > STEADY)
+            elif len(shown):
                 found[joint] = clipped_rows(shown, saturation_levels(shown))[0].mean()
         return found
 

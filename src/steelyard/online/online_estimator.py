@@ -40,7 +40,7 @@ from .change_detector import Change, ChangeDetector, Prediction
 from .even_stream import EvenStream, Stretch
 from .position_jumps import PositionJumps
 from .running_information import PARTS, CountedRows, information_of, information_state
-from .saved_state import REMEDY, Stateful, read_state, write_state
+from .saved_state import REMEDY, read_state, state_of, take_over, write_state
 from .source_project import generate_online
 
 __all__ = ["OnlineEstimate", "OnlineEstimator"]
@@ -76,6 +76,10 @@ MISFIT = 0.2
 """Part of the weighted torques that an answer leaves, from which it is told where least squares leave less than half of
 that: what is assumed of the robot beyond what bodies can be then makes most of the error."""
 
+UNEXPLAINED = 0.5
+"""Part of the weighted torques that least squares leave, from which it is told that something is wrong: a UR10 and a
+Gen3 leave 0.08, and 0.8 and 0.25 where the columns of their torques stand in another order."""
+
 NOISE_DEVIATIONS = 3.0
 """Standard deviations of the noise of a velocity below which its sign, and so that of friction, is not certain."""
 
@@ -95,6 +99,29 @@ TOLD_CHANGES = 5
 
 RELEARNING = 1.0
 """s after the start, and after a change, before the next change is looked for: the estimate must be one by then."""
+
+
+STATE = (
+    "_stream",
+    "_positions",
+    "_late",
+    "_to_skip",
+    "_counted",
+    "_doubtful",
+    "_detector",
+    "_left",
+    "_t",
+    "_taken",
+    "_answered",
+    "_at_rest",
+    "_stuck",
+    "_possible",
+    "_answer_weights",
+    "_reference",
+    "_scaled_rows",
+    "change_count",
+)
+"""The attributes that samples change, and that a file holds as they are; for the others see `_whole_state`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +188,7 @@ class _Slow:
     prior_weight: float
 
 
-class OnlineEstimator(Stateful):
+class OnlineEstimator:
     """Identifies a robot while it moves.
 
     Samples go in as they are measured (`update`); physically possible parameters come out whenever they are asked for
@@ -235,27 +262,6 @@ class OnlineEstimator(Stateful):
     True
     """
 
-    _STATE = (
-        "_stream",
-        "_positions",
-        "_late",
-        "_to_skip",
-        "_counted",
-        "_doubtful",
-        "_detector",
-        "_left",
-        "_t",
-        "_taken",
-        "_answered",
-        "_at_rest",
-        "_stuck",
-        "_possible",
-        "_answer_weights",
-        "_reference",
-        "_scaled_rows",
-        "change_count",
-    )
-
     def __init__(
         self,
         model: Model,
@@ -274,20 +280,22 @@ class OnlineEstimator(Stateful):
         least_speed: float = 1e-3,
     ) -> None:
         model.refuse_channels()
-        for name, value in (("rate", rate), ("cutoff", cutoff)):
-            read_number(value, name, "a positive number", above=0)
+        rate, cutoff = (
+            read_number(a, what, "a positive number", above=0) for a, what in ((rate, "rate"), (cutoff, "cutoff"))
+        )
         if longest_gap is not None:
             expected = f"a number of s longer than the {1.0 / rate:.4g} s between two samples"
-            read_number(longest_gap, "longest_gap", expected, above=1.0 / rate)
+            longest_gap = read_number(longest_gap, "longest_gap", expected, above=1.0 / rate)
         if forget is not None:
-            read_number(forget, "forget", "a positive number of s, or absent where nothing is forgotten", above=0)
+            expected = "a positive number of s, or absent where nothing is forgotten"
+            forget = read_number(forget, "forget", expected, above=0)
         if window is not None:
             expected = f"a number of s of at least {PARTS} samples, or absent where all count"
-            read_number(window, "window", expected, least=PARTS / rate)
-        read_whole(order, "order", 1)
+            window = read_number(window, "window", expected, least=PARTS / rate)
+        order = read_whole(order, "order", 1)
         if feasible_set is not None and feasible_set.model is not model:
             raise InputError("The feasible set is of another model; make it of the model that is estimated.")
-        self.model, self.rate, self.detect_changes = model, float(rate), bool(detect_changes)
+        self.model, self.rate, self.detect_changes = model, rate, bool(detect_changes)
         self._given_set = FeasibleSet(model) if feasible_set is None else feasible_set
         self._known = physical_prior(model, self._given_set.constraints) if prior is None else prior
         self._prior_weight: float | None = None
@@ -295,6 +303,7 @@ class OnlineEstimator(Stateful):
             self._prior_weight = read_number(prior_weight, "prior_weight", 'a positive number or "auto"', above=0)
         self._weights = weights
         Information.empty(model).joint_weights(weights)  # checks them
+        self._least_speed = read_number(least_speed, "least_speed", "a speed, at least 0", least=0)
         self._given = {
             "rate": rate,
             "cutoff": cutoff,
@@ -302,13 +311,12 @@ class OnlineEstimator(Stateful):
             "forget": forget,
             "window": window,
             "detect_changes": self.detect_changes,
-            "prior_weight": prior_weight,
+            "prior_weight": "auto" if self._prior_weight is None else self._prior_weight,
             "weights": weights if weights is None or isinstance(weights, str) else np.asarray(weights, dtype=float),
             "longest_gap": longest_gap,
-            "least_speed": least_speed,
+            "least_speed": self._least_speed,
         }
         self._needed = {"feasible_set": feasible_set is not None, "prior": prior is not None}
-        self._least_speed = read_number(least_speed, "least_speed", "a speed, at least 0", least=0)
         self._jumps = _jumping_rows(model)
         self._options = (rate, cutoff, order)
         self._longest_gap = max(PERIODS_FILLED / self.rate, TIME_FILLED) if longest_gap is None else longest_gap
@@ -577,14 +585,20 @@ class OnlineEstimator(Stateful):
             names = [name for name, part in zip(self.model.robot.joint_names, limited, strict=True) if part > 0.0]
             found.append(
                 f"The torque of {', '.join(names)} stands at its largest or least value in up to {limited.max():.2g} "
-                "of the newest samples, as where a sensor or a drive is at its limit. Where it was not that in truth, "
-                "the estimate is off; give NaN for such torques."
+                "of the newest samples, as where a sensor or a drive is dead or at its limit. Where it was not that in "
+                "truth, the estimate is off; give NaN for such torques."
             )
         if self._left[0] > MISFIT and self._left[1] < 0.5 * self._left[0]:
             found.append(
                 f"The last answer leaves {self._left[0]:.2g} of the torques and least squares {self._left[1]:.2g}: "
                 "this robot is not what its description or kinematics make credible, or torques have another unit. "
                 "State its masses in the description, or give `prior`."
+            )
+        if self._left[1] > UNEXPLAINED:
+            found.append(
+                f"Least squares leave {self._left[1]:.2g} of the torques: the model does not describe this motion. "
+                "See whether positions are in rad and m, and whether positions and torques are of the same joints, of "
+                "the same sign and of the same time; `steelyard doctor` examines a log of them."
             )
         told = self.changes
         if self.change_count > TOLD_CHANGES:
@@ -941,7 +955,7 @@ class OnlineEstimator(Stateful):
         """Return all that samples have left here."""
         slow, search, prediction = self._slow, self._search, self._prediction
         changes = [[one.t, one.noticed, one.joint_names, information_state(one.before)] for one in self.changes]
-        return self.state() | {
+        return state_of(self, STATE) | {
             "measured": self._measured,
             "filter": None if self._filter is None else self._filter.state(),
             "waiting": self._rows[: self._waiting],
@@ -963,7 +977,7 @@ class OnlineEstimator(Stateful):
         self._rows[: self._waiting] = state["waiting"]
         bodies = zip(self._scaled.links, state["bodies"], strict=True)
         self._hold(replace(self._scaled, links=tuple(replace(link, fixed=a, free=b) for link, (a, b) in bodies)))
-        self.restore(state)
+        take_over(self, STATE, state)
         if self._certain is not None:
             self._certain.restore(state["certain"])
         self.changes = [

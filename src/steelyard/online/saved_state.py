@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from io import BytesIO
 from math import prod
 from pathlib import Path
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from steelyard.files import parse_json, read_bytes, replaced_file, require_format
 from steelyard.files.arrays import read_array
 
-__all__ = ["REMEDY", "Stateful", "alike", "read_state", "write_state"]
+__all__ = ["REMEDY", "Stateful", "alike", "read_state", "state_of", "take_over", "write_state"]
 
 FORMAT = "steelyard-online-estimator-1"
 REMEDY = "give a file that OnlineEstimator.save wrote, or let the estimator learn anew"
@@ -37,7 +37,7 @@ class Stateful:
 
     def state(self) -> dict[str, Any]:
         """Return the state, of which nothing is copied."""
-        return {name.lstrip("_"): _plain(getattr(self, name)) for name in self._STATE}
+        return state_of(self, self._STATE)
 
     def restore(self, state: Mapping[str, Any]) -> Self:
         """Take a state over; this object was made as the other one was, and nothing happened to it since.
@@ -47,17 +47,30 @@ class Stateful:
         ValueError, KeyError, TypeError
             If it is no state of such an object.
         """
-        for name in self._STATE:
-            setattr(self, name, alike(getattr(self, name), state[name.lstrip("_")], name.lstrip("_")))
+        take_over(self, self._STATE, state)
         return self
 
 
-def _plain(value: Any) -> Any:
-    return value.state() if isinstance(value, Stateful) else value
+def state_of(owner: object, names: Iterable[str]) -> dict[str, Any]:
+    """Return the values of attributes by their names, those that have a state by this."""
+    values = {name.lstrip("_"): getattr(owner, name) for name in names}
+    return {name: value.state() if isinstance(value, Stateful) else value for name, value in values.items()}
+
+
+def take_over(owner: object, names: Iterable[str], state: Mapping[str, Any]) -> None:
+    """Give attributes the values that `state_of` returned."""
+    for name in names:
+        setattr(owner, name, alike(getattr(owner, name), state[name.lstrip("_")], name.lstrip("_")))
 
 
 def alike(own: Any, given: Any, name: str) -> Any:
-    """Return what was given as the kind of thing that is there; an axis of no length may have any."""
+    """Return what was given as the kind of thing that is there; an axis of no length may have any.
+
+    Raises
+    ------
+    ValueError
+        If it is another kind of thing.
+    """
     if isinstance(own, Stateful):
         return own.restore(given)
     if isinstance(own, np.ndarray):
