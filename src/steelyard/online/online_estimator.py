@@ -36,7 +36,8 @@ from steelyard.regression.parameter_covariance import NORMAL
 from steelyard.regression.reduction import rows_of_entries
 
 from .causal_filter import CausalMotionFilter
-from .change_detector import Change, ChangeDetector, Prediction
+from .change_detector import Change, ChangeDetector, Prediction, Stretches
+from .earlier_robots import MOST_EARLIER, RECALLING, EarlierRobot
 from .even_stream import EvenStream, Stretch
 from .position_jumps import PositionJumps
 from .running_information import PARTS, CountedRows, information_of, information_state
@@ -97,7 +98,7 @@ drives, and a robot that picks and places all day changes some thousand times.""
 TOLD_CHANGES = 5
 """The most changes with a sentence of their own."""
 
-RELEARNING = 1.0
+RELEARNING = 2.0
 """s after the start, and after a change, before the next change is looked for: the estimate must be one by then."""
 
 
@@ -113,6 +114,7 @@ STATE = (
     "_t",
     "_taken",
     "_answered",
+    "_looked",
     "_at_rest",
     "_stuck",
     "_possible",
@@ -120,6 +122,8 @@ STATE = (
     "_reference",
     "_scaled_rows",
     "change_count",
+    "robot",
+    "_met",
 )
 """The attributes that samples change, and that a file holds as they are; for the others see `_whole_state`."""
 
@@ -220,8 +224,10 @@ class OnlineEstimator:
         s of the newest samples that count alone (up to an eighth more), eight samples at least; all where absent.
     detect_changes : bool
         Whether to notice when the robot is no longer the one that was estimated (see `ChangeDetector` for the rule),
-        and to begin anew then, near the last estimate. `changes` holds what was noticed, of more than a hundred changes
-        the first and the newest; `change_count` is their number. What changes in the first 7 s of motion is not
+        and to begin anew then, near the last estimate. A robot that is again as it was before a change, as where
+        something is put down, is known again within a second of motion, and its estimate goes on. `robot` is the number
+        of the robot that is there, 0 for the first. `changes` holds what was noticed, of more than a hundred changes
+        the first and the newest; `change_count` is their number. What changes in the first 4 s of motion is not
         noticed, since nothing is known of the robot yet: it is taken for one with what it was before and after.
     prior : PhysicalPrior, optional
         What is known of the links; gathered from the robot by default.
@@ -428,6 +434,8 @@ class OnlineEstimator:
         self._answer_weights: Array | None = None
         self._begin()
         self.changes, self.change_count = [], 0
+        self.robot, self._met = 0, 1
+        self._earlier: list[EarlierRobot] = []
 
     def _rows_of(self, t: float | ArrayLike, given: tuple[ArrayLike, ...]) -> Array:
         times = np.atleast_1d(real_array(t, "t"))
@@ -453,7 +461,7 @@ class OnlineEstimator:
         self._left = np.zeros(2)  # parts of the weighted torques that the answer leaves, and least squares
         self._t = float("nan")
         # What has passed is counted in samples: clocks jump, and a gap teaches nothing.
-        self._taken, self._answered = 0, 0
+        self._taken, self._answered, self._looked = 0, 0, 0
         self._at_rest = 0
 
     def _take(self, rows: Array) -> None:
@@ -513,6 +521,7 @@ class OnlineEstimator:
 
     def _has_changed(self, t: Array, rows: list[Array], used: NDArray[np.bool_]) -> bool:
         assert self._certain is not None
+        self._recall(rows, used)
         if self._taken > RELEARNING * self.rate:
             if self._prediction is None or self._taken - self._answered > DETECTION * self.rate:
                 self.estimate()
@@ -534,15 +543,70 @@ class OnlineEstimator:
         assert self._certain is not None
         detector, names = self._detector, self.model.robot.joint_names
         order = [int(k) for k in np.argsort(-detector.shares) if detector.shares[k] > 0.1 * detector.shares.max()]
+        left = self._left_behind(self._certain)
         if len(self.changes) == MOST_CHANGES:
             del self.changes[1]  # the first holds the robot as it was, to which a payload is compared
-        self.changes.append(Change(detector.began, t, tuple(names[k] for k in order), self._certain.information()))
+        told, robots = tuple(names[k] for k in order), (self.robot, self._met)
+        self.changes.append(Change(detector.began, t, told, left.information, robots))
         self.change_count += 1
+        for one in self._earlier:
+            one.begin()
+        if left.information.count:
+            self._earlier.append(left)
+        if len(self._earlier) > MOST_EARLIER:
+            self._earlier.remove(next(one for one in self._earlier if one.number))
+        self.robot, self._met = self._met, self._met + 1
         detector.rest()
         if self._answer_weights is not None and self._possible is not None:
             self._reference = np.where(self._of_links, self._possible, np.nan)
         self._begin()
         self._t = t
+
+    def _left_behind(self, rows: CountedRows) -> EarlierRobot:
+        """Return what is known of the robot that has changed, by rows of before."""
+        assert self._possible is not None
+        assert self._answer_weights is not None
+        detector, weights = self._detector, self._answer_weights
+        return EarlierRobot(
+            self.robot,
+            rows,
+            Prediction.of(rows.information(batch_means=False).reduced(weights), self._set.K @ self._possible, weights),
+            detector.usual.copy(),
+            detector.seen.copy(),
+            self._reference,
+            self._possible,
+            weights,
+            Stretches(self.model.dof, detector.length),
+        )
+
+    def _recall(self, rows: list[Array], used: NDArray[np.bool_]) -> None:
+        """Go on with an earlier robot where it has come back."""
+        if not self._earlier or self._looked > RECALLING * self.rate:
+            return
+        names = self.model.robot.joint_names
+        joints = [names.index(name) for name in self.changes[-1].joint_names]
+        self._looked += int(used[:, joints].all(axis=1).sum())  # a robot at rest does not show which one it is
+        shares = [one.look(self.model, rows, used, joints) for one in self._earlier]
+        best = int(np.argmin(shares))
+        if not np.isfinite(shares[best]):
+            return
+        back, since, t = self._earlier.pop(best), self._doubtful, self._t
+        self._begin()
+        self._t, self._doubtful = t, since
+        self._certain, self._counted = back.rows, back.rows.copy()
+        for _, old, mask in since:
+            self._counted.add(old, mask)
+        self._prediction, self._reference, self._answer_weights = back.prediction, back.reference, back.weights
+        if self._search.inside(back.parameters):
+            self._possible = back.parameters
+            self._search.begin(back.parameters)
+        self._detector.rest()
+        self._detector.usual, self._detector.seen = back.usual, back.seen
+        # It is known already, so that changes are looked for at once, and no other robot.
+        self._taken = self._looked = int(RECALLING * self.rate) + 1
+        last = self.changes[-1]
+        self.changes[-1] = replace(last, robots=(last.robots[0], back.number))
+        self._met, self.robot = self._met - 1, back.number
 
     # Answers
 
@@ -560,6 +624,13 @@ class OnlineEstimator:
         """The Information of the samples that count at present."""
         with one_thread():
             return self._counted.information()
+
+    @property
+    def first_robot(self) -> Information | None:
+        """What was learned of the first robot, while `robot` is another one; None while it is the first."""
+        if not self.robot:
+            return None
+        return next((one.information for one in self._earlier if not one.number), self.changes[0].before)
 
     @property
     def feasible_set(self) -> FeasibleSet:
@@ -604,11 +675,7 @@ class OnlineEstimator:
         if self.change_count > TOLD_CHANGES:
             told = told[-1:]
             found.append(f"The robot changed {self.change_count} times, the first time at {self.changes[0].t:.13g} s.")
-        found += [
-            f"At {change.t:.13g} s the robot changed, or began to move as its model does not describe, by the torque "
-            f"of {', '.join(change.joint_names)}; the estimate rests on what came after."
-            for change in told
-        ]
+        found += map(_said_of, told)
         return tuple(found)
 
     def _scale_known(self, info: Information | None) -> None:
@@ -954,7 +1021,9 @@ class OnlineEstimator:
     def _whole_state(self) -> dict[str, Any]:
         """Return all that samples have left here."""
         slow, search, prediction = self._slow, self._search, self._prediction
-        changes = [[one.t, one.noticed, one.joint_names, information_state(one.before)] for one in self.changes]
+        changes = [
+            [one.t, one.noticed, one.joint_names, one.robots, information_state(one.before)] for one in self.changes
+        ]
         return state_of(self, STATE) | {
             "measured": self._measured,
             "filter": None if self._filter is None else self._filter.state(),
@@ -965,6 +1034,7 @@ class OnlineEstimator:
             "slow": slow and [slow.rows, slow.weights, slow.deviations, slow.prior_weight],
             "prediction": prediction and [prediction.triangle, prediction.weights, prediction.answer, prediction.data],
             "changes": changes,
+            "earlier": [one.state() for one in self._earlier],
         }
 
     def _go_on(self, state: dict[str, Any]) -> None:
@@ -981,9 +1051,11 @@ class OnlineEstimator:
         if self._certain is not None:
             self._certain.restore(state["certain"])
         self.changes = [
-            Change(t, noticed, tuple(names), information_of(self.model, before))
-            for t, noticed, names, before in state["changes"]
+            Change(t, noticed, tuple(names), information_of(self.model, before), tuple(robots))
+            for t, noticed, names, robots, before in state["changes"]
         ]
+        length = self._detector.length
+        self._earlier = [EarlierRobot.of_state(one, self._new_rows(), length) for one in state["earlier"]]
         if state["prediction"] is not None:
             triangle, *others = state["prediction"]
             self._prediction = Prediction(np.asfortranarray(triangle), *others)
@@ -996,6 +1068,24 @@ class OnlineEstimator:
             rows, weights, deviations, prior_weight = state["slow"]
             prior = self._prior(deviations)
             self._slow = _Slow(rows, weights, deviations, prior, prior.prepare(self._set, prior_weight), prior_weight)
+
+
+def _said_of(change: Change) -> str:
+    names, (before, since) = ", ".join(change.joint_names), change.robots
+    if since == before:
+        return (
+            f"From {change.t:.13g} s on the torque of {names} was not as predicted for a while, and is so again; that "
+            "while is left out."
+        )
+    if since < before:
+        return (
+            f"At {change.t:.13g} s the robot changed, by the torque of {names}, back to what it was "
+            f"{'at first' if since == 0 else 'before'}; the estimate goes on from what was known of it."
+        )
+    return (
+        f"At {change.t:.13g} s the robot changed, or began to move as its model does not describe, by the torque of "
+        f"{names}; the estimate rests on what came after."
+    )
 
 
 def _jumping_rows(model: Model) -> NDArray[np.bool_]:

@@ -85,7 +85,7 @@ class OnlinePayload:
     placement : (4, 4) array_like, optional
         Of the mounting frame in that frame.
     before : Information, optional
-        Of the robot without payload; that of the first change that was noticed where absent.
+        Of the robot without payload; that of the first robot that the estimator met where absent.
     changes : {"nothing", "friction", "friction-and-offset"}
         Which parameters of the joints may be other ones since the change, as in `steelyard payload`. Friction grows
         with the load on most gears. *Measured* on simulated arms whose friction grew by a fifth with the payload: with
@@ -137,12 +137,11 @@ class OnlinePayload:
         self._robot: _KnownRows | None = None
 
     def estimate(self) -> OnlinePayloadEstimate | None:
-        """Return what hangs on the robot now; None before a change was noticed, and before there are samples after it.
+        """Return what hangs on the robot now; None while it is the first one, and before there are samples of another.
 
         It takes a few milliseconds; after a change the first time some 50.
         """
-        changes = self.estimator.changes
-        before = self._before if self._before is not None else changes[0].before if changes else None
+        before = self._before if self._before is not None else self.estimator.first_robot
         if before is None:
             return None
         with one_thread():

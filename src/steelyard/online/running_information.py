@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from copy import deepcopy
+from copy import copy, deepcopy
 from dataclasses import replace
 from math import ceil
 from typing import Any, Self
@@ -252,6 +252,13 @@ class CountedRows(Stateful):
         self._older = self._parts[0].copy()
         for part in self._parts[1:]:
             self._older.merge(part)
+
+    def copy(self) -> CountedRows:
+        """Return a copy that grows by itself."""
+        other = copy(self)
+        other._parts, other._current = [part.copy() for part in self._parts], self._current.copy()
+        other._older = None if self._older is None else self._older.copy()
+        return other
 
     def state(self) -> dict[str, Any]:
         """Return the state, with that of each part of the window."""
