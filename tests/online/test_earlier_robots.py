@@ -120,7 +120,7 @@ def test_a_joint_that_is_pushed_for_a_while_leaves_nothing_behind(model: sy.Mode
 
 
 def test_an_arm_that_rests_when_it_has_put_something_down_is_known_when_it_moves_again(model: sy.Model) -> None:
-    work = Work(model, [(8.0, 0.0), (4.0, 1.0), (14.0, 0.0)], rest=(12.8, 21.0))
+    work = Work(model, [(8.0, 0.0), (4.0, 1.0), (14.0, 0.0)], rest=(12.5, 21.0))
     estimator = sy.OnlineEstimator(model, rate=RATE, detect_changes=True)
     work.feed(estimator)
     assert [change.robots for change in estimator.changes] == [(0, 1), (1, 0)]
