@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -318,6 +319,33 @@ def test_a_robot_unlike_its_description_has_answers_at_all_times(seconds: float,
         assert estimator.information.relative_error(answers[-1].base) < 0.2
 
 
+@pytest.mark.parametrize("most", [0.5, 1.0])
+@pytest.mark.parametrize("consistency", ["full", "inertia"])
+def test_a_bound_on_the_mass_of_a_light_robot_leaves_room(
+    model: sy.Model, motion: tuple[Array, ...], consistency: Literal["full", "inertia"], most: float
+) -> None:
+    """The masses that are assumed then lie on the bound, and the search begins elsewhere."""
+    t, q, dq, ddq, _ = motion
+    true = TRUE.copy()
+    true[:10] *= 0.1 * most
+    true[12:22] *= 0.2 * most
+    torque = model.inverse_dynamics(q, dq, ddq, true)
+    bounded = sy.FeasibleSet(model, consistency=consistency, constraints=[sy.TotalMass(maximum=most)])
+    assert bounded.contains(true)
+    estimator = sy.OnlineEstimator(model, bounded)
+    estimator.update(t, q, torque + 0.01 * np.random.default_rng(1).normal(size=q.shape))
+    answer = estimator.estimate(accuracy=1e-9)
+    batch = sy.fit(
+        estimator.information,
+        estimator.feasible_set,
+        weights=answer.weights,
+        prior=answer.prior,
+        prior_weight=answer.prior_weight,
+    )
+    assert answer.base == pytest.approx(batch.base, abs=1e-5 * np.abs(batch.base).max())
+    assert answer.base == pytest.approx(model.base_parameters().values(true), abs=0.05)
+
+
 def test_answers_are_proved(model: sy.Model, motion: tuple[Array, ...]) -> None:
     t, q, _, _, torque = motion
     estimator = sy.OnlineEstimator(model)
@@ -369,7 +397,13 @@ def test_intervals_are_no_wider_than_what_is_forgotten_asks_for(
         ({"rate": 0.0}, "rate must be a positive number"),
         ({"cutoff": 600.0}, "half the rate"),
         ({"forget": -1.0}, "forget must be a positive number"),
-        ({"window": np.nan}, "window must be a positive number"),
+        ({"forget": np.inf}, "or absent where nothing is forgotten, got inf"),
+        ({"window": np.nan}, "window must be a number of s of at least 8 samples"),
+        ({"window": 0.007}, "window must be a number of s of at least 8 samples"),
+        ({"cutoff": 1e-6}, "would hold 2198806717 samples back"),
+        ({"rate": 1e9}, "219880678 samples back at 1e.09 Hz, 0.2199 s, more than 100000 samples; give a cutoff"),
+        ({"order": 0}, "order must be a whole number of at least 1, got 0"),
+        ({"order": "3"}, "order must be a whole number of at least 1"),
         ({"prior_weight": "much"}, 'positive number or "auto"'),
         ({"weights": [1.0]}, "2 positive numbers"),
         ({"weights": "joints"}, "must be None, 'joint' or one number"),
@@ -389,6 +423,7 @@ def test_options_that_make_no_sense(model: sy.Model, options: dict[str, object],
         ([(0.0, [0.0, 0.0], [0.0, 0.0], None, [0.0, 0.0])], "ddq was given without dq"),
         ([(0.0, [0.0, 0.0], [0.0, 0.0]), (0.1, [0.0, 0.0], [0.0, 0.0], [0.0, 0.0])], "give the same of every sample"),
         ([([0.0, 0.1], [[0.0, 0.0]], [[0.0, 0.0]])], "one row for each of 2 times"),
+        ([([[0.0], [0.1]], np.zeros((2, 2)), np.zeros((2, 2)))], r"t has the shape \(2, 1\)"),
         ([(0.0, ["a", "b"], [0.0, 0.0])], "q must be real numbers"),
         ([(0.0, np.zeros(2) + 1j, [0.0, 0.0])], "q must be real numbers, got an array of complex128"),
         ([(0.0, np.zeros(2), np.ma.array([0.0, 1.0], mask=[0, 1]))], "torque must be .* masked numbers"),
@@ -401,6 +436,52 @@ def test_samples_that_do_not_fit(model: sy.Model, samples: list[tuple[object, ..
         estimator.update(*sample)  # type: ignore[arg-type]
     with pytest.raises(sy.InputError, match=message):
         estimator.update(*last)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("accuracy", [0.0, -1.0, np.nan, None])
+def test_no_answer_is_called_the_best_by_an_accuracy_that_is_none(model: sy.Model, accuracy: object) -> None:
+    with pytest.raises(sy.InputError, match="accuracy must be a positive number"):
+        sy.OnlineEstimator(model).estimate(accuracy=accuracy)  # type: ignore[arg-type]
+    with pytest.raises(sy.InputError, match="seconds must be a number of at least 0"):
+        sy.OnlineEstimator(model).estimate(seconds=np.nan)
+
+
+@pytest.mark.parametrize("combinations", [np.zeros((2, 2, 12)), np.full(12, np.nan), "x", np.zeros(11)])
+def test_combinations_that_are_none(model: sy.Model, combinations: object) -> None:
+    with pytest.raises(sy.InputError, match="combinations must be"):
+        sy.OnlineEstimator(model).intervals(combinations)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("together", [1, 7, 3000])
+def test_what_is_missing_changes_nothing_of_the_rows_beside_it(
+    model: sy.Model, motion: tuple[Array, ...], together: int
+) -> None:
+    """By a clock of which rounding leaves 1e-7 s: of 20 rows and 30 torques that are missing, so many are told."""
+    t, q, dq, _, torque = (array[:3000] for array in motion)
+    lost = np.arange(505, 2505, 100)
+    silent = np.arange(1000, 1300, 10)
+    torque = torque.copy()
+    torque[silent, 0] = np.nan
+    kept = np.setdiff1d(np.arange(3000), lost)
+    estimator = sy.OnlineEstimator(model)
+    times = 1.7e9 + t[kept]
+    for k in range(0, len(kept), together):
+        rows = kept[k : k + together] if together > 1 else kept[k]
+        estimator.update(times[k : k + together] if together > 1 else times[k], q[rows], torque[rows])
+    estimator.flush()
+    assert estimator.stream_counts["interpolated"] == len(lost)
+    assert estimator.stream_counts["torques missing"] == len(silent)
+    rest = np.sum(np.abs(dq[220:-220]) < 1e-3, axis=0)
+    assert [f.count for f in estimator.factors()] == [3000 - 440 - len(silent) - rest[0], 3000 - 440 - rest[1]]
+
+
+def test_why_nothing_counts_yet_is_told(model: sy.Model, motion: tuple[Array, ...]) -> None:
+    t, q, _, _, torque = motion
+    estimator = sy.OnlineEstimator(model)
+    estimator.update((1.7e9 + t).astype(np.float32), q, torque)
+    assert "since the filter gives the first one after 0.44 s without a gap" in estimator.estimate().remark
+    assert "in single precision times since 1970 are 128 s apart" in " ".join(estimator.remarks)
+    assert np.spacing(np.float32(1.7e9)) == 128.0
 
 
 def test_torques_at_a_limit_are_told(model: sy.Model, motion: tuple[Array, ...]) -> None:
@@ -422,9 +503,43 @@ def test_torques_at_a_limit_are_told(model: sy.Model, motion: tuple[Array, ...])
         if rest:
             estimator.update(t[:3000] - 3.0, still, held, 0.0 * still, 0.0 * still)
         estimator.update(t, q, given, dq, ddq)
-        said = [remark for remark in estimator.remarks if "is at its limit" in remark]
+        said = [remark for remark in estimator.remarks if "at its limit" in remark]
         assert len(said) == told
         assert all(remark.startswith("The torque of joint1 stands at") for remark in said)
+
+
+def test_a_dead_sensor_is_told(model: sy.Model, motion: tuple[Array, ...]) -> None:
+    """That of joint 1 of a real arm reads 0 throughout; brakes make the torque 0, too, while an encoder flickers."""
+    t, q, _, _, torque = motion
+    flicker = 1e-4 * np.random.default_rng(1).integers(0, 2, size=q.shape)
+    for positions, told in ((q, True), (q[0] + flicker, False)):
+        estimator = sy.OnlineEstimator(model)
+        estimator.update(t, positions, np.column_stack([np.zeros(len(t)), torque[:, 1]]))
+        assert (
+            "The torque of joint1 stands at its largest or least value in up to 1" in str(estimator.remarks)
+        ) == told
+
+
+@pytest.mark.parametrize("kind", ["", "degrees", "columns of torques", "noise"])
+def test_what_no_parameters_explain_is_told(model: sy.Model, motion: tuple[Array, ...], kind: str) -> None:
+    """With the part that the least squares of NumPy leave of the weighted torques."""
+    t, q, dq, ddq, torque = motion
+    if kind == "degrees":
+        q, dq, ddq = (np.degrees(one) for one in (q, dq, ddq))
+    elif kind == "columns of torques":
+        torque = torque[:, ::-1]
+    elif kind == "noise":
+        torque = torque + 2.0 * np.random.default_rng(2).normal(size=torque.shape) * torque.std(axis=0)
+    estimator = sy.OnlineEstimator(model, least_speed=0.0)
+    estimator.update(t, q, torque, dq, ddq)
+    weights = estimator.estimate().weights
+    regressor = np.asarray(model.kernel("regressor", base=True)(q, dq, ddq)).reshape(len(t), 2, -1)
+    W, omega = (weights[:, None] * regressor).reshape(2 * len(t), -1), (weights * torque).ravel()
+    left = omega - W @ np.linalg.lstsq(W, omega, rcond=None)[0]
+    part = float(np.linalg.norm(left) / np.linalg.norm(omega))
+    told = " ".join(estimator.remarks)
+    assert (f"Least squares leave {part:.2g} of the torques" in told) == bool(kind)
+    assert (part > 0.5) == bool(kind)
 
 
 def test_a_first_sample_that_is_refused_does_not_say_what_the_next_ones_hold(model: sy.Model) -> None:

@@ -1,5 +1,7 @@
 """A payload that a robot picks up while it moves is noticed, and found."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -60,6 +62,21 @@ def test_nothing_is_told_before_anything_changed(model: sy.Model) -> None:
     assert payload.estimate() is None
     with pytest.raises(sy.InputError, match="which does not move"):
         sy.OnlinePayload(estimator, frame="base")
+
+
+def test_what_makes_no_payload_is_refused_before_anything_is_picked_up(model: sy.Model) -> None:
+    other = sy.Model(sy.Robot.from_dh([("pi/2", 0, 0.3, "q"), (0, 0.5, 0, "q"), ("pi/2", 0.3, 0, "q")]))
+    empty = sy.Information.empty(model)
+    together = replace(empty, factors=(sy.regression.Factor(None, np.arange(15), np.eye(16), 20),))
+    for given, message in (
+        ({"before": sy.Information.empty(other)}, "before: is of another robot or of other terms"),
+        ({"before": together}, "before was reduced over all joints together"),
+        ({"placement": np.zeros((4, 4))}, "placement must have 0, 0, 0, 1 as its last row"),
+        ({"placement": np.eye(3)}, "placement must be a 4 x 4 matrix"),
+        ({"changes": "frictions"}, "changes must be one of nothing, friction"),
+    ):
+        with pytest.raises(sy.InputError, match=message):
+            sy.OnlinePayload(sy.OnlineEstimator(model), **given)  # type: ignore[arg-type]
 
 
 @pytest.fixture(scope="module")

@@ -15,6 +15,7 @@ from steelyard.dynamics.base_parameters import base_parameters_of
 from steelyard.dynamics.conditions import body_conditions
 from steelyard.errors import InputError
 from steelyard.feasibility.constraints import Constraint, Equality
+from steelyard.feasibility.constraints.toml_section import read_placement
 from steelyard.files import suggestion
 from steelyard.lmi import AffineBlock
 from steelyard.once import cached_property
@@ -258,7 +259,7 @@ def mounting(model: Model, frame: str | None, placement: ArrayLike | None) -> tu
     Raises
     ------
     InputError
-        If there is no such link, it does not move, or it is not clear which link is the last.
+        If there is no such link, it does not move, it is not clear which link is the last, or a placement is none.
     """
     robot = model.robot
     if frame is None:
@@ -275,5 +276,5 @@ def mounting(model: Model, frame: str | None, placement: ArrayLike | None) -> tu
             f"The payload is said to be mounted in {frame!r} of {robot.name}, which does not move, so that no motion "
             "shows it; name a link that a joint moves."
         )
-    inner = np.eye(4) if placement is None else np.asarray(placement, dtype=float)
+    inner = np.eye(4) if placement is None else np.asarray(read_placement(placement, "placement"))
     return link, np.asarray(place @ inner), frame

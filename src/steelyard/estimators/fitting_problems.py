@@ -714,6 +714,13 @@ class WarmFit:
     and by the prior's own logarithm of determinants. The margins (rows,) are stacked matrices that are subtracted from
     the blocks of the set; its margin in SI where absent. A step goes at most a part `to_boundary` of the way to
     the boundary of the set.
+
+    Attributes
+    ----------
+    start : (n,) or None
+        Where the next search starts.
+    multipliers : (rows,)
+        Those of the linear conditions with which it starts.
     """
 
     def __init__(
@@ -733,7 +740,7 @@ class WarmFit:
         self._groups = matrix_conditions(blocks)
         self._basis = feasible_set.equation_directions
         self.start: Vector | None = None
-        self._multipliers = np.ones(len(self._rows))
+        self.multipliers = np.ones(len(self._rows))
 
     def inside(self, parameters: Vector) -> bool:
         """Return whether every condition holds with the margin, and matrices have the factors that a step needs."""
@@ -761,7 +768,7 @@ class WarmFit:
         if not self.inside(parameters) or not self.feasible_set.satisfies_equations(parameters):
             raise SolverError("A search must start inside the feasible set; give parameters that satisfy it.")
         self.start = np.array(parameters)
-        self._multipliers = FIRST_BARRIER / (self._rows @ parameters + self._constants)
+        self.multipliers = FIRST_BARRIER / (self._rows @ parameters + self._constants)
 
     def solve(
         self,
@@ -792,7 +799,7 @@ class WarmFit:
         """
         begun = perf_counter()
         assert self.start is not None
-        point, multipliers = self.start, self._multipliers
+        point, multipliers = self.start, self.multipliers
         scaled = (R @ self.K) / np.sqrt(variance)
         target = rho / np.sqrt(variance)
         curvature = scaled.T @ scaled
@@ -833,7 +840,7 @@ class WarmFit:
                 break
             if centered:
                 barrier = max(accuracy, REDUCTION * barrier)
-        self.start, self._multipliers = point, multipliers
+        self.start, self.multipliers = point, multipliers
         blocks = self._stacked(point, multipliers, reached if np.isfinite(reached) else barrier)
         return WarmAnswer(point, blocks, reached, converged, steps, perf_counter() - begun)
 

@@ -8,9 +8,14 @@ from numpy.typing import NDArray
 from steelyard.errors import InputError
 from steelyard.recording.filters.zero_phase import filter_settling
 
+from .saved_state import Stateful
+
 __all__ = ["CausalMotionFilter", "motion_kernels"]
 
 Array = NDArray[np.float64]
+
+LONGEST = 100_000
+"""Samples that a filter may hold back, 100 s at 1 kHz. A cutoff in the wrong unit asks for 1e8, and 50 GB."""
 
 DEGREE = 4
 """Polynomials up to this degree pass unchanged, with their exact derivatives: a cut impulse response alone would make
@@ -34,7 +39,7 @@ def motion_kernels(rate: float, cutoff: float, order: int = 3) -> Array:
     Raises
     ------
     InputError
-        If the cutoff is not below half the rate.
+        If the cutoff is not below half the rate, or so near to it or to 0 that the response hardly ends.
 
     Examples
     --------
@@ -48,6 +53,12 @@ def motion_kernels(rate: float, cutoff: float, order: int = 3) -> Array:
     if not 0.0 < cutoff < rate / 2.0:
         raise InputError(f"cutoff must be between 0 and half the rate of {rate:g} Hz, got {cutoff:g} Hz.")
     reach = int(np.ceil(filter_settling(rate, cutoff, order) * rate))
+    if reach > LONGEST:
+        raise InputError(
+            f"A filter with a cutoff of {cutoff:g} Hz and the order {order} would hold {reach} samples back at "
+            f"{rate:g} Hz, {reach / rate:.4g} s, more than {LONGEST} samples; give a cutoff of some Hz, and `rate` in "
+            "Hz."
+        )
     # Long enough that the response has died away before it wraps around.
     size = 1 << int(np.ceil(np.log2(16 * reach)))
     frequencies = np.fft.rfftfreq(size, 1.0 / rate)
@@ -74,7 +85,7 @@ def _exact_for_polynomials(kernels: Array, t: Array) -> Array:
     return np.asarray(kernels + np.linalg.solve(window @ powers.T, (wanted - kernels @ powers.T).T).T @ window)
 
 
-class CausalMotionFilter:
+class CausalMotionFilter(Stateful):
     """Positions in, filtered positions, velocities and accelerations out, late by `delay` samples.
 
     The filter is that of `Recording.process`: no phase shift, so that motion and torque of the same instant belong
@@ -94,6 +105,8 @@ class CausalMotionFilter:
         (S', N): the standard deviation that the noise of all samples so far makes of each velocity that `add` returned
         last, from fourth differences, which no motion shows in.
     """
+
+    _STATE = ("_noise", "_held")
 
     def __init__(self, rate: float, cutoff: float, order: int, joints: int, derived: int = 0) -> None:
         self.kernels = motion_kernels(rate, cutoff, order)

@@ -14,8 +14,9 @@ from steelyard.regression.factor import Reduced, column_lengths
 from steelyard.regression.reduction import residuals_of_rows
 
 from .running_information import stacked
+from .saved_state import Stateful
 
-__all__ = ["Change", "ChangeDetector", "Prediction"]
+__all__ = ["FEWEST", "USUAL", "Change", "ChangeDetector", "Prediction", "Stretches"]
 
 Array = NDArray[np.float64]
 
@@ -55,6 +56,9 @@ class Change:
         Whose torques are no longer predicted, the clearest first.
     before : Information
         The data up to then, less the last second before it was noticed.
+    robots : tuple of int
+        Numbers of the robot before and since then: 0 for the first, and so on. One that was met before has its number
+        again; where both are the same one, it was only off for a while.
 
     Examples
     --------
@@ -78,8 +82,10 @@ class Change:
     noticed: float
     joint_names: tuple[str, ...]
     before: Information = field(repr=False)
+    robots: tuple[int, int] = (0, 1)
 
 
+@dataclass(frozen=True, eq=False)
 class Prediction:
     """What least squares predict of the torques to come, and how uncertain that is.
 
@@ -87,26 +93,32 @@ class Prediction:
     predicted, and the robot is still the same one. *Measured* without this, on robots whose description has no masses:
     of 19 that moved slowly and then fast, and had not changed, 17 were taken for changed ones.
 
-    Parameters
+    Attributes
     ----------
-    problem : Reduced
-        The data so far, of which each row has about the variance 1.
-    near : ndarray
-        (n_b,): base parameters of what the data do not tell.
+    triangle : ndarray
+        (n_b, n_b) of the data so far, of which each row has about the variance 1; its columns come first in memory.
     weights : ndarray
         (N,), by which the rows of each joint were multiplied.
+    answer, data : ndarray
+        (n_b,): base parameters of the last answer, and of the data near it.
     """
 
-    def __init__(self, problem: Reduced, near: Array, weights: Array) -> None:
+    triangle: Array
+    weights: Array
+    answer: Array
+    data: Array
+
+    @classmethod
+    def of(cls, problem: Reduced, near: Array, weights: Array) -> Prediction:
+        """Predict by a regression, and by base parameters (n_b,) what it does not tell."""
         from scipy.linalg import solve_triangular
 
         lengths = column_lengths(problem.R)
         untold = UNTOLD * np.where(lengths > 0.0, lengths, lengths.max())
-        self._triangle = stacked(np.asfortranarray(problem.R), np.diag(untold))
-        self._weights = weights
+        triangle = stacked(np.asfortranarray(problem.R), np.diag(untold))
         left = problem.R.T @ (problem.rho - problem.R @ near)
-        step = solve_triangular(self._triangle, solve_triangular(self._triangle, left, trans="T"))
-        self._bases = near, near + step
+        step = solve_triangular(triangle, solve_triangular(triangle, left, trans="T"))
+        return cls(triangle, weights, near, near + step)
 
     def residuals(self, model: Model, rows: Sequence[Array], used: NDArray[np.bool_], length: int) -> Array:
         """Return residuals (S, N) of rows that come next, over the root of their variance relative to that of noise.
@@ -119,23 +131,62 @@ class Prediction:
         used : ndarray of bool
             (S, N), which of them count.
         length : int
-            The number of samples over which residuals are averaged. The mean of their noise has as many times less
-            variance, so that what is uncertain of the parameters counts as many times more beside it.
+            The number of samples over which residuals are averaged.
         """
-        from scipy.linalg import solve_triangular
-
-        means = np.zeros((len(self._bases[0]), len(rows)))
-        for k, (own, columns) in enumerate(zip(rows, model.base_columns.joints, strict=True)):
-            if used[:, k].any():
-                means[columns, k] = self._weights[k] * own[used[:, k], :-1].mean(axis=0)
-        leverage = length * np.sum(solve_triangular(self._triangle, means, trans="T") ** 2, axis=0)
-        by_answer, by_data = (residuals_of_rows(model, rows, base) for base in self._bases)
-        by_data /= np.sqrt(1.0 + leverage)
+        by_answer, by_data = (residuals_of_rows(model, rows, base) for base in (self.answer, self.data))
+        by_data /= np.sqrt(1.0 + self.leverage(model, rows, used, length))
         sums = (np.abs(np.sum(residuals * used, axis=0)) for residuals in (by_answer, by_data))
         return np.where(np.less(*sums), by_answer, by_data)
 
+    def leverage(self, model: Model, rows: Sequence[Array], used: NDArray[np.bool_], length: int) -> Array:
+        """Return the variance (N,) of what the data predict of averages of such rows, relative to that of their noise.
 
-class ChangeDetector:
+        The parameters are as in `residuals`. The mean of the noise of `length` samples has as many times less variance,
+        so that what is uncertain of the base parameters counts as many times more beside it.
+        """
+        from scipy.linalg import solve_triangular
+
+        means = np.zeros((len(self.answer), len(rows)))
+        for k, (own, columns) in enumerate(zip(rows, model.base_columns.joints, strict=True)):
+            if used[:, k].any():
+                means[columns, k] = self.weights[k] * own[used[:, k], :-1].mean(axis=0)
+        told: Array = length * np.sum(solve_triangular(self.triangle, means, trans="T") ** 2, axis=0)
+        return told
+
+
+class Stretches(Stateful):
+    """Averages of residuals over stretches of so many samples.
+
+    Parameters
+    ----------
+    joints, length : int
+    """
+
+    _STATE = ("_sum", "_count", "_filled")
+
+    def __init__(self, joints: int, length: int) -> None:
+        self.length = length
+        self._sum, self._count, self._filled = np.zeros(joints), np.zeros(joints, dtype=int), 0
+
+    @property
+    def begun(self) -> bool:
+        """Whether a stretch has begun and not ended."""
+        return self._filled > 0
+
+    def add(self, residuals: Array, used: NDArray[np.bool_]) -> tuple[Array, NDArray[np.bool_]] | None:
+        """Add residuals (S, N); return the squares (N,) of the averages of a stretch that ends, and of which joints."""
+        self._sum += np.sum(residuals * used, axis=0)
+        self._count += used.sum(axis=0)
+        self._filled += len(residuals)
+        if self._filled < self.length:
+            return None
+        shown = 2 * self._count > self._filled
+        squares = np.where(shown, self._sum / np.maximum(self._count, 1), 0.0) ** 2
+        self._sum[:], self._count[:], self._filled = 0.0, 0, 0
+        return squares, shown
+
+
+class ChangeDetector(Stateful):
     """A cumulative sum of how much larger than usual the residuals are (Page's test).
 
     Residuals are averaged over stretches of `length` samples. Their squares over their usual mean square, averaged over
@@ -164,55 +215,56 @@ class ChangeDetector:
     E. S. Page, Continuous inspection schemes, Biometrika 41, 1954.
     """
 
+    _STATE = ("usual", "seen", "_stretches", "excess", "began", "shares", "_began_filling", "_waiting")
+
     def __init__(self, joints: int, length: int) -> None:
         self.length = length
-        self._usual, self._seen = np.zeros(joints), np.zeros(joints, dtype=int)
+        self.usual, self.seen = np.zeros(joints), np.zeros(joints, dtype=int)
         self.rest()
 
     def rest(self) -> None:
         """Begin anew after a change, with the same usual size of residuals."""
-        self._sum, self._count = np.zeros(len(self._usual)), np.zeros(len(self._usual), dtype=int)
-        self._filled, self.excess, self.began = 0, 0.0, float("nan")
-        self.shares = np.zeros(len(self._usual))
-        self._began_filling = float("nan")
+        self._stretches = Stretches(len(self.usual), self.length)
+        self.excess, self.began, self._began_filling = 0.0, float("nan"), float("nan")
+        self.shares = np.zeros(len(self.usual))
         # Since the sum left zero. Were they left out where the sum comes back, what is usual would be the average of
         # the small ones alone: with one joint it shrinks until noise is a change.
         self._waiting: list[tuple[Array, NDArray[np.bool_]]] = []
 
     def add(self, t: Array, residuals: Array, used: NDArray[np.bool_]) -> bool:
         """Add residuals (S, N) at times (S,); return whether they are those of a robot that has changed."""
-        if not self._filled:
+        if not self._stretches.begun:
             self._began_filling = float(t[0])
-        self._sum += np.sum(residuals * used, axis=0)
-        self._count += used.sum(axis=0)
-        self._filled += len(t)
-        if self._filled < self.length:
+        ended = self._stretches.add(residuals, used)
+        if ended is None:
             return False
-        shown = 2 * self._count > self._filled
-        means = np.where(shown, self._sum / np.maximum(self._count, 1), 0.0) ** 2
-        self._sum[:], self._count[:], self._filled = 0.0, 0, 0
-        known = shown & (self._seen >= FEWEST) & (self._usual > 0.0)
+        squares, shown = ended
+        known = shown & self.known
         if known.any():
-            shares = np.where(known, means / np.where(known, self._usual, 1.0), 0.0)
+            shares = np.where(known, squares / np.where(known, self.usual, 1.0), 0.0)
             excess = min(float(shares[known].mean()) - USUAL, MOST)
             if excess > 0.0 and self.excess == 0.0:
-                self.began, self.shares = self._began_filling, np.zeros(len(means))
+                self.began, self.shares = self._began_filling, np.zeros(len(squares))
             self.excess = max(0.0, self.excess + excess)
             if self.excess > 0.0:
                 self.shares = self.shares + shares
             if self.excess > ALARM:
                 return True
-        self._waiting.append((means, shown))
+        self._waiting.append((squares, shown))
         if self.excess == 0.0:
             for one in self._waiting:
                 self._average(*one)
             self._waiting = []
         return False
 
-    def _average(self, means: Array, shown: NDArray[np.bool_]) -> None:
+    @property
+    def known(self) -> NDArray[np.bool_]:
+        """(N,) of which joints it is known what is usual."""
+        return (self.seen >= FEWEST) & (self.usual > 0.0)
+
+    def _average(self, squares: Array, shown: NDArray[np.bool_]) -> None:
         """Let the squares of a stretch count in what is usual, by no more than they may speak for a change."""
-        known = (self._seen >= FEWEST) & (self._usual > 0.0)
-        bounded = np.where(known, np.minimum(means, (USUAL + MOST) * self._usual), means)
-        self._seen[shown] = np.minimum(self._seen[shown] + 1, MEMORY)
-        share = 1.0 / np.maximum(self._seen, 1)
-        self._usual = np.where(shown, self._usual + share * (bounded - self._usual), self._usual)
+        bounded = np.where(self.known, np.minimum(squares, (USUAL + MOST) * self.usual), squares)
+        self.seen[shown] = np.minimum(self.seen[shown] + 1, MEMORY)
+        share = 1.0 / np.maximum(self.seen, 1)
+        self.usual = np.where(shown, self.usual + share * (bounded - self.usual), self.usual)

@@ -8,6 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.recording.diagnosis.detectors import clipped_rows, saturation_levels
+from steelyard.recording.survey import STEADY
+
+from .saved_state import Stateful
 
 __all__ = ["EvenStream", "Stretch"]
 
@@ -21,6 +24,9 @@ RATE_OFF = 0.05
 
 GREATEST = 1e12
 """No position, time or torque is greater; a damaged message may hold 1e308, whose square is no number any more."""
+
+ALIKE = 100
+"""Samples of a joint that moves after which a torque that is always the same is no chance."""
 
 KEPT = 5000
 """The newest samples among which torques at a limit are looked for."""
@@ -50,7 +56,7 @@ class Stretch:
     used: NDArray[np.bool_] = field(repr=False)
 
 
-class EvenStream:
+class EvenStream(Stateful):
     """Puts samples at even times, by linear interpolation between neighbours that are near enough.
 
     Parameters
@@ -65,6 +71,19 @@ class EvenStream:
     counts : dict
         Samples received, those left out and why, and how often samples were missing.
     """
+
+    _STATE = (
+        "counts",
+        "_newest",
+        "_written",
+        "_last",
+        "_origin",
+        "_next",
+        "_begins",
+        "_time",
+        "_steps",
+        "_away",
+    )
 
     def __init__(self, rate: float, joints: int, longest_gap: float) -> None:
         self.rate, self.joints, self.longest_gap = rate, joints, longest_gap
@@ -138,8 +157,8 @@ class EvenStream:
             self._last = rows[-1]
             if not len(grid):
                 return found
-            rows = _between(known, grid)
-            self.counts["interpolated"] += len(grid)
+            rows, between = _between(known, grid, ON_TIME / self.rate)
+            self.counts["interpolated"] += between
         else:
             self._last = rows[-1]
         self._next += len(grid)
@@ -161,7 +180,9 @@ class EvenStream:
         found = np.zeros(self.joints)
         for joint in range(self.joints):
             shown = torque[moved[:, joint] & np.isfinite(torque[:, joint]), joint][:, None]
-            if len(shown):
+            if len(shown) > ALIKE and np.ptp(shown) == 0.0:  # of which no level is seen
+                found[joint] = float(np.nanmax(q[:, joint]) - np.nanmin(q[:, joint]) > STEADY)
+            elif len(shown):
                 found[joint] = clipped_rows(shown, saturation_levels(shown))[0].mean()
         return found
 
@@ -188,13 +209,19 @@ class EvenStream:
             ),
             (
                 "interpolated",
-                f"samples came at uneven times, or not quite at {self.rate:.4g} Hz, and were interpolated to even ones",
+                f"samples were missing, or came at uneven times or not quite at {self.rate:.4g} Hz; "
+                "they were interpolated",
             ),
             ("gaps", f"times samples were missing for more than {ms:g} ms; the filters started anew each time"),
             ("clock resets", f"times the clock went back by more than {ms:g} ms; the filters started anew each time"),
         ):
             if count[key]:
                 found.append(f"{count[key]} {text}.")
+        if 2 * count["repeated"] > count["received"]:
+            found.append(
+                "Most samples have the time stamp of the one before; give each its own time, in double precision: in "
+                "single precision times since 1970 are 128 s apart."
+            )
         if 2 * count["gaps"] > count["received"]:
             found.append(
                 f"Most samples are {self._away / count['gaps']:.4g} s after the one before, so that nothing is learnt "
@@ -211,13 +238,17 @@ class EvenStream:
         return tuple(found)
 
 
-def _between(known: Array, t: Array) -> Array:
-    """Rows at times between those of known rows; not a number beside a torque that is none."""
+def _between(known: Array, t: Array, on_time: float) -> tuple[Array, int]:
+    """Rows at times between those of known rows, and how many are none of these.
+
+    They are not a number beside a torque that is none. A row that came within `on_time` of its time is taken as it is,
+    so that what is missing elsewhere in a batch changes nothing of it.
+    """
     place = np.clip(np.searchsorted(known[:, 0], t, side="right"), 1, max(len(known) - 1, 1))
     if len(known) == 1:
-        return np.repeat(known, len(t), axis=0)
+        return np.repeat(known, len(t), axis=0), 0
     before, after = known[place - 1], known[place]
-    share = np.clip((t - before[:, 0]) / (after[:, 0] - before[:, 0]), 0.0, 1.0)[:, None]
-    # A neighbour that does not count must not make its value none.
-    found = np.where(share == 0.0, before, np.where(share == 1.0, after, before + share * (after - before)))
-    return np.asarray(found)
+    is_before, is_after = t - before[:, 0] <= on_time, after[:, 0] - t <= on_time
+    share = ((t - before[:, 0]) / (after[:, 0] - before[:, 0]))[:, None]
+    found = np.where(is_before[:, None], before, np.where(is_after[:, None], after, before + share * (after - before)))
+    return np.asarray(found), int(np.sum(~(is_before | is_after)))

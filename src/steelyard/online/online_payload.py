@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.dynamics.threads import one_thread
-from steelyard.estimators.carried_body import CarriedBody, Changes, mounting
+from steelyard.errors import InputError
+from steelyard.estimators.carried_body import CarriedBody, Changes, changing_parameters, mounting
 from steelyard.estimators.payload_estimate import LENGTH, PRECISE, PayloadQuantities, PayloadQuantity
 from steelyard.feasibility.barrier import add_log_determinants, log_determinants, minimise
 from steelyard.regression import Factor, Information, ParameterCovariance
@@ -84,7 +85,7 @@ class OnlinePayload:
     placement : (4, 4) array_like, optional
         Of the mounting frame in that frame.
     before : Information, optional
-        Of the robot without payload; that of the first change that was noticed where absent.
+        Of the robot without payload; that of the first robot that the estimator met where absent.
     changes : {"nothing", "friction", "friction-and-offset"}
         Which parameters of the joints may be other ones since the change, as in `steelyard payload`. Friction grows
         with the load on most gears. *Measured* on simulated arms whose friction grew by a fifth with the payload: with
@@ -93,7 +94,7 @@ class OnlinePayload:
     Raises
     ------
     InputError
-        If there is no such frame, or the robot does not move it.
+        If there is no such frame, the robot does not move it, or `before` is of another robot.
 
     Examples
     --------
@@ -126,17 +127,21 @@ class OnlinePayload:
     ) -> None:
         self.estimator = estimator
         link, place, self.frame = mounting(estimator.model, frame, placement)
+        changing_parameters(estimator.model, changes)  # refuses other words now, not when something is picked up
         self.body = CarriedBody(estimator.model, link, place, changes)
+        if before is not None:
+            before.model_among([estimator.model], "before")
+            if not before.by_joint:
+                raise InputError("before was reduced over all joints together; give one with the rows of each apart.")
         self._before = before
         self._robot: _KnownRows | None = None
 
     def estimate(self) -> OnlinePayloadEstimate | None:
-        """Return what hangs on the robot now; None before a change was noticed, and before there are samples after it.
+        """Return what hangs on the robot now; None while it is the first one, and before there are samples of another.
 
         It takes a few milliseconds; after a change the first time some 50.
         """
-        changes = self.estimator.changes
-        before = self._before if self._before is not None else changes[0].before if changes else None
+        before = self._before if self._before is not None else self.estimator.first_robot
         if before is None:
             return None
         with one_thread():

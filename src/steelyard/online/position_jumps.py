@@ -8,13 +8,14 @@ from numpy.typing import NDArray
 from steelyard.recording.survey import STEADY, TURN, farthest
 
 from .even_stream import GREATEST
+from .saved_state import Stateful
 
 __all__ = ["PositionJumps"]
 
 Array = NDArray[np.float64]
 
 
-class PositionJumps:
+class PositionJumps(Stateful):
     """Leaves out single positions that are far from both their neighbours, and tells where positions have jumped.
 
     A filter makes a jump of a position an acceleration of hundreds of rad/s² over its whole response, which the model
@@ -46,6 +47,8 @@ class PositionJumps:
     >>> [(begins, len(rows)) for begins, rows in found], positions.counts["wild"]
     ([(False, 69), (True, 30)], 1)
     """
+
+    _STATE = ("counts", "_last", "_velocity", "_doubted", "_waiting", "_turns")
 
     def __init__(self, rate: float, rotates: NDArray[np.bool_], longest_gap: float) -> None:
         self.rate, self.rotates, self.longest_gap = rate, rotates, longest_gap

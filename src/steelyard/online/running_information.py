@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from copy import deepcopy
+from collections.abc import Mapping, Sequence
+from copy import copy, deepcopy
 from dataclasses import replace
 from math import ceil
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,9 @@ from steelyard.dynamics import Model
 from steelyard.regression import Factor, Information
 from steelyard.regression.batch_means import BATCH_LENGTHS, summed, sums_of_all_lengths
 
-__all__ = ["CountedRows", "RunningInformation", "stacked"]
+from .saved_state import Stateful, alike
+
+__all__ = ["CountedRows", "RunningInformation", "information_of", "information_state", "stacked"]
 
 Array = NDArray[np.float64]
 
@@ -39,8 +42,10 @@ def stacked(triangle: Array, rows: Array) -> Array:
     return found
 
 
-class RunningInformation:
+class RunningInformation(Stateful):
     """The rows of each joint of one stretch of data, reduced as they come."""
+
+    _STATE = ("_triangles", "_weights", "_levels", "_level_weights", "_filled", "_waiting")
 
     def __init__(self, model: Model) -> None:
         self._nothing = Information.empty(model)
@@ -119,6 +124,20 @@ class RunningInformation:
             if other == joint:
                 waiting *= left
 
+    def state(self) -> dict[str, Any]:
+        """Return the state, without what of the block is empty."""
+        blocks = [block[: self._filled] for block in self._block]
+        return super().state() | {"squared": self._squared, "blocks": blocks, "left": self._left[:, : self._filled]}
+
+    def restore(self, state: Mapping[str, Any]) -> Self:
+        """Take a state over."""
+        super().restore(state)
+        if state["squared"] is not None:
+            self._squared = [np.array(triangle, order="F") for triangle in state["squared"]]
+        for own, given in zip([*self._block, self._left.T], [*state["blocks"], state["left"].T], strict=True):
+            own[: self._filled] = given
+        return self
+
     def _end_block(self) -> None:
         self._drain()
         self._waiting = list(zip(range(len(self._block)), self._block, self._left, strict=True))
@@ -193,7 +212,7 @@ def _factors(empty: Sequence[Factor], triangles: Sequence[Array], weights: Array
     return tuple(found)
 
 
-class CountedRows:
+class CountedRows(Stateful):
     """The rows that an Information counts: all of them, those of a window, or the more the newer they are.
 
     Parameters
@@ -203,6 +222,8 @@ class CountedRows:
     window : int, optional
         Samples; older ones are dropped.
     """
+
+    _STATE = ("_current", "_filled")
 
     def __init__(self, model: Model, keep: float = 1.0, window: int | None = None) -> None:
         self.model, self.keep = model, keep
@@ -232,6 +253,26 @@ class CountedRows:
         for part in self._parts[1:]:
             self._older.merge(part)
 
+    def copy(self) -> CountedRows:
+        """Return a copy that grows by itself."""
+        other = copy(self)
+        other._parts, other._current = [part.copy() for part in self._parts], self._current.copy()
+        other._older = None if self._older is None else self._older.copy()
+        return other
+
+    def state(self) -> dict[str, Any]:
+        """Return the state, with that of each part of the window."""
+        older = None if self._older is None else self._older.state()
+        return super().state() | {"parts": [part.state() for part in self._parts], "older": older}
+
+    def restore(self, state: Mapping[str, Any]) -> Self:
+        """Take a state over."""
+        super().restore(state)
+        self._parts = [RunningInformation(self.model).restore(part) for part in state["parts"]]
+        if state["older"] is not None:
+            self._older = RunningInformation(self.model).restore(state["older"])
+        return self
+
     def information(self, batch_means: bool = True) -> Information:
         """All of it, with sums of neighbouring rows or, at once, without."""
         current = self._current.information(batch_means)
@@ -243,3 +284,22 @@ class CountedRows:
         if self._older is None:
             return list(current)
         return [np.vstack(both) for both in zip(self._older.squared(), current, strict=True)]
+
+
+def information_state(information: Information) -> list[list[list[Any]]]:
+    """Return the numbers of an Information of such rows."""
+    levels = (information.factors, *information.batch_means)
+    return [[[factor.triangle, factor.count] for factor in level] for level in levels]
+
+
+def information_of(model: Model, state: Sequence[Sequence[Sequence[Any]]]) -> Information:
+    """Return the Information of which `information_state` gave the numbers."""
+    empty = Information.empty(model)
+    first, *others = (
+        tuple(
+            replace(factor, triangle=alike(factor.triangle, triangle, "triangle"), count=count)
+            for factor, (triangle, count) in zip(empty.factors, level, strict=True)
+        )
+        for level in state
+    )
+    return replace(empty, factors=first, batch_means=tuple(others))

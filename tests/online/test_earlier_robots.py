@@ -1,0 +1,163 @@
+"""Robots that come back: what is put down again, what is picked up again, and what was only pushed."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import steelyard as sy
+from steelyard.online.earlier_robots import MOST_EARLIER
+
+Array = NDArray[np.float64]
+RATE, NOISE = 500, 0.1
+BODY = sy.Inertia.from_com(3.0, [-0.2, 0.0, 0.05], 0.02 * np.eye(3)).parameters
+HELD = sy.Inertia.from_com(1.5, [0.02, 0.03, 0.1], 0.01 * np.eye(3)).parameters
+TERMS = [0.5, 0.8], [0.3, 0.4]
+
+
+def robot_with(part: float) -> Array:
+    """Return the parameters of the arm with so much of the payload."""
+    return np.concatenate([BODY, TERMS[0], BODY + part * HELD, TERMS[1]])
+
+
+@pytest.fixture(scope="module")
+def model() -> sy.Model:
+    robot = sy.Robot.from_dh([("pi/2", 0, 0.3, "q"), (0, 0.5, 0, "q")], name="arm")
+    return sy.Model(robot.with_terms(sy.Viscous(), sy.Coulomb()))
+
+
+class Work:
+    """A motion, and the torques of an arm that carries so much of the payload, part by part of so many seconds."""
+
+    def __init__(
+        self, model: sy.Model, parts: list[tuple[float, float]], rest: tuple[float, float] = (0.0, 0.0)
+    ) -> None:
+        ends = np.cumsum([seconds for seconds, _ in parts])
+        self.t = np.arange(round(RATE * ends[-1])) / RATE
+        # Time itself slows down before the arm rests.
+        begin, end = rest
+        speed = np.interp(self.t, [begin - 0.5, begin, end, end + 0.5], [1.0, 0.0, 0.0, 1.0])
+        speed = speed**2 * (3.0 - 2.0 * speed) if end else np.ones_like(self.t)
+        phase, change = np.cumsum(speed) / RATE, np.gradient(speed, 1.0 / RATE)
+        q, dq, ddq = np.zeros((3, len(self.t), 2))
+        for pace, shift in zip(np.array([[3.0, 4.0], [1.3, 2.2]]), np.array([[0.0, 1.0], [2.0, 3.0]]), strict=True):
+            wave = pace * phase[:, None] + shift
+            q += 0.5 * np.sin(wave)
+            dq += 0.5 * pace * np.cos(wave) * speed[:, None]
+            ddq += 0.5 * pace * (np.cos(wave) * change[:, None] - pace * np.sin(wave) * speed[:, None] ** 2)
+        self.motion = q, dq, ddq
+        self.part = np.searchsorted(ends, self.t, side="right").clip(max=len(parts) - 1)
+        carried = np.array([share for _, share in parts])[self.part]
+        alone, loaded = (model.inverse_dynamics(*self.motion, robot_with(x)) for x in (0.0, 1.0))
+        self.carried = carried
+        self.torque = alone + carried[:, None] * (loaded - alone)  # the payload's part is linear in its parameters
+        self.torque += NOISE * np.random.default_rng(1).normal(size=alone.shape)
+
+    def feed(self, estimator: sy.OnlineEstimator, begin: float = 0.0, end: float = np.inf) -> None:
+        rows = (self.t >= begin) & (self.t < end)
+        estimator.update(self.t[rows], self.motion[0][rows], self.torque[rows])
+
+
+def deviations(estimator: sy.OnlineEstimator, true: Array) -> Array:
+    """How far least squares of what counts is from the truth, in its own standard errors."""
+    found = sy.least_squares(estimator.information)
+    return np.abs(found.base - estimator.model.base_parameters().K @ true) / found.standard_error
+
+
+def test_what_is_known_of_the_bare_arm_grows_with_each_time_that_something_is_put_down(model: sy.Model) -> None:
+    """Before, all that was known was forgotten each time; and what was carried must not count."""
+    work = Work(model, [(10.0, 0.0), *[(3.0, 1.0), (3.0, 0.0)] * 5])
+    estimator = sy.OnlineEstimator(model, rate=RATE, detect_changes=True)
+    payload, alone, rows = sy.OnlinePayload(estimator), [], []
+    for end in np.arange(10.0, 41.0, 3.0):
+        work.feed(estimator, end - 3.0 if end > 10.0 else 0.0, end)
+        told = payload.estimate()
+        bare = estimator.robot == 0
+        assert bare == (told is None)
+        if bare:
+            alone.append(estimator.information.relative_error(estimator.estimate().base))
+            rows.append(estimator.factors()[0].count)
+            assert deviations(estimator, robot_with(0.0)).max() < 4.0
+        else:
+            assert told is not None
+            assert 1.5 in told["mass"]
+            assert told.mass == pytest.approx(1.5, rel=0.05)
+    assert [change.robots[1] for change in estimator.changes[1::2]] == [0] * 5
+    assert len(rows) == 6
+    assert np.diff(rows).min() > 1.5 * RATE  # of 3 s, in which the filter holds 0.22 s back
+    sentences = [remark for remark in estimator.remarks if "back to what it was at first" in remark]
+    assert len(sentences) == 1
+    assert "the estimate goes on from what was known of it" in sentences[0]
+
+
+def test_a_payload_that_is_picked_up_again_is_known_again(model: sy.Model) -> None:
+    work = Work(model, [(8.0, 0.0), (8.0, 1.0), (8.0, 0.0), (8.0, 1.0)])
+    estimator = sy.OnlineEstimator(model, rate=RATE, detect_changes=True)
+    work.feed(estimator)
+    assert [change.robots for change in estimator.changes] == [(0, 1), (1, 0), (0, 1)]
+    assert estimator.factors()[0].count > 13.0 * RATE
+    assert deviations(estimator, robot_with(1.0)).max() < 4.0
+    told = sy.OnlinePayload(estimator).estimate()
+    assert told is not None
+    assert 1.5 in told["mass"]
+    # The arm without it is what was learned in both of its parts.
+    assert estimator.first_robot is not None
+    assert estimator.first_robot.factors[0].count > 13.0 * RATE
+
+
+def test_a_joint_that_is_pushed_for_a_while_leaves_nothing_behind(model: sy.Model) -> None:
+    work = Work(model, [(16.0, 0.0)])
+    work.torque[(work.t >= 10.0) & (work.t < 10.8), 1] += 4.0
+    estimator = sy.OnlineEstimator(model, rate=RATE, detect_changes=True)
+    work.feed(estimator)
+    assert [change.robots for change in estimator.changes] == [(0, 0)]
+    assert estimator.changes[0].joint_names == ("joint2",)
+    assert sy.OnlinePayload(estimator).estimate() is None
+    assert deviations(estimator, robot_with(0.0)).max() < 4.0
+    (told,) = (remark for remark in estimator.remarks if "joint2" in remark)
+    assert "was not as predicted for a while" in told
+
+
+def test_an_arm_that_rests_when_it_has_put_something_down_is_known_when_it_moves_again(model: sy.Model) -> None:
+    work = Work(model, [(8.0, 0.0), (4.0, 1.0), (14.0, 0.0)], rest=(12.5, 21.0))
+    estimator = sy.OnlineEstimator(model, rate=RATE, detect_changes=True)
+    work.feed(estimator)
+    assert [change.robots for change in estimator.changes] == [(0, 1), (1, 0)]
+    assert deviations(estimator, robot_with(0.0)).max() < 4.0
+
+
+def test_another_payload_is_another_robot_and_the_first_one_is_never_forgotten(model: sy.Model) -> None:
+    shares = (1.0, 0.5, 2.0, 0.25, 1.5, 0.75)
+    work = Work(model, [(8.0, 0.0), *[(6.0, share) for share in shares], (8.0, 0.0)])
+    estimator = sy.OnlineEstimator(model, rate=RATE, detect_changes=True)
+    work.feed(estimator)
+    assert [change.robots[1] for change in estimator.changes] == [1, 2, 3, 4, 5, 6, 0]
+    assert len(estimator._earlier) <= MOST_EARLIER
+    assert deviations(estimator, robot_with(0.0)).max() < 4.0
+
+
+def test_a_robot_of_which_little_is_known_is_not_taken_for_the_one_that_is_there(model: sy.Model) -> None:
+    """Its data allow nearly any torque, so that nearly any robot agrees with them."""
+    work = Work(model, [(8.0, 0.0), (2.6, 1.0), (6.0, 0.5)])
+    estimator = sy.OnlineEstimator(model, rate=RATE, detect_changes=True)
+    work.feed(estimator)
+    assert [change.robots[1] for change in estimator.changes] == [1, 2]
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_earlier_robots_go_on_after_a_night(model: sy.Model, tmp_path: Path, seed: int) -> None:
+    """At any time, also within the second in which one is known again: files are the same to the last byte."""
+    work, random = Work(model, [(7.0, 0.0), *[(2.5, 1.0), (2.5, 0.0)] * 3]), np.random.default_rng(seed)
+    never, stopped = (sy.OnlineEstimator(model, rate=RATE, detect_changes=True) for _ in range(2))
+    path, last = tmp_path / "arm.npz", 0.0
+    for end in (*np.sort(random.uniform(0.0, 22.0, 40)), 22.0):
+        for estimator in (never, stopped):
+            work.feed(estimator, last, end)
+        stopped.save(path)
+        stopped, last = sy.OnlineEstimator.load(path, model), end
+    stopped.save(path)
+    never.save(tmp_path / "never.npz")
+    assert path.read_bytes() == (tmp_path / "never.npz").read_bytes()
+    assert stopped.remarks == never.remarks
+    assert {change.robots[1] for change in stopped.changes[1::2]} == {0}
