@@ -4,6 +4,7 @@ The robot is the seven-joint WAM arm of the thesis with its drives (119 paramete
 
     python benchmarks/online.py                    # speed and the batch fit
     python benchmarks/online.py --payloads 100     # so many simulated pick-ups of 2 kg, 5 s each
+    python benchmarks/online.py --cycles 15        # 2 kg picked up and put down so many times, 3 s each, after 12 s
 """
 
 import argparse
@@ -13,7 +14,7 @@ import numpy as np
 
 import steelyard as sy
 from steelyard.estimators import fitting_problems
-from steelyard.identification.wam import simulated_log, wam_model
+from steelyard.identification.wam import simulated_log, true_parameters, wam_model
 from steelyard.online import simulated_pick_up, watch_pick_up
 
 
@@ -129,14 +130,63 @@ def payloads(first, count, mass=2.0, seconds=3.0):
     )
 
 
+def cycles(seed, count, seconds=3.0, alone=12.0, mass=2.0):
+    """How an arm that picks and places goes on learning: what is noticed, and how well the bare arm is known."""
+    model, true, random = wam_model(), true_parameters(), np.random.default_rng(seed)
+    t = np.arange(round(1000 * (alone + 2 * count * seconds))) / 1000
+    paces, sizes = 2 * np.pi * random.uniform(0.05, 0.6, (5, 7)), random.uniform(0.1, 0.4, (5, 7))
+    shifts = random.uniform(0, 2 * np.pi, (5, 7))
+    q, dq, ddq = np.zeros((3, len(t), 7))
+    for pace, size, shift in zip(paces, sizes, shifts, strict=True):
+        wave = pace * t[:, None] + shift
+        q += size * np.sin(wave)
+        dq += size * pace * np.cos(wave)
+        ddq -= size * pace**2 * np.sin(wave)
+    loaded = true.copy()
+    loaded[np.asarray(model.link_columns[-1])] += sy.Inertia.from_com(
+        mass, [0.02, 0.01, 0.1], 0.01 * np.eye(3)
+    ).parameters
+    carries = (t >= alone) & (np.floor((t - alone) / seconds) % 2 == 0)
+    torque = np.where(carries[:, None], *(model.inverse_dynamics(q, dq, ddq, p) for p in (loaded, true)))
+    torque += 0.05 * np.sqrt(np.mean(torque**2, axis=0)) * random.normal(size=q.shape)
+    q = q + 1e-5 * random.normal(size=q.shape)
+    elsewhere = [random.uniform(-1, 1, (300, 7)) * size for size in (1.5, 1.0, 3.0)]
+    truth = model.inverse_dynamics(*elsewhere, true)
+    estimator = sy.OnlineEstimator(model, detect_changes=True)
+    payload, errors, masses, inside, told = sy.OnlinePayload(estimator), [], [], 0, 0
+    ends = [alone, *(alone + seconds * (k + 1) for k in range(2 * count))]
+    for number, (begin, end) in enumerate(zip([0.0, *ends], ends, strict=False)):
+        for start in range(round(1000 * begin), round(1000 * end), 10):
+            estimator.update(*(one[start : start + 10] for one in (t, q, torque)))
+        found = payload.estimate()
+        if number % 2:
+            masses.append(abs(found.mass / mass - 1.0) if found else 1.0)
+            inside += found is not None and mass in found["mass"]
+        else:
+            predicted = model.inverse_dynamics(*elsewhere, estimator.estimate().parameters)
+            errors.append(np.linalg.norm(predicted - truth) / np.linalg.norm(truth))
+            told += found is not None and 0.0 not in found["mass"]
+    print(
+        f"seed {seed}, {count} times {mass:g} kg for {seconds:g} s: {estimator.change_count} of {2 * count} changes "
+        f"noticed; torques of the bare arm to {errors[0]:.2%} at first, {errors[-1]:.2%} at last, "
+        f"{max(errors):.2%} at worst; mass to {np.median(masses):.2%} (worst {max(masses):.2%}), in its interval "
+        f"{inside} times; told of an arm that carries nothing: {told} times",
+        flush=True,
+    )
+
+
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--payloads", type=int, default=0)
+    parser.add_argument("--cycles", type=int, default=0)
     parser.add_argument("--first", type=int, default=0, help="seed of the first pick-up")
     arguments = parser.parse_args()
     if arguments.payloads:
         payloads(arguments.first, arguments.payloads)
+    elif arguments.cycles:
+        for seed in range(arguments.first, arguments.first + 5):
+            cycles(seed, arguments.cycles)
     else:
         batch()
         speed(arguments.seconds)
