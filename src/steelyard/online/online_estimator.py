@@ -20,7 +20,7 @@ from steelyard.estimators.cross_validation import term_deviations
 from steelyard.estimators.estimator import proved_estimate
 from steelyard.estimators.fitting_problems import GAP, WarmFit
 from steelyard.estimators.physical_prior import PhysicalPrior, physical_prior
-from steelyard.estimators.plausible_fit import set_with_habits, untested_weight
+from steelyard.estimators.plausible_fit import allowed_share, set_with_habits, untested_weight
 from steelyard.estimators.prior import PreparedPrior, Prior, distance_from
 from steelyard.estimators.reduced_fit import fit_reduced
 from steelyard.estimators.reduced_regression import ReducedRegression
@@ -62,11 +62,6 @@ SCALING = 4.0
 
 SHARING = 1.3
 """By which it grows until the weight of the prior is chosen anew, which takes some 30 ms (seven joints)."""
-
-SHARES = (1.0, 0.1, 0.01, 0.001)
-"""Parts of the prior's weight that are tried. *Measured* with all of it, on simulated arms after 60 s: torques are off
-by 0.24 % (WAM), 3 and 7 % (two joints), where least squares are off by 0.09, 0.05 and 0.3 %, and answers lie some
-hundred standard deviations from these."""
 
 FEW = 20.0
 """Rows for each base parameter below which the residual tells little of the noise."""
@@ -824,30 +819,28 @@ class OnlineEstimator:
         return _Slow(rows, weights, deviations, prior, prior.prepare(self._set, weight), weight)
 
     def _share_of_prior(self, info: Information, weights: Array, prior: Prior) -> float:
-        """Return the largest part of the prior's weight with which it takes no more from the fit than noise does.
-
-        So an answer lies where the data's own confidence region is, as far as the set allows (the discrepancy principle
-        of Morozov, 1966).
-        """
+        """Return which part of its weight the prior may have, see `allowed_share`."""
         problem, K, whole = info.reduced(weights), self._set.K, untested_weight(info.count)
         if info.count < FEW * len(K):
             return 1.0
         center, covariance = self._covariance_with(weights)
         deviations, variance = covariance.in_deviations(), _variance(problem)
-        start, away = (self._search.start, self._search.multipliers), []
-        with contextlib.suppress(np.linalg.LinAlgError):  # at the very edge matrices are singular to rounding
-            for share in SHARES:
-                prepared = prior.prepare(self._set, share * whole)
-                found = self._search.solve(problem.R, problem.rho, variance, prepared, share * whole)
-                base = K @ found.parameters
-                off, left = deviations @ (base - center), problem.R @ base - problem.rho
-                away.append([off @ off, left @ left / variance])
-                if min(away[-1]) <= len(K):
-                    break
-        self._search.start, self._search.multipliers = start  # from answers near the boundary a search crawls
-        # Where the set itself keeps answers away from the data, a smaller weight mends nothing.
-        near = np.min(np.array(away) - away[-1], axis=1) <= len(K)
-        return SHARES[int(np.argmax(near))]
+
+        def away(share: float) -> float:
+            prepared = prior.prepare(self._set, share * whole)
+            found = self._search.solve(problem.R, problem.rho, variance, prepared, share * whole)
+            base = K @ found.parameters
+            far, left = deviations @ (base - center), problem.R @ base - problem.rho
+            return float(min(far @ far, left @ left / variance))
+
+        start, multipliers = self._search.start, self._search.multipliers
+        try:
+            return allowed_share(away, len(K))
+        except np.linalg.LinAlgError:  # at the very edge matrices are singular to rounding
+            return self._share
+        finally:
+            # From answers with smaller weights, which lie near the boundary, a search crawls.
+            self._search.start, self._search.multipliers = start, multipliers
 
     def _joint_weights(self, info: Information) -> Array:
         if not isinstance(self._weights, str):
