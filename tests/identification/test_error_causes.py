@@ -198,6 +198,19 @@ def test_a_doubtful_delay_comes_behind_friction_that_makes_most_of_the_error(rob
         assert "delay" in sure[0].code
 
 
+def test_of_a_robot_of_one_joint_no_other_is_predicted_better():
+    """A pendulum whose torque sensor errs by something that lasts, as large as what its torque varies by."""
+    robot = sy.Robot.from_dh([("0", 0.0, 0.0, "q")], gravity=(0.0, -GRAVITY, 0.0)).with_terms(sy.Viscous(), sy.Offset())
+    q, dq, ddq = (one[:, 0] for one in motion(1.0))
+    tau = 0.4 * ddq + GRAVITY * 0.8 * np.cos(q) + 0.3 * dq
+    error = lfilter([0.1], [1.0, -0.9], np.random.default_rng(5).normal(size=len(T)))
+    tau += tau.std() / error.std() * error
+    result = sy.identify(robot, {"t": T, "q": q, "tau": tau})
+    step = next_steps(result)[0]
+    assert step.action == "See whether the torques of joint1 are right."
+    assert "other joints" not in step.reason
+
+
 def test_logs_that_are_too_short_are_not_tried(robot):
     log = {name: column[:180] for name, column in recorded("friction").items()}
     assert error_causes(sy.identify(robot, log)) is None

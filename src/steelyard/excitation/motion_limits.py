@@ -202,6 +202,12 @@ class MotionLimits:
         except InputError as error:
             raise InputError(f"{where}: {error}") from None
 
+    @property
+    def endless(self) -> tuple[str, ...]:
+        """The joints whose motion nothing bounds: neither positions nor velocity nor acceleration have a limit."""
+        bounded = np.isfinite([self.upper - self.lower, self.velocity, self.acceleration]).any(axis=0)
+        return tuple(name for name, is_bounded in zip(self.joint_names, bounded, strict=True) if not is_bounded)
+
     def widening(self, robot: Robot) -> tuple[str, ...]:
         """Return the remark, if any, that these limits are wider than those of the robot's description.
 
