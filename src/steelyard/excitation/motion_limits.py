@@ -205,8 +205,8 @@ class MotionLimits:
     @property
     def endless(self) -> tuple[str, ...]:
         """The joints whose motion nothing bounds: neither positions nor velocity nor acceleration have a limit."""
-        bounded = np.isfinite([self.upper - self.lower, self.velocity, self.acceleration]).any(axis=0)
-        return tuple(name for name, is_bounded in zip(self.joint_names, bounded, strict=True) if not is_bounded)
+        limits = zip(self.joint_names, self.upper - self.lower, self.velocity, self.acceleration, strict=True)
+        return tuple(name for name, *own in limits if not np.isfinite(own).any())
 
     def widening(self, robot: Robot) -> tuple[str, ...]:
         """Return the remark, if any, that these limits are wider than those of the robot's description.
