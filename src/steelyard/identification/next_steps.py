@@ -20,7 +20,7 @@ from steelyard.recording.survey import JUMPED
 from steelyard.regression import Information, least_squares
 
 from .doubts import heavy_ends
-from .error_causes import FRICTION, LEAST, MOTION, OSCILLATION, RIPPLE, ZERO, ErrorCause, error_causes
+from .error_causes import FRICTION, LEAST, LOGS, MOTION, OSCILLATION, RIPPLE, ZERO, ErrorCause, error_causes
 from .mistakes import Hypothesis
 from .parameter_table import parameter_sizes
 from .prediction_verdict import POOR_JOINT, UNTESTED, WRONG, said_of
@@ -477,6 +477,8 @@ def _without(identification: Identification, cause: ErrorCause, weak: Sequence[s
     tried = "as fits say that leave out stretches of the logs in turn" if cause.kind != OSCILLATION else ""
     robot = _robot(identification)
     logs = " ".join(_paths(identification, identification.logs)) or "LOG..."
+    if cause.kind == LOGS:
+        return _apart(identification, f"{size}, {where}, {tried}")
     if cause.kind == OSCILLATION:
         lowest, highest = (few_digits(one, 2) for one in cause.band)
         return NextStep(
@@ -524,6 +526,25 @@ def _without(identification: Identification, cause: ErrorCause, weak: Sequence[s
         + (f" Before, it was tried and not taken: {why}." if why else ""),
         f'[[terms]]\nkind = "{cause.kind}"',
         "toml",
+    )
+
+
+def _apart(identification: Identification, size: str) -> NextStep:
+    """What to do with logs that no robot explains together; the one that is predicted worst is set against the rest."""
+    names = list(_predicted(identification))
+    errors = {one.name: one.feasible_error for one in identification.predictions}
+    odd = max(names, key=lambda name: errors.get(name, 0.0))
+    rest = [name for name in identification.logs if name != odd]
+    first, second = (" ".join(_paths(identification, own)) or "LOG..." for own in (rest, [odd]))
+    robot = _robot(identification)
+    return NextStep(
+        "See what differs between the logs.",
+        f"No robot explains {listed(rest, MOST_NAMED)} and {odd} together as well as one explains each: with "
+        f"parameters of its own for each log {size}. One may have had a payload or a tool, colder gears or another "
+        "zero of a sensor. The last command names the link or the joint that differs.",
+        f"steelyard identify {robot} {first} --output first\nsteelyard identify {robot} {second} --output second\n"
+        "steelyard compare first second",
+        "console",
     )
 
 
