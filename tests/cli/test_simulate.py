@@ -105,6 +105,9 @@ def test_a_trajectory_is_followed(place, run):
     off = np.abs(frame.select("q1", "q2").to_numpy() - wanted).max()
     assert off < 1.5e-3  # friction near rest
     assert f"Note: the robot comes off the trajectory by up to {off:.3g} rad." in text
+    far = ("--initial", "0.9,-0.9")  # to get there takes a while
+    _, text, _ = run("simulate", place / "pair.urdf", "-o", place / "out", "--follow", place / "motion.json", *far)
+    assert "the trajectory" not in text
 
 
 @pytest.mark.parametrize(("friction", "follows"), [(0.5, True), (50.0, False)])

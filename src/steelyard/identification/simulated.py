@@ -172,7 +172,7 @@ def simulate_files(
         sign_width=sign_width,
         events=events,
     )
-    if follow is not None:
+    if follow is not None and initial is None:  # which may be far away from where the trajectory begins
         notes = (*notes, *_notes_on_following(result, trajectory, model.robot.position_units))
     if motors is not None:
         at_drives = result.torque if elastic is None else result.torque[:, motor_coordinates(model)]
