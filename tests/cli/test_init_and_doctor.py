@@ -120,6 +120,20 @@ def test_doctor_ends_with_what_it_found(stranger, run):
     assert run("doctor", place / "sound.csv", place / "nothing.urdf")[0] == 2
 
 
+def test_a_log_of_commands_leads_to_a_robot_file_without_the_log(stranger, run):
+    """`init` refuses such a log as `identify` does, so that it is no remedy with it."""
+    place, q, _ = stranger
+    write(place / "log.csv", ["t", "q1", "q2", "q_des1", "q_des2"], [T, q, q])
+    for command in (("identify",), ("init",)):
+        out = place / command[0]
+        code, _, err = run(*command, place / "pair.urdf", place / "log.csv", "-o", out)
+        assert code == 2
+        assert f"or write a robot.toml without the log: steelyard init {place / 'pair.urdf'})." in " ".join(err.split())
+    code, _, _ = run("init", place / "pair.urdf", "-o", place / "robot.toml", "-q")
+    assert code == 0
+    assert "pair.urdf tells." in (place / "robot.toml").read_text()
+
+
 def test_init_takes_the_line_that_its_message_asks_for(stranger, run):
     place, q, torque = stranger
     write(place / "log.csv", ["moment_of_row", "q1", "q2", "tau1", "tau2"], [T, q, torque])

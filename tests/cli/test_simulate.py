@@ -98,11 +98,36 @@ def test_a_trajectory_is_followed(place, run):
         a=np.array([[0.3, -0.2], [0.5, 0.1]]), b=np.array([[0.1, 0.2], [-0.1, 0.3]]), center=np.zeros(2), frequency=0.5
     )
     trajectory.save(place / "motion.json")
-    code, _, _ = run("simulate", place / "pair.urdf", "-o", place / "out", "--follow", place / "motion.json")
+    code, text, _ = run("simulate", place / "pair.urdf", "-o", place / "out", "--follow", place / "motion.json")
     assert code == 0
     frame = polars.read_csv(place / "out" / "simulation.csv")
     wanted = trajectory.motion(frame["t"].to_numpy())[0]
-    assert np.abs(frame.select("q1", "q2").to_numpy() - wanted).max() < 0.01  # friction near rest
+    off = np.abs(frame.select("q1", "q2").to_numpy() - wanted).max()
+    assert off < 1.5e-3  # friction near rest
+    assert f"Note: the robot comes off the trajectory by up to {off:.3g} rad." in text
+    far = ("--initial", "0.9,-0.9")  # to get there takes a while
+    _, text, _ = run("simulate", place / "pair.urdf", "-o", place / "out", "--follow", place / "motion.json", *far)
+    assert "the trajectory" not in text
+
+
+@pytest.mark.parametrize(("friction", "follows"), [(0.5, True), (50.0, False)])
+def test_a_joint_that_friction_keeps_from_the_trajectory_is_told(place, run, friction, follows):
+    """A wrist of 0.01 kg m² about its axis: 0.5 N·m change its acceleration by 50 rad/s² where it turns."""
+    (place / "wrist.urdf").write_text(
+        '<robot name="wrist"><link name="base"/><link name="hand"><inertial><origin xyz="0 0 0.1"/><mass value="1"/>'
+        '<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+        '<joint name="roll" type="continuous"><parent link="base"/><child link="hand"/><axis xyz="0 0 1"/>'
+        f'<dynamics damping="0" friction="{friction}"/></joint></robot>'
+    )
+    trajectory = FourierTrajectory(a=[[0.8]], b=[[0.0]], center=[0.0], frequency=0.5)
+    trajectory.save(place / "roll.json")
+    code, text, _ = run("simulate", place / "wrist.urdf", "-o", place / "out", "--follow", place / "roll.json")
+    assert code == 0
+    frame = polars.read_csv(place / "out" / "simulation.csv")
+    off = np.abs(frame["q1"].to_numpy() - trajectory.motion(frame["t"].to_numpy())[0][:, 0]).max()
+    said = f"this is not the motion of the trajectory, off which come roll by {off:.3g} rad"
+    assert (said not in text) == follows
+    assert (off < 0.05) == follows
 
 
 def test_torques_that_no_drive_gives_are_told(place, run):

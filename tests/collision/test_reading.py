@@ -99,6 +99,7 @@ def test_packages_are_found(tmp_path, monkeypatch):
         "ros": tmp_path / "workspace" / "thing_description",
         "ament": tmp_path / "install" / "share" / "thing_description",
         "parent": tmp_path / "own" / "thing_description",
+        "beside": tmp_path / "own" / "urdf" / "thing_description",
     }
     reference = "package://thing_description/meshes/a.stl"
 
@@ -107,9 +108,11 @@ def test_packages_are_found(tmp_path, monkeypatch):
         (places[place] / "meshes" / "a.stl").write_text("")
         return places[place] / "meshes" / "a.stl"
 
-    with pytest.raises(InputError, match=r'"package://thing_description/meshes/a.stl" is not found \(looked for .*ROS'):
+    with pytest.raises(InputError, match=r"stl\" is not found \(looked for .*ROS.*, or put it beside the description"):
         find_mesh(reference, urdf)
     made = make("parent")
+    assert find_mesh(reference, urdf) == made
+    made = make("beside")
     assert find_mesh(reference, urdf) == made
     made = make("ament")
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "install"))

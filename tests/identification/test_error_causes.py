@@ -33,8 +33,8 @@ T = np.arange(4000) / 100.0
 OSCILLATION = "Keep an oscillation out of the torques"
 
 
-def motion(speed):
-    random = np.random.default_rng(11)
+def motion(speed, course=11):
+    random = np.random.default_rng(course)
     rates = 2.0 * np.pi * speed * 0.08 * np.arange(1, 6)
     a, b = random.normal(size=(2, 5, JOINTS)) * 0.6 / np.arange(1, 6)[:, None]
     sines, cosines = np.sin(np.outer(T, rates)), np.cos(np.outer(T, rates))
@@ -57,8 +57,8 @@ def of_links(model, data, motion, base=None):
     return np.array(torques)
 
 
-def recorded(cause, seed=0, noise=0.01, lasting=0.0):
-    """Arrays of a log of the arm, whose links weigh 10 % more or less than described."""
+def recorded(cause, seed=0, noise=0.01, lasting=0.0, course=11):
+    """Arrays of a log of the arm, whose links weigh 10 % more or less than described; the `course` is its motion."""
     random = np.random.default_rng(seed)
     model = pin.buildModelFromXML(URDF)
     for k in range(1, JOINTS + 1):
@@ -70,7 +70,7 @@ def recorded(cause, seed=0, noise=0.01, lasting=0.0):
     if cause == "gravity":
         model.gravity.linear = GRAVITY * np.array([np.sin(0.2), 0.0, -np.cos(0.2)])
     data = model.createData()
-    q, dq, ddq = motion(2.0 if cause == "delay" else 1.0)
+    q, dq, ddq = motion(2.0 if cause == "delay" else 1.0, course)
     base = None
     if cause == "oscillation":  # the stand sways
         phases = random.uniform(0.0, 6.0, size=(3, 1, 2))
@@ -196,6 +196,45 @@ def test_a_doubtful_delay_comes_behind_friction_that_makes_most_of_the_error(rob
         assert [k for k, step in enumerate(steps) if "delay" in step.code] == [place]
         sure = next_steps(replace(result, mistakes={"data": (replace(late, gain=200.0),)}))
         assert "delay" in sure[0].code
+
+
+def test_of_a_robot_of_one_joint_no_other_is_predicted_better():
+    """A pendulum whose torque sensor errs by something that lasts, as large as what its torque varies by."""
+    robot = sy.Robot.from_dh([("0", 0.0, 0.0, "q")], gravity=(0.0, -GRAVITY, 0.0)).with_terms(sy.Viscous(), sy.Offset())
+    q, dq, ddq = (one[:, 0] for one in motion(1.0))
+    tau = 0.4 * ddq + GRAVITY * 0.8 * np.cos(q) + 0.3 * dq
+    error = lfilter([0.1], [1.0, -0.9], np.random.default_rng(5).normal(size=len(T)))
+    tau += tau.std() / error.std() * error
+    result = sy.identify(robot, {"t": T, "q": q, "tau": tau})
+    step = next_steps(result)[0]
+    assert step.action == "See whether the torques of joint1 are right."
+    assert "other joints" not in step.reason
+
+
+@pytest.mark.parametrize("held_out", [False, True])
+def test_a_payload_in_one_log_is_no_lack_of_motion(robot, held_out):
+    """2 kg in the last of two logs, of which either alone is explained: neither drift nor motion makes up for them."""
+    logs = [recorded(None), recorded("payload", course=12)]
+    alone = [sy.identify(robot, log).prediction for log in logs]
+    result = sy.identify(robot, logs[:1], validate=logs[1:]) if held_out else sy.identify(robot, logs)
+    (cause,) = error_causes(result)
+    assert cause.kind == "logs"
+    left, low, high = cause.left_of(result.prediction.relative_error)
+    own = alone[1:] if held_out else alone
+    assert low < left < high < 0.3 * result.prediction.relative_error
+    assert 0.5 < left / np.sqrt(np.mean([one.relative_error**2 for one in own])) < 2.0
+    step = next_steps(result)[0]
+    assert step.action == "See what differs between the logs."
+    assert [line.split()[1] for line in step.code.splitlines()] == ["identify", "identify", "compare"]
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("held_out", [False, True])
+def test_logs_of_one_robot_do_not_differ(robot, seed, held_out):
+    """Also where the last one is of another motion, and the errors last."""
+    logs = [recorded(None, noise_seed, lasting=0.05, course=course) for noise_seed, course in ((seed, 11), (seed, 13))]
+    result = sy.identify(robot, logs[:1], validate=logs[1:]) if held_out else sy.identify(robot, logs)
+    assert not [one for one in error_causes(result) if one.kind == "logs"]
 
 
 def test_logs_that_are_too_short_are_not_tried(robot):

@@ -192,7 +192,7 @@ def test_names_that_toml_quotes_survive(tmp_path):
 
 def test_a_robot_file_is_refused(tmp_path):
     (tmp_path / "robot.toml").write_text("")
-    with pytest.raises(sy.InputError, match="is a robot file already; give the description"):
+    with pytest.raises(sy.InputError, match="is a robot file already, which every other command takes as it is"):
         first_robot_file(tmp_path / "robot.toml")
 
 

@@ -153,6 +153,23 @@ def test_a_mistake_is_found(planted, arms, mistake):
     assert found[0].gain > 10.0
 
 
+@pytest.mark.parametrize("other", [False, True])
+def test_a_mistake_that_leaves_the_log_wrong_is_not_told_as_all_that_is(other):
+    """The sign of the elbow's torque is wrong, and that of the other joint may be that of no such robot."""
+    robot = sy.Robot.from_dh([("pi/2", 0.0, 0.3, "q"), (0, 0.4, 0, "q")]).with_terms(sy.Viscous(), sy.Coulomb())
+    t = np.arange(0.0, 20.0, 0.04)[:, None]
+    speed = np.array([0.9, 1.3])
+    q, dq, ddq = np.sin(speed * t), speed * np.cos(speed * t), -(speed**2) * np.sin(speed * t)
+    c, s = np.cos(q[:, 1]), np.sin(q[:, 1])  # a rod of 2 kg, 0.2 m from the joint, by hand
+    pan = 0.08 * (c**2 * ddq[:, 0] - 2 * c * s * dq[:, 0] * dq[:, 1]) + 0.3 * dq[:, 0]
+    elbow = 0.08 * (ddq[:, 1] + c * s * dq[:, 0] ** 2) + 9.81 * 0.4 * c + 0.2 * dq[:, 1]
+    if other:
+        pan = 2.0 * np.sin(3.7 * t[:, 0])
+    found = find_mistakes(sy.Model(robot), sy.Samples(q=q, dq=dq, ddq=ddq, torque=np.stack([pan, -elbow], axis=1)))
+    assert found[0].statement == "The sign of the torque of joint2 looks wrong"
+    assert ("be of another robot" in found[0].evidence) == other
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("motion", ["weak", "ordinary", "rich"])
 @pytest.mark.parametrize("cad", [True, False])

@@ -158,6 +158,19 @@ def recorded(motion, folder, longer, rate=200.0):
     return folder / "log.npz"
 
 
+@pytest.mark.parametrize("measured", [False, True])
+def test_velocities_that_were_measured_tell_a_light_description_from_wrong_times(motion, tmp_path, measured):
+    """Moments of inertia that the description has too small take torques as accelerations do: the stamps are right."""
+    t, q, dq, ddq = motion
+    wide = {name: sy.Inertia.from_com(one.mass, one.com, 25.0 * one.about_com) for name, one in CAD.items()}
+    model = sy.Model(robot_of(wide))
+    truth = np.where(np.isnan(model.robot.parameters), 0.3, model.robot.parameters)
+    torque = model.inverse_dynamics(q, dq, ddq, truth) + 0.05 * np.random.default_rng(3).normal(size=q.shape)
+    log = sy.Recording(t=t, q=q, velocity=dq if measured else None, torque=torque).save(tmp_path / "log.csv")
+    told = [one.statement for one in examine(log, robot_of(CAD)).findings if "the times look" in one.statement]
+    assert len(told) == (not measured)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("longer", [0.5, 2.0, 4.0])
 def test_rows_that_are_closer_or_further_apart_are_the_first_thing_to_check(motion, tmp_path, longer):

@@ -172,6 +172,8 @@ def test_noise_that_a_controller_answers_is_not_taken_for_motion(arm):
     decision = decide(Processing(cutoff="auto", velocity_threshold="auto"), [recording], model)
     # What is said of a key is found by the key, not by its words.
     assert decision.reasons["cutoff"] == choice.reason
+    least = np.exp(np.log(choice.joint_errors).mean(axis=1)).min()  # another error than that of all torques in all rows
+    assert f"the mean error of joints in fast motion, {100 * least:.3g} %, is least at" in choice.reason
     assert decision.remarks[0] == f"{choice.reason}; set `cutoff` in [processing] to choose."
     assert decision.reasons.keys() == {"cutoff", "velocity_threshold"}
     assert decision.remarks[1].startswith(decision.reasons["velocity_threshold"])

@@ -186,6 +186,11 @@ def test_matrices_take_motors_to_joints(log: Columns, write: Callable[..., Path]
     columns = LogColumns.from_dict(section)
     assert LogColumns.from_dict(columns.to_dict()) == columns
     assert columns.position_offset == (0.0, pi / 2)
+    counts = LogColumns.from_dict({"position_matrix": [["2*pi/4096/101", 0], ["-pi / 2 / 3", "1e-3/2/5"]]})
+    assert counts.position_matrix == ((2 * pi / (4096 * 101), 0.0), (-pi / 6, 1e-4))
+    for wrong in ("2*pi/4096/", "2*pi/4096/0", "1//2", "1/2/x"):
+        with pytest.raises(InputError, match=r"must be a finite number|a division by zero"):
+            LogColumns.from_dict({"position_matrix": [[wrong]]})
 
 
 def test_a_stated_rate_replaces_rounded_stamps(log: Columns, write: Callable[..., Path]) -> None:

@@ -88,6 +88,8 @@ def test_the_end_goes_where_trigonometry_says(page: lxml.html.HtmlElement, desig
         assert (low, high) == pytest.approx((values.min(), values.max()), abs=5e-3)
     assert len(page.xpath("//*[local-name()='line'][@class='path']")) > 200
     assert len(page.xpath("//*[local-name()='g'][@class='later']")) == 4
+    # Beside the drawing three ranges have no room: heights, which tell of the table, were to be scrolled to.
+    assert not page.xpath("//*[@class='drawing']//*[@id='extent-table']")
 
 
 def test_the_path_of_a_long_motion_is_as_smooth_as_that_of_its_first_period(

@@ -11,9 +11,11 @@ import typer.main
 
 import steelyard as sy
 from steelyard.cli.main import app
+from steelyard.excitation.motion_limits import MotionLimits
+from steelyard.excitation.motion_search import SearchOptions
 from steelyard.identification import Identification
 from steelyard.identification.mistakes import Hypothesis
-from steelyard.identification.next_steps import NextStep, found, next_steps
+from steelyard.identification.next_steps import NextStep, excite_command, found, next_steps
 from steelyard.identification.parameter_table import TOO_MANY
 from steelyard.identification.wrong_scale import WrongScale
 from steelyard.recording.correction import Correction
@@ -76,8 +78,35 @@ def test_a_mistake_of_one_log_is_not_said_to_be_that_of_all(identification: Iden
 def test_a_wrong_model_without_a_mistake_is_for_the_doctor(identification: Identification) -> None:
     (step,) = next_steps(judged(identification, "wrong"))
     assert step.code.startswith("steelyard doctor ")
-    assert shlex.split(step.code)[2:] == [identification.logs[0], str(identification.robot_file)]
+    # The verdict is on a log that was held out, so that this is the log to look at.
+    assert shlex.split(step.code)[2:] == [identification.validation_logs[0], str(identification.robot_file)]
     assert usable(step)
+    of_fit = judged(identification, "wrong", source="5 stretches of the logs, each left out in turn")
+    assert shlex.split(next_steps(of_fit)[0].code)[2] == identification.logs[0]
+
+
+def test_a_model_that_is_wrong_of_a_motion_that_it_knows_asks_for_no_other(identification: Identification) -> None:
+    """The errors of the verdict are ten times those of a fit in which the same motion takes part, and huge as well."""
+    error = 10.0 * identification.prediction.joint_error
+    (step,) = next_steps(judged(identification, "wrong", relative_error=3.0, joint_error=error))
+    assert step.code.startswith("steelyard doctor ")
+    first, _ = next_steps(judged(identification, "wrong", relative_error=0.6, joint_error=error))
+    assert first.code.startswith("steelyard excite ")
+
+
+def test_a_motion_is_designed_with_what_was_found_and_with_limits_where_it_has_none(
+    identification: Identification,
+) -> None:
+    robot = identification.model.robot
+    assert not np.isfinite(MotionLimits.from_robot(robot).velocity).any()
+    assert excite_command(identification).endswith(" --limits LIMITS.toml --estimate DIR --output motion")
+    with pytest.raises(sy.InputError, match="would grow without bound"):
+        sy.design_excitation(identification.model, period=1.0)
+    limited = replace(robot, joints=tuple(replace(joint, velocity_limit=2.0) for joint in robot.joints))
+    fast = replace(identification, model=sy.Model(limited))
+    assert "--limits" not in excite_command(fast)  # joints that turn without end have none of position
+    sy.design_excitation(fast.model, period=2.0, harmonics=2, search=SearchOptions(starts=1))
+    assert "--estimate" not in excite_command(judged(identification, "wrong"))
 
 
 def test_a_model_that_knows_its_own_data_alone_needs_another_motion(identification: Identification) -> None:

@@ -18,8 +18,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import steelyard as sy
+from steelyard.dynamics import Dahl
 from steelyard.errors import is_installed
 from steelyard.identification import Identification
 from steelyard.identification.parameter_table import ParameterTable
@@ -206,6 +208,38 @@ def test_a_log_is_played_as_it_was_measured(identification: Identification, fold
     inner = error[50:-50]
     assert np.nanstd(inner[:, 0]) < 0.8  # the noise is 0.5
     assert np.nanstd(inner[:, 1]) < 0.2  # and 0.1
+
+
+def test_friction_that_remembers_is_played_with_its_state(tmp_path: Path) -> None:
+    """A log whose Dahl friction SciPy integrates, of a balanced disc in otherwise no gravity, by hand."""
+    away, friction, inertia = 0.05, 2.0, 0.4
+    robot = sy.Robot.from_dh([(0, 0, 0, "q")], name="disc").with_terms(Dahl(displacement=away))
+    file = sy.RobotFile.of(robot).with_settings("processing", cutoff="none", velocity_threshold="none", trim=0.0)
+    t = np.arange(0.0, 6.0, 0.002)
+    q, dq, ddq = 0.3 * np.sin(2 * t), 0.6 * np.cos(2 * t), -1.2 * np.sin(2 * t)
+
+    def rate(time: float, state: np.ndarray) -> np.ndarray:
+        speed = 0.6 * np.cos(2 * time)
+        return (speed - np.abs(speed) * state) / away
+
+    state = solve_ivp(rate, (0.0, 6.0), [0.0], t_eval=t, max_step=0.002, rtol=1e-8).y[0]
+    torque = inertia * ddq + friction * state
+    sy.Recording(t=t, q=q[:, None], torque=torque[:, None]).save(tmp_path / "log.csv")
+    model = sy.Model.from_file(file)
+    truth = np.zeros(model.parameter_count)
+    truth[[model.parameter_names.index(name) for name in ("Lzz1", "m1", "Fcj1")]] = inertia, 1.0, friction
+    disc = ViewedRobot(file, model, None, truth, truth)
+    seen = play_log(disc, tmp_path / "log.csv")
+    known = np.isfinite(seen.torques["measured"])
+    np.testing.assert_allclose(seen.torques["identified"][known], seen.torques["measured"][known], atol=0.02)
+    steady = inertia * ddq + friction * np.sign(dq)
+    assert np.abs(steady - torque).max() > 1.0
+    move = sy.excitation.QuinticTrajectory.point_to_point([[0.0], [1.0]], [2.0])
+    sy.excitation.save_trajectory(move, tmp_path / "move.json", joint_names=model.robot.joint_names)
+    played = play_trajectory(disc, tmp_path / "move.json").torques["identified"]
+    moving = slice(10, -10)
+    motion = move.motion(np.linspace(0.0, 2.0, len(played)))
+    np.testing.assert_allclose(played[moving], inertia * motion[2][moving] + friction, atol=1e-3)
 
 
 def test_pairs_that_come_too_near_are_found(viewed: ViewedRobot, place: Path) -> None:

@@ -94,6 +94,8 @@ def lines_told(message: str, arguments: Sequence[str]) -> str:
     section = named[0]
     key = _key(message, section)
     other = "" if arguments[0] == "init" else f", or write a robot.toml with: steelyard init {robots[0]} LOG"
+    if "[drive]" in message:  # a log without torques, which init refuses as well
+        other = f", or write a robot.toml without the log: steelyard init {robots[0]}"
     hint = f"({robots[0]} has no such section: add --set {section}.{key}=...{other})"
     return f"{message.rstrip().removesuffix('.')} {hint}."
 

@@ -268,7 +268,8 @@ def gains_from_equations(
     if asked.all() and not np.any(feasible_set.base_equations[1]):
         raise InputError(
             "All drive gains are to be found, but nothing that is known sets their scale; give the mass of the "
-            "payload, or equations in [constraints] of which the motion tells something."
+            "payload, its centre of mass as well where the joints do not tell one from the other, or equations in "
+            "[constraints] of which the motion tells something."
         )
     with one_thread():
         return _Search(currents, feasible_set, asked).found(solver)

@@ -327,7 +327,6 @@ def _limits(
     remarks: list[str],
     parameters: ArrayLike | None,
 ) -> MotionLimits:
-    names = tuple(model.robot.joint_names)
     bounds = MotionLimits.for_robot(model.robot, limits, where)
     remarks += bounds.widening(model.robot)
     if not isinstance(limits, MotionLimits):
@@ -338,12 +337,11 @@ def _limits(
                     "The effort limits of the description were not checked, because it has no inertia for some link."
                 )
             bounds = bounds.updated({"torque": float("inf")})
-    for k, name in enumerate(names):
-        if not np.isfinite([bounds.upper[k] - bounds.lower[k], bounds.velocity[k], bounds.acceleration[k]]).any():
-            raise InputError(
-                f"{name} has neither limits of position nor of velocity nor of acceleration, so that its motion would "
-                "grow without bound; give limits for it."
-            )
+    for name in bounds.endless:
+        raise InputError(
+            f"{name} has neither limits of position nor of velocity nor of acceleration, so that its motion would "
+            "grow without bound; give limits for it."
+        )
     return bounds
 
 

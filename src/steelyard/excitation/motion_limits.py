@@ -202,6 +202,12 @@ class MotionLimits:
         except InputError as error:
             raise InputError(f"{where}: {error}") from None
 
+    @property
+    def endless(self) -> tuple[str, ...]:
+        """The joints whose motion nothing bounds: neither positions nor velocity nor acceleration have a limit."""
+        limits = zip(self.joint_names, self.upper - self.lower, self.velocity, self.acceleration, strict=True)
+        return tuple(name for name, *own in limits if not np.isfinite(own).any())
+
     def widening(self, robot: Robot) -> tuple[str, ...]:
         """Return the remark, if any, that these limits are wider than those of the robot's description.
 

@@ -18,11 +18,11 @@ from steelyard.regression.reduction import joint_rows, residuals_of_rows
 from .mistakes import TOO_MANY_JOINTS
 from .result import Identification, Prediction, Trace
 
-__all__ = ["FRICTION", "MOTION", "OSCILLATION", "RIPPLE", "ZERO", "ErrorCause", "error_causes"]
+__all__ = ["FRICTION", "LOGS", "MOTION", "OSCILLATION", "RIPPLE", "ZERO", "ErrorCause", "error_causes"]
 
 Array = NDArray[np.float64]
 
-MOTION, FRICTION, ZERO, OSCILLATION = "motion", "friction", "zero", "oscillation"
+MOTION, FRICTION, ZERO, OSCILLATION, LOGS = "motion", "friction", "zero", "oscillation", "logs"
 RIPPLE, SPRING = "cogging", "spring"
 FOLDS = 8
 """Stretches of each log that are left out in turn."""
@@ -34,6 +34,8 @@ RIDGES = (1e-4, 1e-2, np.inf)
 """How firmly the answer is kept to while a cause is tried, as parts of what the data say of each base parameter. Each
 joint takes the one by which the cause brings most, beside a fit without the cause that keeps to the answer as much:
 rotors show only where links may give way, and where links are not determined they may not."""
+ALIKE = 0.8
+"""Part of what logs gain by parameters of their own with which a single cause says as much in fewer words."""
 FEWEST, MOST_LOGS = 200, 12
 """Rows of all logs below which nothing is tried, and logs that take part."""
 KNEES, TRAVELS = (0.05, 0.2), (0.003, 0.03)
@@ -54,8 +56,8 @@ class ErrorCause:
     Attributes
     ----------
     kind : str
-        ``"motion"`` (which did not show what the error is of), ``"oscillation"``, ``"zero"``, ``"friction"``, or the
-        kind of the term that the model lacks.
+        ``"motion"`` (which did not show what the error is of), ``"logs"`` (each is that of a robot of its own),
+        ``"oscillation"``, ``"zero"``, ``"friction"``, or the kind of the term that the model lacks.
     joint_shares : ndarray
         (N,) parts of the squared error of each joint that it takes away, 0 to 1.
     share, share_error : float
@@ -114,6 +116,12 @@ def _found(identification: Identification) -> tuple[ErrorCause, ...] | None:
     squares = np.nan_to_num(told.joint_error) ** 2
     trial = _Trial.of(identification, judged, others)
     causes = [*trial.causes(squares), *_oscillation(judged, squares)]
+    # Of logs that are not of one robot each has another offset, another zero and another friction, which say a part.
+    apart = next((one for one in causes if one.kind == LOGS), None)
+    if apart and any(one.share > ALIKE * apart.share for one in causes if one is not apart):
+        causes.remove(apart)
+    elif apart:
+        causes = [apart]
     kept, taken = [], np.zeros(len(squares))
     for cause in sorted(causes, key=lambda one: -one.share):
         more = np.maximum(cause.joint_shares - taken, 0.0)
@@ -129,6 +137,7 @@ class _Part(NamedTuple):
     products: list[Array]
     counts: Array
     fold: int
+    log: int
     judged: bool
 
 
@@ -166,7 +175,7 @@ class _Trial:
                     every = np.column_stack([whole[j][used, :-1], *cause, time[used], left[used, j]])
                     products.append(every.T @ every)
                     counts.append(len(used))
-                parts.append(_Part(products, np.array(counts), k, prediction in judged))
+                parts.append(_Part(products, np.array(counts), k, number, prediction in judged))
         groups: dict[str, list[NDArray[np.intp]]] = {}
         for j, c in enumerate(model.base_columns.joints):  # all logs have the same columns
             first = len(c)
@@ -181,10 +190,18 @@ class _Trial:
         counts = np.sum([part.counts for part in self.parts if part.judged], axis=0)
         whole = np.maximum(squares * counts, 1e-300)
         without = {ridge: self._squares([], weights, ridge) for ridge in RIDGES}
-        before = min(without.values(), key=lambda one: float(one.sum())).sum(axis=0)
+        together = min(without.values(), key=lambda one: float(one.sum()))
+        before = together.sum(axis=0)
         # What is left where the same motion takes part in the fit is no fault of the motion.
-        shares = np.clip(1.0 - before / whole, 0.0, 1.0)
-        yield from _told(MOTION, shares, float(np.sum(shares * squares) / squares.sum()), np.nan)
+        kind, left, error = MOTION, before, np.nan
+        if len(self.logs) > 1:
+            own = min((self._squares([], weights, one, own=True) for one in RIDGES), key=lambda one: float(one.sum()))
+            ratio = own.sum() / together.sum()
+            spread = np.sqrt(FOLDS) * np.std((own - ratio * together).sum(axis=1), ddof=1)  # of a ratio, linearised
+            if 1.0 - ratio > max(LEAST, SURE * spread / together.sum()):
+                kind, left, error = LOGS, own.sum(axis=0), float(spread / whole.sum())
+        shares = np.clip(1.0 - left / whole, 0.0, 1.0)
+        yield from _told(kind, shares, float(np.sum(shares * squares) / squares.sum()), error)
         unseen = any(part.judged for part in self.parts) and not all(part.judged for part in self.parts)
         friction = np.zeros((FOLDS, self.model.dof))
         for kind, places in self.groups.items():
@@ -195,7 +212,7 @@ class _Trial:
                 fallen = (others - self._squares(places, weights, ridge)) * of / np.maximum(others.sum(axis=0), 1e-300)
                 sure = fallen.sum(axis=0) > SURE * np.sqrt(FOLDS) * np.std(fallen, axis=0, ddof=1)
                 gains = np.where(sure & (fallen.sum(axis=0) > gains.sum(axis=0)), fallen, gains)
-            fitted = self._fit(range(FOLDS), places, weights, RIDGES[0])[1]
+            fitted = self._fit(self.parts, places, weights, RIDGES[0])[1]
             if kind in self.names and kind != Offset.kind:
                 gains = np.where([own[0] > 0.0 for own in fitted], gains, 0.0)
             if kind.startswith(FRICTION):  # one form at a joint
@@ -215,32 +232,39 @@ class _Trial:
         mean = squares / np.maximum(counts, 1)
         return np.asarray(1.0 / np.maximum(mean, 1e-12 * mean.max(initial=0.0) + 1e-300))
 
-    def _squares(self, places: Sequence[NDArray[np.intp]], weights: Array, ridge: float) -> Array:
-        """Squared errors (FOLDS, N) of the judged logs, of the answer as it changes with the columns of a cause."""
+    def _squares(self, places: Sequence[NDArray[np.intp]], weights: Array, ridge: float, *, own: bool = False) -> Array:
+        """Squared errors (FOLDS, N) of the judged logs, of the answer as it changes with the columns of a cause.
+
+        It changes with all logs together, or for each with its `own` rows alone.
+        """
         squares = np.zeros((FOLDS, self.model.dof))
         for k in range(FOLDS):
-            change, extra = self._fit([one for one in range(FOLDS) if one != k], places, weights, ridge)
+            others = [one for one in self.parts if one.fold != k]
+            together = None if own else self._fit(others, places, weights, ridge)
             for part in self.parts:
                 if part.fold != k or not part.judged:
                     continue
+                change, extra = together or self._fit(
+                    [one for one in others if one.log == part.log], places, weights, ridge
+                )
                 for j, (c, products) in enumerate(zip(self.model.base_columns.joints, part.products, strict=True)):
-                    own = np.zeros(len(products))
-                    own[: len(c)], own[-1] = -change[c], 1.0
+                    left = np.zeros(len(products))
+                    left[: len(c)], left[-1] = -change[c], 1.0
                     if places:
-                        own[places[j]] = -extra[j]
-                    squares[k, j] += max(float(own @ products @ own), 0.0)
+                        left[places[j]] = -extra[j]
+                    squares[k, j] += max(float(left @ products @ left), 0.0)
         return squares
 
     def _fit(
-        self, folds: Sequence[int] | range, places: Sequence[NDArray[np.intp]], weights: Array, ridge: float
+        self, parts: Sequence[_Part], places: Sequence[NDArray[np.intp]], weights: Array, ridge: float
     ) -> tuple[Array, list[Array]]:
-        """Return how the base parameters change, and what multiplies the columns of each joint."""
+        """Return how the base parameters change with some stretches, and what multiplies the columns of each joint."""
         many = self.model.base_parameters().count
         width = len(places[0]) if places else 0
         size = many + self.model.dof * width
         matrix, right = np.zeros((size, size)), np.zeros(size)
         for j, c in enumerate(self.model.base_columns.joints):
-            products = weights[j] * np.sum([one.products[j] for one in self.parts if one.fold in folds], axis=0)
+            products = weights[j] * np.sum([one.products[j] for one in parts], axis=0)
             at = np.concatenate([c, many + j * width + np.arange(width)]).astype(int)
             of = np.concatenate([np.arange(len(c)), places[j] if places else []]).astype(int)
             matrix[np.ix_(at, at)] += products[np.ix_(of, of)]

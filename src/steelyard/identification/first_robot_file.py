@@ -154,7 +154,10 @@ def first_robot_file(
     """
     say = progress or (lambda _: None)
     if Path(robot).suffix.lower() == ".toml":
-        raise InputError(f"{robot} is a robot file already; give the description that it names, such as a URDF.")
+        raise InputError(
+            f"{robot} is a robot file already, which every other command takes as it is; to guess another one, give "
+            "the description that it names, such as a URDF."
+        )
     draft = _Draft(RobotFile.load(robot), Path(folder))
     if log is None:
         draft.rotors_of_description()
@@ -336,9 +339,9 @@ class _Draft:
 
     def _text(self, description: Path, commented: bool) -> tuple[str, tuple[Guess, ...]]:
         sheet = _Sheet(commented)
-        of = f" and {Path(self._path).name}" if self.log is not None else ""
+        tell = f" and {Path(self._path).name} tell" if self.log is not None else " tells"
         sheet.comment(
-            f"The robot {self.robot.name}, as {self.source.name}{of} tell. Everything here is a guess; behind # stands "
+            f"The robot {self.robot.name}, as {self.source.name}{tell}. Everything here is a guess; behind # stands "
             "why. Change what is wrong."
         )
         sheet.state("", "name", self.robot.name, "the name in the description")

@@ -59,6 +59,9 @@ of other links are wrong by more than their prior says: on nine simulated arms t
 by 28 %, and by 2.6 times the standard deviation of the fit (root mean squares)."""
 FALLEN = 0.75
 """Share of the error, of all torques or of one joint, that is left at most."""
+STILL_WRONG = 0.2
+"""Relative error of all the torques, above which a model is wrong, see `prediction_verdict`: a mended log with as much
+may have another mistake, or be of another robot, to which one mistake after the other fits a little better."""
 HEAVIER = 4.0
 """Factor of all torques from which it is told where the error does not fall: motors and cables explain two."""
 EQUAL = 4.0
@@ -1038,6 +1041,8 @@ class _Search:
             if other is None:
                 return None
             evidence = other
+        if after.held_out_error > STILL_WRONG:
+            evidence += "; what is left is that of a wrong model: more may be mistaken, or the log be of another robot"
         return Hypothesis(candidate.kind, candidate.statement, candidate.correction, gain, *errors, joint, evidence)
 
     def _mass_evidence(self, candidate: _Candidate, before: LikeliestRobot, after: LikeliestRobot) -> str | None:

@@ -20,10 +20,10 @@ from steelyard.recording.survey import JUMPED
 from steelyard.regression import Information, least_squares
 
 from .doubts import heavy_ends
-from .error_causes import FRICTION, LEAST, MOTION, OSCILLATION, RIPPLE, ZERO, ErrorCause, error_causes
+from .error_causes import FRICTION, LEAST, LOGS, MOTION, OSCILLATION, RIPPLE, ZERO, ErrorCause, error_causes
 from .mistakes import Hypothesis
 from .parameter_table import parameter_sizes
-from .prediction_verdict import POOR_JOINT, UNTESTED, said_of
+from .prediction_verdict import POOR_JOINT, UNTESTED, WRONG, said_of
 from .result import Identification
 from .unlogged_torques import told_by_unlogged_torques
 
@@ -182,6 +182,12 @@ def _robot(identification: Identification) -> str:
 def _paths(identification: Identification, logs: Iterable[str]) -> list[str]:
     """Return the paths of the logs that are files, quoted for a shell."""
     return [shlex.quote(log) for log in logs if log not in identification.in_memory]
+
+
+def _predicted(identification: Identification) -> Iterable[str]:
+    """Return the logs of which the errors are."""
+    has_others = "validation log" in identification.prediction.source
+    return identification.validation_logs if has_others else identification.logs
 
 
 def _doctor_command(identification: Identification, logs: Iterable[str]) -> str:
@@ -358,7 +364,7 @@ def _doctor(identification: Identification) -> NextStep:
         "Look for what is wrong with the log.",
         f"{identification.prediction.relative_error:.0%} of the torques are left unexplained, and no single mistake "
         "that was tried explains it.",
-        _doctor_command(identification, identification.logs),
+        _doctor_command(identification, _predicted(identification)),
         "console",
     )
 
@@ -423,10 +429,15 @@ def _motion(identification: Identification, reason: str) -> NextStep:
 
 
 def excite_command(identification: Identification) -> str:
-    """Return the command that designs a motion for the robot, with a file of limits where its description has none."""
-    known = MotionLimits.from_robot(identification.model.robot)
-    limits = "" if np.isfinite([known.lower, known.upper, known.velocity]).all() else " --limits LIMITS.toml"
-    return f"steelyard excite {_robot(identification)}{limits} --output motion"
+    """Return the command that designs a motion for the robot, with a file of limits where it asks for one.
+
+    The torques of the motion are those of the answer, unless that is wrong: a description has no friction and may leave
+    out a gripper. That of a Gen3 foretold 20 N·m at the second joint, of 39 that it may have; the answer has 30.
+    """
+    limits = " --limits LIMITS.toml" if MotionLimits.from_robot(identification.model.robot).endless else ""
+    is_known = identification.prediction.word != "wrong" and identification.estimate.parameters is not None
+    estimate = " --estimate DIR" if is_known else ""
+    return f"steelyard excite {_robot(identification)}{limits}{estimate} --output motion"
 
 
 def _remaining(identification: Identification, weak: list[str], mistakes: Sequence[NextStep]) -> Iterator[NextStep]:
@@ -436,6 +447,9 @@ def _remaining(identification: Identification, weak: list[str], mistakes: Sequen
     mistakes that may be images of what the model lacks.
     """
     causes = error_causes(identification)
+    told = identification.prediction
+    if causes and told.word == "wrong":  # a model that is wrong of the motion of the fit, too, lacks no motion
+        causes = tuple(one for one in causes if one.kind != MOTION or one.left_of(told.relative_error)[0] <= WRONG)
     steps = [(cause.share, _without(identification, cause, weak)) for cause in causes or ()]
     steps += [(LEAST, step) for step in mistakes]  # of which the numbers tell more than the error
     # Of a body that the description leaves out the numbers are wrong, whether or not the error shows it.
@@ -463,6 +477,8 @@ def _without(identification: Identification, cause: ErrorCause, weak: Sequence[s
     tried = "as fits say that leave out stretches of the logs in turn" if cause.kind != OSCILLATION else ""
     robot = _robot(identification)
     logs = " ".join(_paths(identification, identification.logs)) or "LOG..."
+    if cause.kind == LOGS:
+        return _apart(identification, f"{size}, {where}, {tried}")
     if cause.kind == OSCILLATION:
         lowest, highest = (few_digits(one, 2) for one in cause.band)
         return NextStep(
@@ -513,6 +529,25 @@ def _without(identification: Identification, cause: ErrorCause, weak: Sequence[s
     )
 
 
+def _apart(identification: Identification, size: str) -> NextStep:
+    """What to do with logs that no robot explains together; the one that is predicted worst is set against the rest."""
+    names = list(_predicted(identification))
+    errors = {one.name: one.feasible_error for one in identification.predictions}
+    odd = max(names, key=lambda name: errors.get(name, 0.0))
+    rest = [name for name in identification.logs if name != odd]
+    first, second = (" ".join(_paths(identification, own)) or "LOG..." for own in (rest, [odd]))
+    robot = _robot(identification)
+    return NextStep(
+        "See what differs between the logs.",
+        f"No robot explains {listed(rest, MOST_NAMED)} and {odd} together as well as one explains each: with "
+        f"parameters of its own for each log {size}. One may have had a payload or a tool, colder gears or another "
+        "zero of a sensor. The last command names the link or the joint that differs.",
+        f"steelyard identify {robot} {first} --output first\nsteelyard identify {robot} {second} --output second\n"
+        "steelyard compare first second",
+        "console",
+    )
+
+
 def _unexplained(identification: Identification, causes: Sequence[ErrorCause]) -> list[tuple[float, NextStep]]:
     """Return the part of the squared error of a joint that nothing explains, and what to do; none if it is small."""
     told = identification.prediction
@@ -526,7 +561,8 @@ def _unexplained(identification: Identification, causes: Sequence[ErrorCause]) -
         return []
     worst = int(np.argmax(np.where(matters, shares, 0.0)))
     others = np.delete(told.joint_model_error, worst)
-    alone = ", and the other joints are predicted far better" if np.all(others < 0.5 * errors[worst]) else ""
+    far_better = others.size and np.all(others < 0.5 * errors[worst])
+    alone = ", and the other joints are predicted far better" if far_better else ""
     step = NextStep(
         f"See whether the torques of {told.joint_names[worst]} are right.",
         f"What is left there is {errors[worst]:.0%} of its torques, {told.joint_error[worst]:.2g} "
@@ -534,7 +570,7 @@ def _unexplained(identification: Identification, causes: Sequence[ErrorCause]) -
         "was tried (other friction, rotors, springs, ripples, a moving zero, oscillations) nothing explains much of "
         "it. A known weight on the arm at rest, or the current of the motor beside the torque, shows what a sensor "
         "misses.",
-        _doctor_command(identification, identification.logs),
+        _doctor_command(identification, _predicted(identification)),
         "console",
     )
     return [(float(shares[worst]), step)]
@@ -600,7 +636,7 @@ def _confirmation(identification: Identification) -> Iterator[NextStep]:
             f"steelyard identify {robot} {logs} --validate OTHER_LOG --output DIR",
             "console",
         )
-    elif "validation log" not in identification.prediction.source:  # also where those that were given are of the fit
+    elif _predicted(identification) is identification.logs:  # also where validation logs that were given are of the fit
         yield NextStep(
             "Try the model on another motion.",
             f"It was judged on {identification.prediction.source}; a log that it has not seen shows whether it holds "

@@ -109,11 +109,11 @@ class Validation:
         return [(log.name, str(log.row_count), f"{100 * log.relative_error:.3g} %") for log in self.logs]
 
     def __str__(self) -> str:
-        parts = [str(self.prediction)]
-        if len(self.seen) == len(self.logs):  # said first, since the word that follows is one on the fit
-            parts.insert(
-                0, f"No log was predicted: {listed(self.seen)} made this estimate; give one that it has not seen."
-            )
+        told = self.prediction
+        if len(self.seen) == len(self.logs):  # in the place of the word, which is one on the fit
+            none = f"No log was predicted: {listed(self.seen)} made this estimate; give one that it has not seen."
+            told = replace(told, sentences=(none,))
+        parts = [str(told)]
         if len(self.logs) > 1:
             parts.append(text_table(("log", "rows", "error"), self._rows(), numbers=(1, 2)))
         parts.extend(f"Note: {remark}" for remark in self.remarks)

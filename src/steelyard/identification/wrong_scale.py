@@ -167,6 +167,8 @@ def _by_description(model: Model, found: LinkTorques, file: RobotFile, layout: L
         others = "what the robot carries" if gravity[0] > 1.0 else "springs or counterweights that carry the links"
         return _of_torques(model, "Gravity", gravity, f"these masses and {others}", file, layout)
     usual = bool(1.0 / FACTOR < gravity[0] < FACTOR)
+    if layout is not None and layout.velocity is not None:
+        return None  # these tell of the stamps by themselves: such inertia is that of rotors, or of wrong CAD
     if inertia is not None and usual and _is_off(inertia / gravity[0], INERTIAL, known):
         return _of_times(model, gravity, inertia, file, layout)
     return None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import pi
+from math import pi, prod
 from typing import Any
 
 from steelyard.errors import InputError
@@ -87,7 +87,7 @@ CURRENT_UNITS = ("A", "mA")
 FIND = "find"
 """Stands for a drive gain that is unknown."""
 NUMBER = r"\d+(?:\.\d*)?(?:[eE][-+]?\d+)?|\.\d+(?:[eE][-+]?\d+)?"
-FRACTION = re.compile(rf"([-+]?)\s*(?:({NUMBER})\s*\*\s*)?({NUMBER}|pi)\s*(?:/\s*({NUMBER}))?")
+FRACTION = re.compile(rf"([-+]?)\s*(?:({NUMBER})\s*\*\s*)?({NUMBER}|pi)((?:\s*/\s*(?:{NUMBER}))*)")
 
 Vector = tuple[float, ...]
 Matrix = tuple[Vector, ...]
@@ -263,16 +263,19 @@ def _text(value: Any, where: str) -> str:
 
 
 def number(value: Any, where: str) -> float:
-    """Return a number that is given as one, or as a string like "1/45", "-pi/2" or "3*pi/4"."""
+    """Return a number that is given as one, or as a string like "1/45", "-pi/2" or "2*pi/4096/101"."""
     if isinstance(value, (int, float)) and not isinstance(value, bool):
         result = float(value)
         if result - result == 0.0:
             return result
     match = FRACTION.fullmatch(value.strip()) if isinstance(value, str) else None
     if match is None:
-        raise InputError(f'{where} holds {value!r}; it must be a finite number, or a string such as "1/45" or "-pi/2".')
-    sign, factor, head, divisor = match.groups()
-    denominator = float(divisor) if divisor else 1.0
+        raise InputError(
+            f'{where} holds {value!r}; it must be a finite number, or a string such as "1/45", "-pi/2" or '
+            '"2*pi/4096/101".'
+        )
+    sign, factor, head, divisors = match.groups()
+    denominator = prod(map(float, divisors.split("/")[1:]))
     if denominator == 0.0:
         raise InputError(f"{where} holds {value!r}, a division by zero.")
     top = (pi if head == "pi" else float(head)) * (float(factor) if factor else 1.0)

@@ -711,9 +711,18 @@ class _Search:
             need = count if matrix is None else len(matrix[0])
             if len(group.columns) != need:
                 why = "joints" if matrix is None else "columns in the matrix"
+                instead = ""
+                if matrix is None and len(group.columns) < need:
+                    instead = f', or leave out what was measured of this kind with `{kind} = "none"`'
+                    if kind == "torque":
+                        instead = (
+                            "; where that of a joint was not logged, add an empty column for it and state "
+                            '`missing = "fill"` in [log] and `exclude_joints = [NUMBER]` in [processing], which use '
+                            "the rest"
+                        )
                 raise InputError(
                     f"{self.source} has {len(group.columns)} columns of {kind} ({_listing(group.columns)}) for {need} "
-                    f"{why}; name one for each with `{kind}` in [log]."
+                    f"{why}; name one for each with `{kind}` in [log]{instead}."
                 )
             if matrix is not None and len(matrix) != count:
                 raise InputError(f"torque_matrix in [log] has {len(matrix)} rows but there are {count} joints.")

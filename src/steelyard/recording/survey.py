@@ -341,8 +341,9 @@ class LogSurvey:
         return (
             f"the positions of {names} are whole numbers throughout, {self.label(j)} from {self.q[0, j]:.9g} to "
             f"{self.q[1, j]:.9g}, as counts of encoders are, and no radians. State `position_matrix` in [log] with "
-            '"2*pi/COUNTS" on its diagonal, where COUNTS are those of a turn of the joint, and as `position_offset` '
-            "what -2*pi*ZERO/COUNTS comes to, where ZERO is counted at the zero of the description."
+            '"2*pi/COUNTS" on its diagonal, where COUNTS are those of a turn of the joint ("2*pi/COUNTS/RATIO" of a '
+            "motor before a gear), and as `position_offset` what -2*pi*ZERO/COUNTS comes to, where ZERO is counted at "
+            "the zero of the description."
         )
 
     def _no_angles(self, ranges: Array | None, units: Sequence[str]) -> str:

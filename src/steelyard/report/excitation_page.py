@@ -234,7 +234,8 @@ def _space(design: ExcitationDesign, robot: Robot, motion: _Motion) -> Markup:
     extent = table(
         "Where the ends go, m in the base frame", ("Link", "x", "y", "z"), extents, identifier="extent-table"
     )
-    return Markup(f"<p>{escape(text)}</p>{turnable(picture, 'the motion', LOOKS, f'<div>{extent}</div>')}")
+    # Below, not beside: there the heights, which tell of the table, would stand where one has to scroll to.
+    return Markup(f"<p>{escape(text)}</p>{turnable(picture, 'the motion', LOOKS)}{extent}")
 
 
 def _tips(robot: Robot) -> dict[str, tuple[int, Array]]:

@@ -63,18 +63,25 @@ class Playback:
         return np.array([np.interp(time, self.t, column) for column in self.q.T])
 
 
-def _predicted(viewed: ViewedRobot, q: Array, dq: Array, ddq: Array) -> dict[str, Array]:
-    """Return the torques (S, N) that the parameters predict which are known; friction that CAD does not give is 0."""
-    found = {}
+def _predicted(
+    viewed: ViewedRobot, q: Array, dq: Array, ddq: Array, channels: Mapping[str, Array] | None = None
+) -> dict[str, Array]:
+    """Return the torques (S, N) that the parameters predict which are known; friction that CAD does not give is 0.
+
+    Without channels, terms that need some are taken as without them: friction with a state as in steady sliding.
+    """
+    model, known = viewed.model, {}
     if viewed.identified is not None:
-        found["identified"] = viewed.model.inverse_dynamics(q, dq, ddq, viewed.identified)
+        known["identified"] = viewed.identified
     elif viewed.result is not None:
-        base = viewed.model.base_parameters()
-        found["identified"] = viewed.model.inverse_dynamics(q, dq, ddq, base.Pb @ viewed.result.estimate.base)
-    links = np.concatenate([np.asarray(columns, dtype=np.intp) for columns in viewed.model.link_columns])
+        known["identified"] = model.base_parameters().Pb @ viewed.result.estimate.base
+    links = np.concatenate([np.asarray(columns, dtype=np.intp) for columns in model.link_columns])
     if np.isfinite(viewed.described[links]).all():
-        found["CAD"] = viewed.model.inverse_dynamics(q, dq, ddq, np.nan_to_num(viewed.described))
-    return found
+        known["CAD"] = np.nan_to_num(viewed.described)
+    if channels is None:
+        known = {name: model.parameters_without_channels(one) for name, one in known.items()}
+        model = model.without_channels
+    return {name: model.inverse_dynamics(q, dq, ddq, one, channels=channels) for name, one in known.items()}
 
 
 def play_log(viewed: ViewedRobot, log: str | Path, progress: Callable[[str], None] | None = None) -> Playback:
@@ -108,7 +115,7 @@ def play_log(viewed: ViewedRobot, log: str | Path, progress: Callable[[str], Non
     if t is None or t[-1] <= t[0]:
         raise InputError(f"{name}: has no times, or one instant alone; give a log in time.")
     torque = np.where(samples.mask, samples.torque, np.nan) if samples.mask is not None else samples.torque
-    torques = {"measured": torque, **_predicted(viewed, samples.q, samples.dq, samples.ddq)}
+    torques = {"measured": torque, **_predicted(viewed, samples.q, samples.dq, samples.ddq, samples.channels)}
     return Playback(name, t - t[0], samples.q, torques, tuple(reader.remarks))
 
 

@@ -69,7 +69,7 @@ def find_reference(
         if not _is_name(name) or not _stays_inside(inside):
             raise InputError(f"the {what} {named} leads out of its package; name a file within it")
         candidates = [folder / inside for folder in package_folders(name, description, packages)]
-        remedy = f"set ROS_PACKAGE_PATH to the folder that holds {name}, or name it in packages"
+        remedy = f"set ROS_PACKAGE_PATH to the folder that holds {name}, or put it beside the description"
     elif scheme == "file":
         candidates = [Path(unquote(rest) if rest.startswith("/") else rest)]
         remedy = "mend the path"

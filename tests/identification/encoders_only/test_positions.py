@@ -524,6 +524,11 @@ def test_a_drive_whose_torque_falls_behind_its_voltage_is_told_from_one_with_ano
     assert plain.error[0] > 10 * found.error[0]
     assert plain.gain[0] < 0.9 * gain
     assert found.to_dict()["joints"]["joint1"]["torque_loss"] == found.torque_loss[0]
+    # A voltage less a position is nothing, and errors have their unit.
+    head, row = str(found).split("\n\n")[1].splitlines()
+    assert head.split() == ["joint", "error", "unit"]
+    assert row.split()[2] == "mrad"
+    assert float(row.split()[1]) == pytest.approx(1e3 * found.error[0], rel=0.01)
 
 
 @pytest.mark.slow

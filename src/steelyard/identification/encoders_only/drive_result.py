@@ -179,16 +179,14 @@ class PositionIdentification:
 
     def joint_table(self) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
         """Return the heads and rows of the errors of each joint, mrad or mm."""
-        heads = ["joint", "error", "command less position"]
-        columns = [self.error, self.tracking_error]
-        if self.validation_error is not None:
-            heads.insert(2, "held out")
-            columns.insert(1, self.validation_error)
+        errors = {"error": self.error, "held out": self.validation_error, "command less position": self.tracking_error}
+        told = {head: column for head, column in errors.items() if column is not None and not np.isnan(column).all()}
+        units = [{"rad": "mrad", "m": "mm"}[kind] for kind in self.robot.position_units]
         rows = [
-            (name, *(few_digits(1e3 * float(column[k]), 3) for column in columns))
+            (name, *(few_digits(1e3 * float(column[k]), 3) for column in told.values()), units[k])
             for k, name in enumerate(self.robot.joint_names)
         ]
-        return tuple(heads), rows
+        return ("joint", *told, "unit"), rows
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data; entries of joints have the names of simulators (armature, damping, frictionloss)."""
@@ -298,7 +296,9 @@ class PositionIdentification:
         return {"spring_stiffness": np.where(found, self.stiffness, np.nan)[order], "spring_rest": at[order]}
 
     def __repr__(self) -> str:
-        parts = [self.headline, text_table(*self.joint_table(), numbers=(1, 2, 3)), text_table(*self.table())]
+        heads, rows = self.joint_table()
+        errors = text_table(heads, rows, numbers=tuple(range(1, len(heads) - 1)))
+        parts = [self.headline, errors, text_table(*self.table())]
         return "\n\n".join([*parts, *self.remarks])
 
     def _repr_html_(self) -> str:

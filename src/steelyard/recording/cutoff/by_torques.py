@@ -275,8 +275,8 @@ def _choice(
         error=error,
         rule=min(RULE * frequency, HIGHEST * min(recording.rate for recording in recordings)),
         reason=(
-            f"Positions were filtered at {cutoff:.4g} Hz, chosen by the torques of {source}: the error of "
-            f"the model, {100.0 * error[best]:.3g} %, is least at {tried[best]:.3g} Hz and stays within "
+            f"Positions were filtered at {cutoff:.4g} Hz, chosen by the torques of {source}: the mean error "
+            f"of joints in fast motion, {100.0 * error[best]:.3g} %, is least at {tried[best]:.3g} Hz and stays within "
             f"{100.0 * TOLERANCE:g} % of that up to the choice"
             + (
                 f"; beyond it, more than {100.0 * NOISE:g} % of the accelerations' power, of a joint or of half of "
