@@ -5,7 +5,6 @@ import pytest
 from numpy.typing import NDArray
 from scipy import signal
 
-import steelyard as sy
 from steelyard.errors import InputError
 from steelyard.recording import Processing, Recording, Samples
 from steelyard.recording.filters.zero_phase import motion_frequency
@@ -272,31 +271,3 @@ def test_options_are_given_in_one_way():
     del options["exclude_joints"]
     both = moving.process(Processing.from_dict(options)), moving.process(**options)
     np.testing.assert_array_equal(both[0].ddq, both[1].ddq)
-
-
-def test_rows_in_which_a_motor_rests_while_its_joints_move_are_left_out() -> None:
-    """The second motor turns with both joints, which turn against each other for half of the log.
-
-    Near rest its friction is not Coulomb's: it rises with the speed, as where a motor creeps.
-    """
-    robot = sy.Robot.from_dh([(0, 0.3, 0, "q"), (0, 0.2, 0, "q")], gravity=(0, -9.81, 0))
-    model = sy.Model(robot.with_terms(sy.MotorSide(coupling=[[1.0, 1.0], [0.0, 1.0]])))
-    t = np.arange(0.0, 40.0, 0.002)
-    alone = 0.5 + 0.5 * np.tanh(t - 20.0)
-    first = 0.9 * np.sin(1.3 * t)
-    q = np.column_stack([first, alone * 0.7 * np.sin(2.1 * t) - (1.0 - alone) * first + 2e-3 * np.sin(9.0 * t)])
-    dq = np.gradient(q, t, axis=0)
-    motors = np.column_stack([dq[:, 0], dq.sum(axis=1)])
-    friction = np.array([0.3, 0.2]) * motors + np.array([2.0, 1.5]) * np.tanh(motors / 0.1)
-    links = np.zeros(model.parameter_count)
-    links[model.link_columns[0][9]], links[model.link_columns[1][[5, 6, 9]]] = 2.0, (0.05, 0.1, 1.0)
-    torque = model.inverse_dynamics(q, dq, np.gradient(dq, t, axis=0), links)
-    torque += np.column_stack([friction.sum(axis=1), friction[:, 1]])
-    samples = Recording(t=t, q=q, torque=torque).process(model=model, cutoff=None, velocity_threshold=0.3, trim=0.1)
-    slow = np.abs(np.column_stack([samples.dq[:, 0], samples.dq.sum(axis=1)])) < 0.3
-    assert slow[:, 1].mean() > 0.4
-    fast = (np.abs(samples.dq) >= 0.3) & ~np.column_stack([slow.any(axis=1), slow[:, 1]])
-    np.testing.assert_array_equal(samples.used_rows, fast)
-    found = sy.least_squares(sy.Information.from_samples(model, samples))
-    told = dict(zip(found.base_names, found.base, strict=True))
-    assert [told["Fcm1"], told["Fcm2"]] == pytest.approx([2.0, 1.5], rel=0.02)

@@ -449,12 +449,7 @@ class Plan:
         if processing.velocity_threshold is None:
             mask = np.ones(dq.shape, dtype=bool)
         else:
-            least = processing.for_joints("velocity_threshold", recording)
-            mask = _at_least(np.abs(dq), least)
-            for coupling in _couplings(self.model):
-                # The friction of a motor turns its sign with the motor, which may rest while its joints move.
-                speeds = np.abs(dq @ (coupling / np.abs(coupling).max(axis=0)))
-                mask &= ~(~_at_least(speeds, least) @ (coupling != 0.0).T)
+            mask = _at_least(np.abs(dq), processing.for_joints("velocity_threshold", recording))
         mask[:, processing.excluded(recording)] = False
         return mask
 
@@ -487,14 +482,6 @@ class Plan:
             remarks=(*notes, *samples.remarks, *counts),
             filtered_torque=self.processing.filters_torque,
         )
-
-
-def _couplings(model: Model | None) -> list[Array]:
-    """The matrices (N, N) by which motors move several joints each, a motor a column."""
-    from steelyard.dynamics import MotorSide
-
-    laws = [] if model is None else [law for term in model.robot.terms for law in term.laws]
-    return [law.coupling for law in laws if isinstance(law, MotorSide)]
 
 
 def _at_least(values: Array, least: Array) -> NDArray[np.bool_]:
