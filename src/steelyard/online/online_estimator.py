@@ -835,7 +835,7 @@ class OnlineEstimator:
 
         start, multipliers = self._search.start, self._search.multipliers
         try:
-            return allowed_share(away, len(K))
+            return allowed_share(away, covariance)
         except np.linalg.LinAlgError:  # at the very edge matrices are singular to rounding
             return self._share
         finally:
