@@ -1,0 +1,53 @@
+"""What paths of a manifest stand for."""
+
+import json
+from collections import Counter
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from steelyard.fleet import Checkpoints, Fleet, identify_fleet
+from steelyard.recording.formats import log_sets
+
+
+def fleet_of(place: Path, *, kept: Checkpoints | None = None, **lists: list[str]) -> Fleet:
+    path = place / "fleet.toml"
+    keys = "".join(f"{key} = {json.dumps(value)}\n" for key, value in lists.items())
+    path.write_text(f'robot = "robot.toml"\n[[robots]]\nid = "A"\n{keys}', encoding="utf-8")
+    return identify_fleet(path, checkpoints=kept)
+
+
+def test_a_store_is_asked_once_what_a_pattern_stands_for(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """And what two patterns find counts once."""
+    system = pytest.importorskip("fsspec").filesystem("memory")
+    asked: Counter[str] = Counter()
+    for number in (1, 2, 3):
+        system.pipe(f"/A/run{number}.csv", (place / "logs" / f"run{number}.csv").read_bytes())
+    found_in = log_sets._objects_in
+
+    def counted(text: str) -> Any:
+        asked[text] += 1
+        return found_in(text)
+
+    monkeypatch.setattr(log_sets, "_objects_in", counted)
+    patterns = ["memory://A/run[12].csv", "memory://A/run[23].csv", "memory://B/*.csv"]
+    with Checkpoints(place / "out") as kept:
+        [row] = fleet_of(place, kept=kept, logs=patterns).rows
+    assert asked == dict.fromkeys(patterns, 1)
+    assert "memory://B/*.csv" in row.values["left_out"]
+    [local] = fleet_of(place, logs=["logs/run[123].csv"]).rows
+    np.testing.assert_array_equal(row.values["base"], local.values["base"])
+
+
+def test_validation_is_of_folders_and_patterns_as_logs_are(place: Path) -> None:
+    (place / "checks").mkdir()
+    for number in (4, 5):
+        (place / "logs" / f"run{number}.csv").rename(place / "checks" / f"run{number}.csv")
+    given = (["checks/run4.csv", "checks/run5.csv"], ["checks"], ["checks/*.csv"])
+    rows = [fleet_of(place, logs=["logs"], validate=one).rows[0] for one in given]
+    assert not any(row.reason for row in rows)
+    assert len({row.values["model_error"] for row in rows}) == 1
+    assert rows[0].values["source"] != fleet_of(place, logs=["logs"]).rows[0].values["source"]
+    assert "stands for no log" in fleet_of(place, logs=["logs"], validate=["checks/*.parquet"]).rows[0].reason
