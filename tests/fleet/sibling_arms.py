@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 import steelyard as sy
@@ -25,10 +26,13 @@ MASSES = (6.0, 4.0, 2.0)
 FRICTION = ((1.0, 2.0), (0.8, 1.5), (0.5, 1.0))
 
 
+Factor = float | NDArray[np.float64]
+
+
 class Arms:
     """Arms whose links vary by 1 %, friction by 5 %; a fault multiplies friction of a joint, all of a link or a torque,
-    or all torques, or is a payload; or the arms are warmer, so that viscous friction is less by a factor and Coulomb
-    friction by its root.
+    or all torques, each by its own factor where there are several, or is a payload; or the arms are warmer, so that
+    viscous friction is less by a factor and Coulomb friction by its root.
 
     Those of another reach have a second link of another length. What they vary by is normal, or has the tails of
     Student's distribution with some degrees of freedom. All may have the same motion.
@@ -50,7 +54,7 @@ class Arms:
         self,
         number: int,
         fault: str = "",
-        factor: float = 1.0,
+        factor: Factor = 1.0,
         epoch: int = 0,
         duration: float = 20.0,
         still: int | None = None,

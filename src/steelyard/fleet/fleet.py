@@ -29,7 +29,7 @@ from .manifest import FleetEntry, FleetManifest
 from .packed import unpacked
 from .robot_estimate import description_of, inputs_of, model_of, robot_estimate, something_came, task_of, with_contents
 from .siblings import FEWEST, LEAST_HELD, Batch, Deviation, SiblingComparison, compare_siblings, held_before
-from .torque_units import other_unit
+from .torque_units import other_units
 from .variation import median_of_shown, pseudo_inverse, shown_parameters, unexplained
 
 __all__ = ["Finding", "Fleet", "RobotGroup", "RobotRow", "identify_fleet"]
@@ -48,6 +48,7 @@ four, which are those where chance made the others look alike, 6 of 10 held the 
 HEAVY = 0.1
 """Reciprocal of the degrees of freedom from which heavy tails are told. With ten, Student's distribution has one robot
 in 2000 five standard deviations out, and a normal one has one in 1.7 million."""
+DOCTOR = "`steelyard doctor LOG ROBOT` looks for such mistakes, and tells the line that mends them."
 LINES = 20
 """The most lines of progress that are printed while robots are estimated."""
 SURE = 0.05
@@ -154,7 +155,7 @@ class Fleet:
     remarks : tuple of str
     unexplained : tuple of RobotRow
         Whose own data no parameters that a robot can have explain, while that of siblings is explained, or whose
-        torques are in another unit than those of as many siblings. No part of them is compared.
+        torques are in another unit than those of the others. No part of them is compared.
     """
 
     manifest: FleetManifest
@@ -173,6 +174,11 @@ class Fleet:
     def left_out(self) -> tuple[tuple[RobotRow, str, str], ...]:
         """The logs that could not be used, of robots that were estimated by others: row, log and reason of each."""
         return tuple((row, log, reason) for row in self.rows for log, reason in row.values.get("left_out", {}).items())
+
+    @property
+    def unpredicted(self) -> tuple[RobotRow, ...]:
+        """The rows that were compared, or had no siblings, although the model does not predict their torques."""
+        return tuple(row for row in self.rows if row.values.get("word") == "wrong" and row not in self.unexplained)
 
     @property
     def batches(self) -> tuple[Finding, ...]:
@@ -207,6 +213,9 @@ class Fleet:
         if self.unexplained:
             number = len({row.entry.id for row in self.unexplained})
             parts.append(f"no parameters like those of siblings explain the data of {number}")
+        if self.unpredicted:
+            number = len(self.unpredicted)
+            parts.append(f"the model does not predict the torques of {number} of {len(self.rows)} entries")
         if self.failed:
             parts.append(f"nothing came of {len(self.failed)} of {len(self.rows)} entries")
         if self.left_out:
@@ -535,6 +544,7 @@ def identify_fleet(
             "other short events leave counts as noise there. Give the logs where that may hide a poor prediction."
         )
     not_explained = tuple(rows[k] for k in strange_or_scaled)
+    remarks += _poorly_predicted([row for row in rows if not row.reason and row not in not_explained])
     return Fleet(given, tuple(rows), tuple(groups), tuple(findings), tuple(dict.fromkeys(remarks)), not_explained)
 
 
@@ -607,21 +617,22 @@ def _strangers(rows: Sequence[RobotRow], grouped: Mapping[Any, Sequence[int]]) -
 
 
 def _in_other_unit(rows: Sequence[RobotRow], numbers: Sequence[int]) -> tuple[list[int], list[str]]:
-    """Numbers of rows whose torques are in another unit than those of the others, who are not more; and a sentence."""
-    found = other_unit(*_arrays(rows, numbers)[:2])
-    if found is None:
-        return [], []
-    own = [numbers[k] for k in found.robots]
-    others = [k for k in numbers if k not in own]
-    units = ", as where the units of the logs differ"
-    if found.units is not None:
-        units = f", as where theirs are in {found.units[0]} and those of the others in {found.units[1]}"
-    told, beside = (listed([rows[k].entry.label for k in some], 8) for some in (own, others))
-    return own, [
-        f"The torques of {len(own)} of {len(numbers)} entries ({told}) are {few_digits(found.factor, 3)} times those "
-        f"of the others ({beside}){units}: state `torque_unit` in [log] of the robot file of each, and run again. The "
-        "former are not compared with siblings."
-    ]
+    """Numbers of rows whose torques are in another unit than those of most; and sentences."""
+    found = other_units(*_arrays(rows, numbers)[:2]) if numbers else []
+    left_out = [numbers[k] for one in found for k in one.robots]
+    others = listed([rows[k].entry.label for k in numbers if k not in left_out], 8)
+    said = []
+    for one in found:
+        units = ", as where the units of the logs differ"
+        if one.units is not None:
+            units = f", as where theirs are in {one.units[0]} and those of the others in {one.units[1]}"
+        said.append(
+            f"The torques of {len(one.robots)} of {len(numbers)} entries "
+            f"({listed([rows[numbers[k]].entry.label for k in one.robots], 8)}) are {few_digits(one.factor, 3)} times "
+            f"those of the others ({others}){units}: state `torque_unit`, or `gain`, in [log] of the robot file of "
+            "each, and run again. The former are not compared with siblings."
+        )
+    return left_out, said
 
 
 def _is_turned(row: RobotRow, usual: Array) -> bool:
@@ -636,8 +647,23 @@ def _unexplained(rows: Sequence[RobotRow]) -> str:
     return (
         f"No parameters that a robot can have explain the data of {told}: so much of the torques is left, while the "
         "data of siblings is explained. So these are not compared with siblings: see whether their logs are of these "
-        "robots, in the units, with the signs and with the joints in the order that are stated."
+        f"robots, in the units, with the signs and with the joints in the order that are stated. {DOCTOR}"
     )
+
+
+def _poorly_predicted(rows: Sequence[RobotRow]) -> list[str]:
+    """Say which robots the model predicts poorly: where it does so for all, none differs by that."""
+    told = []
+    for word, what in (("wrong", "does not predict"), ("poor", "predicts poorly")):
+        chosen = [(float(row.values["relative_error"]), row.entry.label) for row in rows if row.values["word"] == word]
+        chosen.sort(key=lambda one: (-one[0], by_name(one[1])))
+        if chosen:
+            named = listed([f"{label} ({100.0 * error:.3g} %)" for error, label in chosen])
+            told.append(
+                f"The model {what} the torques of {len(chosen)} of {len(rows)} entries: {named}. So what differs among "
+                f"them may be what the model lacks, or a mistake in their logs or the robot file. {DOCTOR}"
+            )
+    return told
 
 
 def _copies(rows: Sequence[RobotRow]) -> dict[int, int]:
@@ -754,6 +780,8 @@ def _compared(
             when = rows[own[0]].entry.date
             as_it_was = _beside_own(one, before[one.robot], np.median(before, axis=0), drift.mean)
             told = sentence(as_it_was, "drift", when=when, since=since)
+            if beyond := _beyond_scale(one, drift):
+                told = f"Beyond {beyond[0]}, {_inside(told)}"
             ratio = 1.0 + as_it_was.amplitude
             findings.append(Finding("drift", row.entry.id, name, row.entry.date, since, one, told, history, ratio))
         remarks += _heavy_tails(f"What changed in robots{alike} of {called}", drift)
@@ -797,8 +825,10 @@ def _beside_siblings(
         row, own = rows[one.robot], [batch for batch in siblings.batches if one.robot in batch.robots]
         beside = _beside_batches(one, own)
         told = sentence(beside, "siblings")
-        if own:
-            told = f"Beyond what its batch has in common, {_inside(told)}"
+        beyond = ["what its batch has in common"] if own else []
+        beyond += _beyond_scale(one, siblings)
+        if beyond:
+            told = f"Beyond {all_listed(beyond)}, {_inside(told)}"
         findings.append(Finding("siblings", row.entry.id, name, row.entry.date, "", beside, told))
     remarks = _heavy_tails(f"What robots{alike} of {_called(name)} vary by", siblings)
     if len(rows) < 10:
@@ -822,6 +852,12 @@ def _heavy_tails(what: str, compared: SiblingComparison) -> list[str]:
         f"{1.0 / compared.tails[parts[0]]:.0f} degrees of freedom): some sound robots are far from the others in these "
         "parts. So a robot is named only for what is beyond these tails, and a fault must be larger to be named there."
     ]
+
+
+def _beyond_scale(one: Deviation, compared: SiblingComparison) -> list[str]:
+    """Say that a further part of a robot is told beside the factor of all its torques, where one was found."""
+    scaled = [other for other in compared.deviations if other.robot == one.robot and other.cause.kind == "scale"]
+    return ["that factor of all its torques"] if scaled and one not in scaled else []
 
 
 def _inside(told: str) -> str:

@@ -70,6 +70,8 @@ def _lead(fleet: Fleet) -> Markup:
         told.append(("Have drifted", f"{len(fleet.drifted)}", ""))
     if fleet.unexplained:
         told.append(("Not explained", f"{len({row.entry.id for row in fleet.unexplained})}", "see the remarks"))
+    if fleet.unpredicted:
+        told.append(("Not predicted", f"{len(fleet.unpredicted)}", "see the remarks"))
     told.append(("Nothing came of", f"{len(fleet.failed)}", "the reasons are below" if fleet.failed else ""))
     if fleet.left_out:
         told.append(("Logs left out", f"{len(fleet.left_out)}", "the reasons are below"))
