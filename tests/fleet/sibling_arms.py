@@ -38,6 +38,9 @@ class Arms:
     Student's distribution with some degrees of freedom. All may have the same motion.
     """
 
+    trembling = 1e-6
+    """Of the encoder of a joint that stands still."""
+
     def __init__(self, folder: Path, reach: float = 1.0, freedom: float | None = None, alike: bool = False) -> None:
         self.folder, self.freedom, self.alike = folder, freedom, alike
         text = ROBOT.replace('["pi/2", 0.3, 0.1', f'["pi/2", {0.3 * reach}, 0.1')
@@ -84,7 +87,7 @@ class Arms:
         dq = w * np.cos(w * t + phase) + 0.69 * w * np.cos(2.3 * w * t)
         ddq = -(w**2) * np.sin(w * t + phase) - 0.3 * (2.3 * w) ** 2 * np.sin(2.3 * w * t)
         if still is not None:
-            trembling = 1e-6 * np.random.default_rng([number, 3]).normal(size=(3, len(t)))
+            trembling = self.trembling * np.random.default_rng([number, 3]).normal(size=(3, len(t)))
             for one, own in zip((q, dq, ddq), trembling, strict=True):
                 one[:, still] = own
         torque = self.model.inverse_dynamics(q, dq, ddq, values)

@@ -18,7 +18,7 @@ from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import SteelyardError
 from steelyard.files.arguments import all_listed, by_name, listed
 from steelyard.identification.log_reader import Progress
-from steelyard.identification.prediction_verdict import WRONG
+from steelyard.identification.prediction_verdict import UNTESTED, WRONG
 from steelyard.regression.parameter_covariance import NORMAL
 
 from .causes import TURNABLE, Cause, gains_in_own_motion, possible_causes, variations
@@ -655,13 +655,16 @@ def _poorly_predicted(rows: Sequence[RobotRow]) -> list[str]:
     """Say which robots the model predicts poorly: where it does so for all, none differs by that."""
     told = []
     for word, what in (("wrong", "does not predict"), ("poor", "predicts poorly")):
-        chosen = [(float(row.values["relative_error"]), row.entry.label) for row in rows if row.values["word"] == word]
-        chosen.sort(key=lambda one: (-one[0], by_name(one[1])))
-        if chosen:
-            named = listed([f"{label} ({100.0 * error:.3g} %)" for error, label in chosen])
+        # Where nothing was held out, no more is claimed of a model either.
+        of = [
+            row for row in rows if row.values["word"] == word and (word == "wrong" or row.values["source"] != UNTESTED)
+        ]
+        of.sort(key=lambda row: (-row.values["model_error"], by_name(row.entry.label)))
+        if of:
             told.append(
-                f"The model {what} the torques of {len(chosen)} of {len(rows)} entries: {named}. So what differs among "
-                f"them may be what the model lacks, or a mistake in their logs or the robot file. {DOCTOR}"
+                f"The model {what} the torques of {len(of)} of {len(rows)} entries: "
+                f"{listed([row.entry.label for row in of])}. So what differs among them may be what the model lacks, "
+                f"or a mistake in their logs or the robot file. {DOCTOR}"
             )
     return told
 
@@ -831,6 +834,12 @@ def _beside_siblings(
             told = f"Beyond {all_listed(beyond)}, {_inside(told)}"
         findings.append(Finding("siblings", row.entry.id, name, row.entry.date, "", beside, told))
     remarks = _heavy_tails(f"What robots{alike} of {_called(name)} vary by", siblings)
+    hidden = [_what(siblings.causes[k]) for k in np.flatnonzero(siblings.hidden) if siblings.causes[k].kind != "link"]
+    if hidden:
+        remarks.append(
+            f"Fewer than {FEWEST} robots{alike} of {_called(name)} have logs that show {all_listed(hidden)}: what is "
+            "usual there is not known, and none is compared in it."
+        )
     if len(rows) < 10:
         remarks.append(
             f"With {len(rows)} robots{alike} in {_called(name)}, what is usual among siblings is hardly known: only "

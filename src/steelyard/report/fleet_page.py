@@ -239,7 +239,7 @@ def _pictures(fleet: Fleet) -> Markup:
 
 
 def _picture(fleet: Fleet, group: RobotGroup, compared: SiblingComparison, kind: str) -> Markup:
-    chosen = [k for k, cause in enumerate(compared.causes) if _is_drawn(cause, compared)]
+    chosen = [k for k, one in enumerate(compared.causes) if _is_drawn(one, compared) and not compared.hidden[k]]
     away = (compared.amplitude - compared.common)[:, chosen]
     scores = np.copysign(np.vectorize(deviations_of, otypes=[float])(compared.probability[:, chosen]), away)
     scores[np.isnan(away)] = np.nan
@@ -304,7 +304,7 @@ def _usual(fleet: Fleet) -> Markup:
             continue
         rows = []
         for k, cause in enumerate(compared.causes):
-            if cause.kind == "link":
+            if cause.kind == "link" or compared.hidden[k]:
                 continue
             spread, least = float(compared.spread[k]), float(compared.least_named[k])
             has_size = cause.has_ratio and cause.unit != ""
