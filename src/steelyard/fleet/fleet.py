@@ -1044,8 +1044,8 @@ def sentence(one: Deviation, kind: Kind, *, when: str = "", since: str = "") -> 
     >>> sentence(Deviation(0, mass, 0.1, 0.01, 0.08, 0.12, 10.0, 1e-18), "siblings")
     'The link forearm is 0.6 kg heavier than that of its siblings (0.48 to 0.72 kg), 10 %, if it is made like theirs.'
     >>> mass = replace(mass, nominal=1.0, unit="")  # of a robot whose masses nobody describes
-    >>> sentence(Deviation(0, mass, 0.1, 0.01, 0.08, 0.12, 10.0, 1e-18), "siblings")
-    'The link forearm is 10 % heavier than that of its siblings (8 to 12 %), if it is made like theirs.'
+    >>> print(sentence(Deviation(0, mass, 0.1, 0.01, 0.08, 0.12, 10.0, 1e-18), "siblings"))  # doctest: +ELLIPSIS
+    The link forearm is 10 % heavier than that of its siblings (8 to 12 %), if it is made like theirs and the links ...
     >>> gain = Cause("torque gain of elbow", "gain", "elbow", "torque gain", "", 1.0, np.ones((1, 1)))
     >>> print(sentence(Deviation(0, gain, -2.0, 0.1, -2.2, -1.8, 20.0, 1e-80), "siblings"))  # doctest: +ELLIPSIS
     The torque measured at elbow for the same motion is -1 times that of its siblings (-1.2 to -0.8), as where the ...
@@ -1064,13 +1064,15 @@ def sentence(one: Deviation, kind: Kind, *, when: str = "", since: str = "") -> 
     elif cause.kind == "mass":
         share = f"{few_digits(100.0 * abs(one.amplitude), 2)} %"
         much, within, also = f"{few_digits(size, 2)} kg", f"{_interval(ends[0], ends[1], 2)} kg", f", {share}"
-        if not cause.unit:  # of which nobody stated how many kg it has
+        if not cause.unit:
             ends = [100.0 * end for end in ends]
             much, within, also = share, f"{_interval(ends[0], ends[1], 2)} %", ""
         text = (
             f"The link {cause.part} is {much} {'heavier' if sign > 0.0 else 'lighter'} than {others} ({within}){also}, "
             f"if it is made like {'it was' if kind == 'drift' else 'theirs'}"
         )
+        if not cause.unit:  # which torques show in combinations with those of other links
+            text += " and the links weigh what is assumed of them, as the description states no mass"
     elif cause.kind in TURNABLE:
         measured = cause.what.removesuffix(" gain")
         text = (
