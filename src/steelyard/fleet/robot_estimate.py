@@ -288,29 +288,32 @@ def _is_short(covariance: ParameterCovariance) -> bool:
     return found is not None and bool(np.min(found.degrees_of_freedom) <= FEWEST_DEGREES)
 
 
-def _known_for(robot: Description, information: Information, path: str) -> Known:
-    """What is known of the model of which an Information is; with rotors where it has them and nothing states terms."""
-    _, models = _file_and_models(robot)
-    return known_of(robot, information.model_among(models, path) is not models[0])
-
-
 def _loaded(
     robot: Description, paths: Sequence[str], left_out: dict[str, str]
 ) -> tuple[Known, list[tuple[str, Information]]]:
-    """Read Informations of a robot; what cannot be used of several goes to `left_out`."""
-    known: Known | None = None
-    found = []
+    """Read Informations of a robot; what cannot be used of several goes to `left_out`.
+
+    Where nothing states terms, some may be with rotors and some without: the more of these are used, or of as many
+    those with rotors, as logs are reduced.
+    """
+    _, models = _file_and_models(robot)
+    loaded: dict[bool, list[tuple[str, Information]]] = {True: [], False: []}
     for path in paths:
         try:
             part = Information.load(path)
-            known = known or _known_for(robot, part, path)
-            part.model_among([known.model], path)
-            found.append((path, part))
+            loaded[part.model_among(models, path) is not models[0]].append((path, part))
         except InputError as error:
             left_out[path] = str(error)
-    if known is None:
+    with_rotors = len(loaded[True]) >= len(loaded[False])
+    if not loaded[with_rotors]:
         raise InputError(left_out[paths[-1]])
-    return known, found
+    known = known_of(robot, with_rotors)
+    for path, part in loaded[not with_rotors]:
+        try:
+            part.model_among([known.model], path)
+        except InputError as error:
+            left_out[path] = str(error)
+    return known, loaded[with_rotors]
 
 
 def _reduced(
