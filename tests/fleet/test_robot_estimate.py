@@ -51,3 +51,23 @@ def test_validation_is_of_folders_and_patterns_as_logs_are(place: Path) -> None:
     assert len({row.values["model_error"] for row in rows}) == 1
     assert rows[0].values["source"] != fleet_of(place, logs=["logs"]).rows[0].values["source"]
     assert "stands for no log" in fleet_of(place, logs=["logs"], validate=["checks/*.parquet"]).rows[0].reason
+
+
+def test_a_log_whose_time_is_in_another_unit_is_told_beside_what_differs(place: Path) -> None:
+    """Of a log at 5 kHz, whose stamps are milliseconds, the friction was 900 times that of siblings, and no more."""
+    t = np.arange(20_000) / 5000.0
+    rates = np.array([2.1, 3.4])
+    phase = t[:, None] * rates
+    q, ddq = np.sin(phase), -(rates**2) * np.sin(phase)
+    torque = np.column_stack([0.3 * ddq[:, 0], 0.5 * ddq[:, 1] + 9.81 * np.cos(q[:, 1])])
+    for name, unit in (("A", 1.0), ("B", 1000.0)):
+        noise = np.random.default_rng(len(name)).normal(0.0, 0.05, q.shape)
+        table = np.column_stack([unit * t, q, torque + noise])
+        np.savetxt(place / f"{name}.csv", table, delimiter=",", header="t,q1,q2,tau1,tau2", comments="", fmt="%.9g")
+    path = place / "fleet.toml"
+    robots = "".join(f'[[robots]]\nid = "{name}"\nlogs = ["{name}.csv"]\n' for name in ("A", "B"))
+    path.write_text(f'robot = "robot.toml"\n{robots}', encoding="utf-8")
+    fleet = identify_fleet(path)
+    assert not fleet.failed
+    [told] = [remark for remark in fleet.remarks if "seem to be in other units" in remark]
+    assert "the logs of B seem" in told

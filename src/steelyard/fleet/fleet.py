@@ -512,6 +512,12 @@ def identify_fleet(
         )
     if strange:
         remarks.append(_unexplained([rows[k] for k in strange]))
+    suspect = [row.entry.label for row in rows if row.values.get("units_are_suspect")]
+    if suspect:
+        remarks.append(
+            f"By their rates, positions or speeds the logs of {listed(suspect)} seem to be in other units than those "
+            f"that are stated, and what differs in these entries may be no more than that. {DOCTOR}"
+        )
     filtered = sum(bool(row.values.get("filtered")) for row in rows)
     if filtered:
         remarks.append(

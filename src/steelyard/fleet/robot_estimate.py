@@ -276,6 +276,7 @@ def _estimate(task: dict[str, Any]) -> dict[str, Any]:
         "least_squares_error": unconstrained.relative_error,
         "condition_number": information.condition_number,
         "filtered": information.filtered_torque,
+        "units_are_suspect": any(log.units_are_suspect for log in (*own, *others)),
         "table": rows,
         "left_out": left_out,
         "remarks": list(dict.fromkeys(remarks)),
