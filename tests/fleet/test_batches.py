@@ -215,6 +215,13 @@ def test_what_one_batch_has_makes_no_other(fault: tuple[str, float], tmp_path: P
         assert found.batches or set(found.differs) == set(robots)
 
 
+def test_what_a_few_robots_beyond_all_others_draw_is_no_batch(tmp_path: Path) -> None:
+    """Of eight, three in mN·m made twelve batches of the five others, whose intervals said that they do not differ."""
+    found = compared(Arms(tmp_path), 8, dict.fromkeys(range(3), ("gains", 1000.0)))
+    assert found.batches == ()
+    assert found.differs == (0, 1, 2)
+
+
 def test_the_heap_is_told_whose_torque_reads_wrong(tmp_path: Path) -> None:
     """It is the larger one here: what a wrong scale does depends on each robot's motion, and the others are alike."""
     robots = tuple(number for number in range(40) if number % 10 > 2)

@@ -256,6 +256,7 @@ class Fleet:
             "differing": list(self.differing),
             "drifted": list(self.drifted),
             "unexplained": [row.entry.label for row in self.unexplained],
+            "unpredicted": [row.entry.label for row in self.unpredicted],
             "findings": [
                 _finding_row(one) | {"history": list(one.history), "robots": list(one.robots)} for one in self.findings
             ],
