@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from steelyard.fleet import Checkpoints, Fleet, identify_fleet
-from steelyard.recording.formats import log_sets
+from steelyard.fleet import Checkpoints, Fleet, Here, identify_fleet
+from steelyard.recording.formats import hashes, log_sets
 
 
 def fleet_of(place: Path, *, kept: Checkpoints | None = None, **lists: list[str]) -> Fleet:
@@ -51,6 +51,34 @@ def test_validation_is_of_folders_and_patterns_as_logs_are(place: Path) -> None:
     assert len({row.values["model_error"] for row in rows}) == 1
     assert rows[0].values["source"] != fleet_of(place, logs=["logs"]).rows[0].values["source"]
     assert "stands for no log" in fleet_of(place, logs=["logs"], validate=["checks/*.parquet"]).rows[0].reason
+
+
+def test_logs_are_hashed_once_and_where_they_are_read(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The process that asks a cluster read each log to hash it, and the worker hashed it once more when it was done."""
+    read: list[str] = []
+    away: list[bool] = []
+    hashed = hashes.file_hash
+
+    def counted(path: Path, **options: str) -> str:
+        assert away
+        read.append(path.name)
+        return hashed(path, **options)
+
+    class Elsewhere(Here):
+        def run(self, leaf: Any, combine: Any, common: Any, groups: Any) -> Any:
+            for number, group in enumerate(groups):
+                away.append(True)
+                done = combine(common, [leaf(common, task) for task in group])
+                away.clear()
+                yield number, done
+
+    monkeypatch.setattr(hashes, "file_hash", counted)
+    with Checkpoints(place / "out") as kept:
+        path = place / "fleet.toml"
+        path.write_text('robot = "robot.toml"\n[[robots]]\nid = "A"\nlogs = ["logs"]\n', encoding="utf-8")
+        fleet = identify_fleet(path, executor=Elsewhere(), checkpoints=kept)
+    assert not fleet.failed
+    assert sorted(read) == [f"run{number}.csv" for number in range(1, 6)]
 
 
 def test_a_log_whose_time_is_in_another_unit_is_told_beside_what_differs(place: Path) -> None:

@@ -23,11 +23,20 @@ from steelyard.regression.parameter_covariance import NORMAL
 
 from .causes import TURNABLE, Cause, gains_in_own_motion, possible_causes, variations
 from .checkpoints import Checkpoints, checkpoint_key
-from .executors import Executor, Here
+from .executors import Executor, Here, Workers
 from .log_reduction import first_of, run_in_order
 from .manifest import FleetEntry, FleetManifest
 from .packed import unpacked
-from .robot_estimate import description_of, inputs_of, model_of, robot_estimate, something_came, task_of, with_contents
+from .robot_estimate import (
+    description_of,
+    hashed_files,
+    inputs_of,
+    model_of,
+    robot_estimate,
+    something_came,
+    task_of,
+    with_contents,
+)
 from .siblings import FEWEST, LEAST_HELD, Batch, Deviation, SiblingComparison, compare_siblings, held_before
 from .torque_units import other_units
 from .variation import median_of_shown, pseudo_inverse, shown_parameters, unexplained
@@ -560,23 +569,25 @@ def _estimated(
 ) -> list[RobotRow]:
     """Estimate each robot; what was finished before is taken from the checkpoints."""
     found: list[dict[str, Any]] = [{} for _ in manifest.entries]
-    numbers, tasks, keys = [], [], []
+    numbers, tasks, keys = [], [], None
     described = cache(description_of)  # of this run: the next one may find another description at the same path
     for number, entry in enumerate(manifest.entries):
         try:
-            task = task_of(entry, described(str(entry.robot)), manifest.intervals)
-            if checkpoints is not None:
-                task = with_contents(task)
-            keys.append(None if checkpoints is None else checkpoint_key("robot", *inputs_of(task)))
+            tasks.append(task_of(entry, described(str(entry.robot)), manifest.intervals))
+            numbers.append(number)
         except SteelyardError as error:
             found[number] = {"reason": str(error)}
-        else:
-            numbers.append(number)
-            tasks.append([task])
-    every = max(-(-len(tasks) // LINES), 1)
-    contents = run_in_order(robot_estimate, first_of, None, tasks, executor, keys, checkpoints, keep=something_came)
+    if checkpoints is not None:
+        say(f"hashing the files of {len(tasks)} entries")
+        # On a cluster where they lie. Processes of this machine would take longer to start than files to be hashed.
+        where = Here() if isinstance(executor, Workers) else executor
+        hashes = run_in_order(hashed_files, first_of, None, [[task] for task in tasks], where)
+        tasks = [with_contents(task, hashed) for task, hashed in zip(tasks, hashes, strict=True)]
+        keys = [checkpoint_key("robot", *inputs_of(task)) for task in tasks]
+    every, groups = max(-(-len(tasks) // LINES), 1), [[task] for task in tasks]
+    contents = run_in_order(robot_estimate, first_of, None, groups, executor, keys, checkpoints, keep=something_came)
     for done, (number, content) in enumerate(zip(numbers, contents, strict=True), start=1):
-        found[number] = {**unpacked(content), "description": tasks[done - 1][0]["robot"]}
+        found[number] = {**unpacked(content), "description": tasks[done - 1]["robot"]}
         if done % every == 0 or done == len(tasks):
             say(f"estimated {done} of {len(tasks)} ({manifest.entries[number].label})")
     return [

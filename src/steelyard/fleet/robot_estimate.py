@@ -33,6 +33,7 @@ from steelyard.identification.parameter_table import parameter_table
 from steelyard.identification.prediction_verdict import few_rows_of, prediction_verdict, said_of
 from steelyard.identification.reduced_logs import copies_among
 from steelyard.recording.formats import content_hashes, contents_of, unchanged
+from steelyard.recording.formats.hashes import LogContent
 from steelyard.recording.formats.log_sets import place_of
 from steelyard.regression import Information, ParameterCovariance, least_squares, torque_gains
 from steelyard.regression.parameter_covariance import FEWEST_DEGREES
@@ -47,6 +48,7 @@ __all__ = [
     "Description",
     "Known",
     "description_of",
+    "hashed_files",
     "inputs_of",
     "known_of",
     "model_of",
@@ -222,7 +224,8 @@ def _estimate(task: dict[str, Any]) -> dict[str, Any]:
     assert estimate.parameters is not None
     validation, others = _validation(known, task["validate"])
     given += [(path, "validation", part) for path, part in zip(task["validate"], validation, strict=True)]
-    contents = {name: content_hashes(name) for name, _, _ in given}
+    hashes = {one.log: one.hashes for one in task["contents"]}
+    contents = {name: hashes.get(name) or content_hashes(name) for name, _, _ in given}
     copies = copies_among(given, contents)
     remarks += copies.values()
     validation = [part for index, (_, role, part) in enumerate(given) if role == "validation" and index not in copies]
@@ -362,10 +365,15 @@ def _validation(known: Known, paths: Sequence[str]) -> tuple[list[Information], 
     return found, each
 
 
-def with_contents(task: dict[str, Any]) -> dict[str, Any]:
-    """Return a task with the contents of its files, as which alone they are read."""
+def hashed_files(common: None, task: dict[str, Any]) -> bytes:
+    """Hash the files of a task."""
     files = [name for key in ("logs", "left_out", "informations", "validate") for name in task[key]]
-    return {**task, "contents": contents_of(files)}
+    return packed([tuple(one) for one in contents_of(files)])
+
+
+def with_contents(task: dict[str, Any], hashed: bytes) -> dict[str, Any]:
+    """Return a task with the contents of its files, which `hashed_files` told, and as which alone they are read."""
+    return {**task, "contents": [LogContent(*one) for one in unpacked(hashed)]}
 
 
 def inputs_of(task: dict[str, Any]) -> list[Any]:
