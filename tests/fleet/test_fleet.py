@@ -720,7 +720,8 @@ class Meanwhile:
         self.write = write
 
     def run(self, leaf: Any, combine: Any, common: Any, groups: Any) -> Any:
-        self.write()
+        if leaf is robot_estimate.robot_estimate:
+            self.write()
         return Here().run(leaf, combine, common, groups)
 
 
