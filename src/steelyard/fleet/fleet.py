@@ -1118,7 +1118,8 @@ def sentence(one: Deviation, kind: Kind, *, when: str = "", since: str = "") -> 
         wired = "this joint is wired and logged" if cause.kind == "gain" else "they are logged"
         text += f", as where the sign of the torque or of the position is turned; see how {wired}"
     elif cause.kind == "scale":
-        text += ", as where they are logged in another unit or by another controller"
+        unit = "" if 0.75 < 1.0 + one.amplitude < 1.33 else "in another unit or "  # lb·ft are 1.36 N·m
+        text += f", as where they are logged {unit}by another controller"
     elif cause.kind == "gain":
         text += ", as with a sensor of another scale or another motor constant"
     elif cause.kind == "link":
