@@ -422,6 +422,12 @@ def test_what_no_robot_shows_is_said_and_makes_nothing_sure(arms: Arms) -> None:
     assert 0.005 < spread["mass of link2"] < 0.02
     told = "show the viscous friction of joint3 and the Coulomb friction of joint3: what is usual there is not known"
     assert any(told in remark for remark in fleet.remarks)
+    columns = fleet.parameter_columns()
+    beside = {
+        name for kind, name in zip(columns["kind"], columns["parameter"], strict=True) if kind == "beside siblings"
+    }
+    assert {"Fcj1", "Fcj2"} <= beside
+    assert "Fcj3" not in beside
     page = sy.report.fleet_html(fleet)
     assert "Fcj2: Coulomb friction" in page
     assert "Fcj3: Coulomb friction" not in page

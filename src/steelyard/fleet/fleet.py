@@ -375,7 +375,7 @@ class Fleet:
             ):
                 if compared is None:
                     continue
-                kept = [k for k, cause in enumerate(compared.causes) if cause.kind != "link"]
+                kept = [k for k, one in enumerate(compared.causes) if one.kind != "link" and not compared.hidden[k]]
                 names, units = ([getattr(compared.causes[k], key) for k in kept] for key in ("name", "unit"))
                 nominal = np.array([compared.causes[k].nominal for k in kept])
                 value, error = (nominal * one[:, kept] for one in compared.shrunk)
