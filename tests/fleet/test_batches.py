@@ -215,9 +215,15 @@ def test_what_one_batch_has_makes_no_other(fault: tuple[str, float], tmp_path: P
         assert found.batches or set(found.differs) == set(robots)
 
 
-def test_what_a_few_robots_beyond_all_others_draw_is_no_batch(tmp_path: Path) -> None:
-    """Of eight, three in mN·m made twelve batches of the five others, whose intervals said that they do not differ."""
-    found = compared(Arms(tmp_path), 8, dict.fromkeys(range(3), ("gains", 1000.0)))
+@pytest.mark.parametrize(("count", "fault", "factor"), [(8, "gains", 1000.0), (11, "gain2", 2.0)])
+def test_three_robots_beyond_all_others_draw_none_into_a_batch(
+    count: int, fault: str, factor: float, tmp_path: Path
+) -> None:
+    """Of eight, three in mN·m made twelve batches of the others; of eleven, a sound one made a batch of three others.
+
+    So the sound one was named, and the others were not.
+    """
+    found = compared(Arms(tmp_path), count, dict.fromkeys(range(3), (fault, factor)))
     assert found.batches == ()
     assert found.differs == (0, 1, 2)
 

@@ -377,9 +377,6 @@ def compare_siblings(
     heaps: dict[tuple[int, ...], list[tuple[Heap, SiblingVariation]]] = {}
     # What has changed is told robot by robot, and as the change of all.
     while before is None and len(heaps) < MOST_BATCHES and (split := tests.heap()) is not None:
-        common = _in_common(*split, tests, confidence)
-        if common.lower <= 0.0 <= common.upper:  # heaps that a few robots beyond all others made, and nothing parts
-            break
         parts = heaps.setdefault(tuple(map(int, split[0].robots)), [])
         part: tuple[Heap, SiblingVariation] | None = split
         while part is not None:
