@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 import steelyard as sy
@@ -25,14 +26,20 @@ MASSES = (6.0, 4.0, 2.0)
 FRICTION = ((1.0, 2.0), (0.8, 1.5), (0.5, 1.0))
 
 
+Factor = float | NDArray[np.float64]
+
+
 class Arms:
     """Arms whose links vary by 1 %, friction by 5 %; a fault multiplies friction of a joint, all of a link or a torque,
-    or all torques, or is a payload; or the arms are warmer, so that viscous friction is less by a factor and Coulomb
-    friction by its root.
+    or all torques, each by its own factor where there are several, or is a payload; or the arms are warmer, so that
+    viscous friction is less by a factor and Coulomb friction by its root.
 
     Those of another reach have a second link of another length. What they vary by is normal, or has the tails of
     Student's distribution with some degrees of freedom. All may have the same motion.
     """
+
+    trembling = 1e-6
+    """Of the encoder of a joint that stands still."""
 
     def __init__(self, folder: Path, reach: float = 1.0, freedom: float | None = None, alike: bool = False) -> None:
         self.folder, self.freedom, self.alike = folder, freedom, alike
@@ -50,7 +57,7 @@ class Arms:
         self,
         number: int,
         fault: str = "",
-        factor: float = 1.0,
+        factor: Factor = 1.0,
         epoch: int = 0,
         duration: float = 20.0,
         still: int | None = None,
@@ -80,7 +87,7 @@ class Arms:
         dq = w * np.cos(w * t + phase) + 0.69 * w * np.cos(2.3 * w * t)
         ddq = -(w**2) * np.sin(w * t + phase) - 0.3 * (2.3 * w) ** 2 * np.sin(2.3 * w * t)
         if still is not None:
-            trembling = 1e-6 * np.random.default_rng([number, 3]).normal(size=(3, len(t)))
+            trembling = self.trembling * np.random.default_rng([number, 3]).normal(size=(3, len(t)))
             for one, own in zip((q, dq, ddq), trembling, strict=True):
                 one[:, still] = own
         torque = self.model.inverse_dynamics(q, dq, ddq, values)

@@ -215,6 +215,19 @@ def test_what_one_batch_has_makes_no_other(fault: tuple[str, float], tmp_path: P
         assert found.batches or set(found.differs) == set(robots)
 
 
+@pytest.mark.parametrize(("count", "fault", "factor"), [(8, "gains", 1000.0), (11, "gain2", 2.0)])
+def test_three_robots_beyond_all_others_draw_none_into_a_batch(
+    count: int, fault: str, factor: float, tmp_path: Path
+) -> None:
+    """Of eight, three in mN·m made twelve batches of the others; of eleven, a sound one made a batch of three others.
+
+    So the sound one was named, and the others were not.
+    """
+    found = compared(Arms(tmp_path), count, dict.fromkeys(range(3), (fault, factor)))
+    assert found.batches == ()
+    assert found.differs == (0, 1, 2)
+
+
 def test_the_heap_is_told_whose_torque_reads_wrong(tmp_path: Path) -> None:
     """It is the larger one here: what a wrong scale does depends on each robot's motion, and the others are alike."""
     robots = tuple(number for number in range(40) if number % 10 > 2)

@@ -52,7 +52,8 @@ def test_a_robot_whose_description_changed_is_estimated_again(tmp_path: Path) ->
     for length in ("0.3", "0.3", "0.7"):
         (tmp_path / "arm.urdf").write_text(SHAPED.format(length=length))
         description = robot_estimate.description_of(str(entry.robot))
-        task = robot_estimate.with_contents(robot_estimate.task_of(entry, description, "base"))
+        task = robot_estimate.task_of(entry, description, "base")
+        task = robot_estimate.with_contents(task, robot_estimate.hashed_files(None, task))
         inputs = robot_estimate.inputs_of(task)
         keys.append(sy.fleet.checkpoint_key(*inputs))
     assert keys[0] == keys[1]

@@ -111,6 +111,19 @@ def test_a_reduction_that_is_damaged_or_of_another_robot_is_left_out_as_well(pla
             assert [log for _, log, _ in fleet.left_out] == [str(place / "2.json")]
 
 
+def test_the_more_informations_decide_whether_the_model_has_rotors(place: Path) -> None:
+    """The first one did: it kept out two others, and its robot from its siblings."""
+    for number, rotors in ((1, False), (2, True), (3, True), (4, False)):
+        data = sy.fleet.DataSet(place / "robot.toml", [place / "logs" / f"run{number}.csv"], rotors=rotors)
+        next(sy.fleet.reduce_data_sets([data])).information.save(place / f"{number}.json")
+    robots = {"A": [1, 2, 3], "B": [2, 3], "C": [1, 2, 4], "D": [1, 4], "E": [1, 2], "F": [2]}
+    given = [(name, [f"{number}.json" for number in numbers]) for name, numbers in robots.items()]
+    fleet = identify_fleet(manifest(place, *given, key="informations"))
+    for several, alone in ((0, 1), (2, 3), (4, 5)):
+        np.testing.assert_array_equal(*(fleet.rows[k].values["base"] for k in (several, alone)))
+    assert [(row.entry.id, Path(log).stem) for row, log, _ in fleet.left_out] == [("A", "1"), ("C", "2"), ("E", "1")]
+
+
 def test_the_command_tells_it_and_tries_again(
     place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -288,6 +288,21 @@ def test_killed_runs_leave_nothing_and_lose_nothing(place: Path) -> None:
         assert [path.name for path in (place / "out").iterdir()] == ["result"]
 
 
+@pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
+def test_a_run_that_a_batch_system_ends_says_so_and_keeps_what_it_has(place: Path) -> None:
+    """It died at once, and a library warned on the terminal of what its processes had shared."""
+    command = [sys.executable, "-m", "steelyard", "identify", "robot.toml", "logs", "--workers", "2", "-o", "out"]
+    with subprocess.Popen(command, cwd=place, stderr=subprocess.PIPE, text=True) as run:
+        while not (kept := list(place.glob("out/reduced-*.checkpoint"))):
+            assert run.poll() is None
+            time.sleep(0.005)
+        os.kill(run.pid, signal.SIGTERM)
+        said = run.communicate()[1].splitlines()  # which ends when the last process has closed it
+        assert (run.returncode, said[-1]) == (143, "steelyard: ended by SIGTERM"), said
+    assert {*kept} <= {*place.glob("out/*")}
+    assert not list(place.glob("out/.*"))
+
+
 def test_an_array_that_is_kept_keeps_no_others_alive() -> None:
     """Of thousands of logs the rows that are drawn are kept, and not the sums of batches beside them."""
     many, few = unpacked(packed([np.zeros(1_000_000), np.ones(3)]))

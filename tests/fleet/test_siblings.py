@@ -11,7 +11,7 @@ from scipy.stats import false_discovery_control
 import steelyard as sy
 from steelyard.fleet import Cause, compare_siblings, gains_in_own_motion, possible_causes, variations
 from steelyard.fleet.fleet import _beside_own, sentence
-from steelyard.fleet.siblings import SiblingComparison, false_discoveries
+from steelyard.fleet.siblings import Deviation, SiblingComparison, false_discoveries
 from steelyard.regression import ParameterCovariance, torque_gains
 
 from .sibling_arms import Arms
@@ -193,6 +193,8 @@ def test_masses_are_told_in_kg_where_the_description_states_them(tmp_path: Path)
         [cause] = [one for one in possible_causes(model, values) if one.kind == "mass"]
         found[name] = (cause.unit, cause.nominal)
         assert np.allclose(cause.directions[:, 0], model.base_parameters().values(values))
+        told = sentence(Deviation(0, cause, 0.1, 0.01, 0.08, 0.12, 10.0, 1e-9), "siblings")
+        assert ("weigh what is assumed" in told) is (name == "not")
     assert found == {"stated": ("kg", 3.5), "not": ("", 1.0)}
 
 
@@ -324,7 +326,10 @@ def test_torques_in_another_unit_are_told_as_such(factor: float, tmp_path: Path)
     assert one.amplitude == pytest.approx(factor - 1.0, rel=0.03)
     told = sentence(one, "siblings")
     turned = "where the sign of the torque or of the position is turned; see how they are logged"
-    assert (turned if factor < 0.0 else "where they are logged in another unit") in told
+    logged = (
+        "where they are logged by another" if factor == 1.2 else "where they are logged in another unit or by another"
+    )
+    assert (turned if factor < 0.0 else logged) in told
 
 
 def test_what_a_robot_that_differs_has_is_not_drawn_towards_its_siblings() -> None:

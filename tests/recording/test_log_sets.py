@@ -5,6 +5,7 @@ import errno
 import gc
 import io
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -19,6 +20,7 @@ from typing import Any
 import numpy as np
 import polars as pl
 import pytest
+from scipy.io import savemat
 
 import steelyard as sy
 from steelyard.files import file_hash
@@ -334,25 +336,28 @@ def test_threads_that_copy_at_once_have_copies_of_their_own(store: str, monkeypa
     assert found == {"one": "one", "two": "two"}
 
 
+READERS = {
+    "standard input": "from steelyard.recording.formats.standard_input import standard_input; standard_input()",
+    "MATLAB": "from steelyard.recording.formats.mat_file import MatFile, Path; kept = MatFile(Path('log.mat'))",
+}
+
+
 @pytest.mark.skipif(os.name != "posix", reason="only there it is known which process still uses a folder")
-def test_nothing_is_left_of_a_log_whose_reader_was_killed(tmp_path: Path) -> None:
-    program = (
-        "from steelyard.recording.formats.standard_input import standard_input\n"
-        "import os, signal\n"
-        "print(standard_input(), flush=True)\n"
-        "if {}: os.kill(os.getpid(), signal.SIGKILL)"
-    )
-    found = []
+@pytest.mark.parametrize("reader", READERS)
+def test_nothing_is_left_of_a_log_whose_reader_was_killed(reader: str, tmp_path: Path) -> None:
+    place = tmp_path / "temporary"
+    place.mkdir()
+    savemat(tmp_path / "log.mat", {"t": np.arange(50.0), "q": np.zeros((50, 1)), "tau": np.zeros((50, 1))})
     for killed in (True, False):
-        command = [sys.executable, "-c", program.format(killed)]
-        options: dict[str, Any] = {"capture_output": True, "env": {**os.environ, "TMPDIR": str(tmp_path)}}
-        done = subprocess.run(command, input=LOG.encode(), check=False, **options)
-        found.append(Path(done.stdout.decode().strip()))
-        assert found[-1].is_relative_to(tmp_path), done.stderr
-        assert found[-1].exists() == killed
+        program = f"{READERS[reader]}\nimport os, signal\nif {killed}: os.kill(os.getpid(), signal.SIGKILL)"
+        options: dict[str, Any] = {"cwd": tmp_path, "env": {**os.environ, "TMPDIR": str(place)}}
+        command = [sys.executable, "-c", program]
+        done = subprocess.run(command, input=LOG.encode(), capture_output=True, check=False, **options)
+        assert done.returncode == (-signal.SIGKILL if killed else 0), done.stderr
+        left = list(place.iterdir())
+        assert len(left) == killed
         if killed:  # nobody else reads what may be confidential
-            assert found[-1].parent.stat().st_mode & 0o077 == 0
-    assert list(tmp_path.iterdir()) == []
+            assert left[0].stat().st_mode & 0o077 == 0
 
 
 def test_the_standard_input_that_finds_no_room_is_one_sentence(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -27,8 +27,8 @@ def fleet(
 ) -> None:
     """Estimate many robots; tell which differ, fall into batches or have drifted: exit 0 none, 1 some.
 
-    Exits 1, too, where no parameters explain the data of a robot. Exits 3 where nothing came of some entry, or a log of
-    several was left out because it cannot be used; the others are there.
+    Exits 1, too, where no parameters explain the data of a robot, or the model does not predict it. Exits 3 where
+    nothing came of some entry, or a log of several was left out because it cannot be used; the others are there.
 
     \b
     Examples:
@@ -56,5 +56,5 @@ def fleet(
         echo(f"Look at {output / 'fleet.html'}")
     if found.failed or found.left_out:
         raise typer.Exit(3)
-    if found.findings or found.unexplained:
+    if found.findings or found.unexplained or found.unpredicted:
         raise typer.Exit(1)

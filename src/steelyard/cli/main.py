@@ -169,8 +169,8 @@ def main() -> None:
         except GeneratorExit:
             raise
         except SystemExit as ended:
-            if ended.code == _INTERRUPTED:  # as Typer ends what the user interrupts, without a word
-                _end(_INTERRUPTED, "interrupted")
+            if isinstance(ended.code, int) and ended.code in _ENDED:  # as Typer ends what the user interrupts
+                _end(ended.code, _ENDED[ended.code])
             raise
         except SteelyardError as error:
             _end(2, sentence(lines_told(str(error), sys.argv[1:])))
@@ -202,6 +202,7 @@ def _require_addresses() -> None:
 
 
 _INTERRUPTED = 130  # by Ctrl-C, as shells say it
+_ENDED = {_INTERRUPTED: "interrupted", 143: "ended by SIGTERM"}
 
 
 def _end(code: int, message: str) -> NoReturn:

@@ -182,19 +182,21 @@ def _refusals_told(target: Path) -> Iterator[None]:
         raise InputError(f"{str(target)!r}: is not a valid path; give another place.") from None
 
 
-def temporary_folder(target: Path) -> tuple[Path, int | None]:
-    """Make a folder beside a path, which is nobody else's while its handle is open; remove those of dead processes.
+@contextlib.contextmanager
+def temporary_folder(target: Path) -> Iterator[Path]:
+    """Make a folder beside a path, which is removed when the block ends; remove those of processes that were killed.
 
     Only this user can look into it.
-
-    Returns
-    -------
-    Path, int or None
-        The folder, and the handle that keeps it: it closes with the process.
     """
     with _refusals_told(target):
         remove_leftovers(target, folders=True)
-        return _created_folder(target, 0o700)
+        folder, handle = _created_folder(target, 0o700)
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+        if handle is not None:
+            os.close(handle)
 
 
 def beside(target: Path) -> Path:

@@ -18,18 +18,27 @@ from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import SteelyardError
 from steelyard.files.arguments import all_listed, by_name, listed
 from steelyard.identification.log_reader import Progress
-from steelyard.identification.prediction_verdict import WRONG
+from steelyard.identification.prediction_verdict import UNTESTED, WRONG
 from steelyard.regression.parameter_covariance import NORMAL
 
 from .causes import TURNABLE, Cause, gains_in_own_motion, possible_causes, variations
 from .checkpoints import Checkpoints, checkpoint_key
-from .executors import Executor, Here
+from .executors import Executor, Here, Workers
 from .log_reduction import first_of, run_in_order
 from .manifest import FleetEntry, FleetManifest
 from .packed import unpacked
-from .robot_estimate import description_of, inputs_of, model_of, robot_estimate, something_came, task_of, with_contents
+from .robot_estimate import (
+    description_of,
+    hashed_files,
+    inputs_of,
+    model_of,
+    robot_estimate,
+    something_came,
+    task_of,
+    with_contents,
+)
 from .siblings import FEWEST, LEAST_HELD, Batch, Deviation, SiblingComparison, compare_siblings, held_before
-from .torque_units import other_unit
+from .torque_units import other_units
 from .variation import median_of_shown, pseudo_inverse, shown_parameters, unexplained
 
 __all__ = ["Finding", "Fleet", "RobotGroup", "RobotRow", "identify_fleet"]
@@ -45,9 +54,13 @@ something, errors vary by half; the other sign of one joint's torque leaves seve
 ROUGH = 5
 """Robots of a group below which intervals hold less than they say: of links that were named in simulated fleets of
 four, which are those where chance made the others look alike, 6 of 10 held the truth; of five, 9 of 10."""
+MANY_SIBLINGS = 15
+"""Robots of a group below which it is said that only large differences are told. Of UR5s whose friction varies by 6 %,
+one that has 50 % more in a joint is found in 1 of 12 fleets of ten, 6 of 10 of twelve, and all of sixteen."""
 HEAVY = 0.1
 """Reciprocal of the degrees of freedom from which heavy tails are told. With ten, Student's distribution has one robot
 in 2000 five standard deviations out, and a normal one has one in 1.7 million."""
+DOCTOR = "`steelyard doctor LOG ROBOT` looks for such mistakes, and tells the line that mends them."
 LINES = 20
 """The most lines of progress that are printed while robots are estimated."""
 SURE = 0.05
@@ -154,7 +167,7 @@ class Fleet:
     remarks : tuple of str
     unexplained : tuple of RobotRow
         Whose own data no parameters that a robot can have explain, while that of siblings is explained, or whose
-        torques are in another unit than those of as many siblings. No part of them is compared.
+        torques are in another unit than those of the others. No part of them is compared.
     """
 
     manifest: FleetManifest
@@ -173,6 +186,11 @@ class Fleet:
     def left_out(self) -> tuple[tuple[RobotRow, str, str], ...]:
         """The logs that could not be used, of robots that were estimated by others: row, log and reason of each."""
         return tuple((row, log, reason) for row in self.rows for log, reason in row.values.get("left_out", {}).items())
+
+    @property
+    def unpredicted(self) -> tuple[RobotRow, ...]:
+        """The rows that were compared, or had no siblings, although the model does not predict their torques."""
+        return tuple(row for row in self.rows if row.values.get("word") == "wrong" and row not in self.unexplained)
 
     @property
     def batches(self) -> tuple[Finding, ...]:
@@ -207,6 +225,9 @@ class Fleet:
         if self.unexplained:
             number = len({row.entry.id for row in self.unexplained})
             parts.append(f"no parameters like those of siblings explain the data of {number}")
+        if self.unpredicted:
+            number = len(self.unpredicted)
+            parts.append(f"the model does not predict the torques of {number} of {len(self.rows)} entries")
         if self.failed:
             parts.append(f"nothing came of {len(self.failed)} of {len(self.rows)} entries")
         if self.left_out:
@@ -247,6 +268,7 @@ class Fleet:
             "differing": list(self.differing),
             "drifted": list(self.drifted),
             "unexplained": [row.entry.label for row in self.unexplained],
+            "unpredicted": [row.entry.label for row in self.unpredicted],
             "findings": [
                 _finding_row(one) | {"history": list(one.history), "robots": list(one.robots)} for one in self.findings
             ],
@@ -353,7 +375,7 @@ class Fleet:
             ):
                 if compared is None:
                     continue
-                kept = [k for k, cause in enumerate(compared.causes) if cause.kind != "link"]
+                kept = [k for k, one in enumerate(compared.causes) if one.kind != "link" and not compared.hidden[k]]
                 names, units = ([getattr(compared.causes[k], key) for k in kept] for key in ("name", "unit"))
                 nominal = np.array([compared.causes[k].nominal for k in kept])
                 value, error = (nominal * one[:, kept] for one in compared.shrunk)
@@ -503,6 +525,12 @@ def identify_fleet(
         )
     if strange:
         remarks.append(_unexplained([rows[k] for k in strange]))
+    suspect = [row.entry.label for row in rows if row.values.get("units_are_suspect")]
+    if suspect:
+        remarks.append(
+            f"By their rates, positions or speeds the logs of {listed(suspect)} seem to be in other units than those "
+            f"that are stated, and what differs in these entries may be no more than that. {DOCTOR}"
+        )
     filtered = sum(bool(row.values.get("filtered")) for row in rows)
     if filtered:
         remarks.append(
@@ -535,6 +563,7 @@ def identify_fleet(
             "other short events leave counts as noise there. Give the logs where that may hide a poor prediction."
         )
     not_explained = tuple(rows[k] for k in strange_or_scaled)
+    remarks += _poorly_predicted([row for row in rows if not row.reason and row not in not_explained])
     return Fleet(given, tuple(rows), tuple(groups), tuple(findings), tuple(dict.fromkeys(remarks)), not_explained)
 
 
@@ -543,23 +572,25 @@ def _estimated(
 ) -> list[RobotRow]:
     """Estimate each robot; what was finished before is taken from the checkpoints."""
     found: list[dict[str, Any]] = [{} for _ in manifest.entries]
-    numbers, tasks, keys = [], [], []
+    numbers, tasks, keys = [], [], None
     described = cache(description_of)  # of this run: the next one may find another description at the same path
     for number, entry in enumerate(manifest.entries):
         try:
-            task = task_of(entry, described(str(entry.robot)), manifest.intervals)
-            if checkpoints is not None:
-                task = with_contents(task)
-            keys.append(None if checkpoints is None else checkpoint_key("robot", *inputs_of(task)))
+            tasks.append(task_of(entry, described(str(entry.robot)), manifest.intervals))
+            numbers.append(number)
         except SteelyardError as error:
             found[number] = {"reason": str(error)}
-        else:
-            numbers.append(number)
-            tasks.append([task])
-    every = max(-(-len(tasks) // LINES), 1)
-    contents = run_in_order(robot_estimate, first_of, None, tasks, executor, keys, checkpoints, keep=something_came)
+    if checkpoints is not None:
+        say(f"hashing the files of {len(tasks)} entries")
+        # On a cluster where they lie. Processes of this machine would take longer to start than files to be hashed.
+        where = Here() if isinstance(executor, Workers) else executor
+        hashes = run_in_order(hashed_files, first_of, None, [[task] for task in tasks], where)
+        tasks = [with_contents(task, hashed) for task, hashed in zip(tasks, hashes, strict=True)]
+        keys = [checkpoint_key("robot", *inputs_of(task)) for task in tasks]
+    every, groups = max(-(-len(tasks) // LINES), 1), [[task] for task in tasks]
+    contents = run_in_order(robot_estimate, first_of, None, groups, executor, keys, checkpoints, keep=something_came)
     for done, (number, content) in enumerate(zip(numbers, contents, strict=True), start=1):
-        found[number] = {**unpacked(content), "description": tasks[done - 1][0]["robot"]}
+        found[number] = {**unpacked(content), "description": tasks[done - 1]["robot"]}
         if done % every == 0 or done == len(tasks):
             say(f"estimated {done} of {len(tasks)} ({manifest.entries[number].label})")
     return [
@@ -607,21 +638,22 @@ def _strangers(rows: Sequence[RobotRow], grouped: Mapping[Any, Sequence[int]]) -
 
 
 def _in_other_unit(rows: Sequence[RobotRow], numbers: Sequence[int]) -> tuple[list[int], list[str]]:
-    """Numbers of rows whose torques are in another unit than those of the others, who are not more; and a sentence."""
-    found = other_unit(*_arrays(rows, numbers)[:2])
-    if found is None:
-        return [], []
-    own = [numbers[k] for k in found.robots]
-    others = [k for k in numbers if k not in own]
-    units = ", as where the units of the logs differ"
-    if found.units is not None:
-        units = f", as where theirs are in {found.units[0]} and those of the others in {found.units[1]}"
-    told, beside = (listed([rows[k].entry.label for k in some], 8) for some in (own, others))
-    return own, [
-        f"The torques of {len(own)} of {len(numbers)} entries ({told}) are {few_digits(found.factor, 3)} times those "
-        f"of the others ({beside}){units}: state `torque_unit` in [log] of the robot file of each, and run again. The "
-        "former are not compared with siblings."
-    ]
+    """Numbers of rows whose torques are in another unit than those of most; and sentences."""
+    found = other_units(*_arrays(rows, numbers)[:2]) if numbers else []
+    left_out = [numbers[k] for one in found for k in one.robots]
+    others = listed([rows[k].entry.label for k in numbers if k not in left_out], 8)
+    said = []
+    for one in found:
+        units = ", as where the units of the logs differ"
+        if one.units is not None:
+            units = f", as where theirs are in {one.units[0]} and those of the others in {one.units[1]}"
+        said.append(
+            f"The torques of {len(one.robots)} of {len(numbers)} entries "
+            f"({listed([rows[numbers[k]].entry.label for k in one.robots], 8)}) are {few_digits(one.factor, 3)} times "
+            f"those of the others ({others}){units}: state `torque_unit`, or `gain`, in [log] of the robot file of "
+            "each, and run again. The former are not compared with siblings."
+        )
+    return left_out, said
 
 
 def _is_turned(row: RobotRow, usual: Array) -> bool:
@@ -636,8 +668,26 @@ def _unexplained(rows: Sequence[RobotRow]) -> str:
     return (
         f"No parameters that a robot can have explain the data of {told}: so much of the torques is left, while the "
         "data of siblings is explained. So these are not compared with siblings: see whether their logs are of these "
-        "robots, in the units, with the signs and with the joints in the order that are stated."
+        f"robots, in the units, with the signs and with the joints in the order that are stated. {DOCTOR}"
     )
+
+
+def _poorly_predicted(rows: Sequence[RobotRow]) -> list[str]:
+    """Say which robots the model predicts poorly: where it does so for all, none differs by that."""
+    told = []
+    for word, what in (("wrong", "does not predict"), ("poor", "predicts poorly")):
+        # Where nothing was held out, no more is claimed of a model either.
+        of = [
+            row for row in rows if row.values["word"] == word and (word == "wrong" or row.values["source"] != UNTESTED)
+        ]
+        of.sort(key=lambda row: (-row.values["model_error"], by_name(row.entry.label)))
+        if of:
+            told.append(
+                f"The model {what} the torques of {len(of)} of {len(rows)} entries: "
+                f"{listed([row.entry.label for row in of])}. So what differs among them may be what the model lacks, "
+                f"or a mistake in their logs or the robot file. {DOCTOR}"
+            )
+    return told
 
 
 def _copies(rows: Sequence[RobotRow]) -> dict[int, int]:
@@ -754,6 +804,8 @@ def _compared(
             when = rows[own[0]].entry.date
             as_it_was = _beside_own(one, before[one.robot], np.median(before, axis=0), drift.mean)
             told = sentence(as_it_was, "drift", when=when, since=since)
+            if beyond := _beyond_scale(one, drift):
+                told = f"Beyond {beyond[0]}, {_inside(told)}"
             ratio = 1.0 + as_it_was.amplitude
             findings.append(Finding("drift", row.entry.id, name, row.entry.date, since, one, told, history, ratio))
         remarks += _heavy_tails(f"What changed in robots{alike} of {called}", drift)
@@ -797,11 +849,19 @@ def _beside_siblings(
         row, own = rows[one.robot], [batch for batch in siblings.batches if one.robot in batch.robots]
         beside = _beside_batches(one, own)
         told = sentence(beside, "siblings")
-        if own:
-            told = f"Beyond what its batch has in common, {_inside(told)}"
+        beyond = ["what its batch has in common"] if own else []
+        beyond += _beyond_scale(one, siblings)
+        if beyond:
+            told = f"Beyond {all_listed(beyond)}, {_inside(told)}"
         findings.append(Finding("siblings", row.entry.id, name, row.entry.date, "", beside, told))
     remarks = _heavy_tails(f"What robots{alike} of {_called(name)} vary by", siblings)
-    if len(rows) < 10:
+    hidden = [_what(siblings.causes[k]) for k in np.flatnonzero(siblings.hidden) if siblings.causes[k].kind != "link"]
+    if hidden:
+        remarks.append(
+            f"Fewer than {FEWEST} robots{alike} of {_called(name)} have logs that show {all_listed(hidden)}: what is "
+            "usual there is not known, and none is compared in it."
+        )
+    if len(rows) < MANY_SIBLINGS:
         remarks.append(
             f"With {len(rows)} robots{alike} in {_called(name)}, what is usual among siblings is hardly known: only "
             f"large differences are told{', and their sizes are rough' * (len(rows) < ROUGH)}."
@@ -822,6 +882,12 @@ def _heavy_tails(what: str, compared: SiblingComparison) -> list[str]:
         f"{1.0 / compared.tails[parts[0]]:.0f} degrees of freedom): some sound robots are far from the others in these "
         "parts. So a robot is named only for what is beyond these tails, and a fault must be larger to be named there."
     ]
+
+
+def _beyond_scale(one: Deviation, compared: SiblingComparison) -> list[str]:
+    """Say that a further part of a robot is told beside the factor of all its torques, where one was found."""
+    scaled = [other for other in compared.deviations if other.robot == one.robot and other.cause.kind == "scale"]
+    return ["that factor of all its torques"] if scaled and one not in scaled else []
 
 
 def _inside(told: str) -> str:
@@ -999,8 +1065,8 @@ def sentence(one: Deviation, kind: Kind, *, when: str = "", since: str = "") -> 
     >>> sentence(Deviation(0, mass, 0.1, 0.01, 0.08, 0.12, 10.0, 1e-18), "siblings")
     'The link forearm is 0.6 kg heavier than that of its siblings (0.48 to 0.72 kg), 10 %, if it is made like theirs.'
     >>> mass = replace(mass, nominal=1.0, unit="")  # of a robot whose masses nobody describes
-    >>> sentence(Deviation(0, mass, 0.1, 0.01, 0.08, 0.12, 10.0, 1e-18), "siblings")
-    'The link forearm is 10 % heavier than that of its siblings (8 to 12 %), if it is made like theirs.'
+    >>> print(sentence(Deviation(0, mass, 0.1, 0.01, 0.08, 0.12, 10.0, 1e-18), "siblings"))  # doctest: +ELLIPSIS
+    The link forearm is 10 % heavier than that of its siblings (8 to 12 %), if it is made like theirs and the links ...
     >>> gain = Cause("torque gain of elbow", "gain", "elbow", "torque gain", "", 1.0, np.ones((1, 1)))
     >>> print(sentence(Deviation(0, gain, -2.0, 0.1, -2.2, -1.8, 20.0, 1e-80), "siblings"))  # doctest: +ELLIPSIS
     The torque measured at elbow for the same motion is -1 times that of its siblings (-1.2 to -0.8), as where the ...
@@ -1019,13 +1085,15 @@ def sentence(one: Deviation, kind: Kind, *, when: str = "", since: str = "") -> 
     elif cause.kind == "mass":
         share = f"{few_digits(100.0 * abs(one.amplitude), 2)} %"
         much, within, also = f"{few_digits(size, 2)} kg", f"{_interval(ends[0], ends[1], 2)} kg", f", {share}"
-        if not cause.unit:  # of which nobody stated how many kg it has
+        if not cause.unit:
             ends = [100.0 * end for end in ends]
             much, within, also = share, f"{_interval(ends[0], ends[1], 2)} %", ""
         text = (
             f"The link {cause.part} is {much} {'heavier' if sign > 0.0 else 'lighter'} than {others} ({within}){also}, "
             f"if it is made like {'it was' if kind == 'drift' else 'theirs'}"
         )
+        if not cause.unit:  # which torques show in combinations with those of other links
+            text += " and the links weigh what is assumed of them, as the description states no mass"
     elif cause.kind in TURNABLE:
         measured = cause.what.removesuffix(" gain")
         text = (
@@ -1050,7 +1118,8 @@ def sentence(one: Deviation, kind: Kind, *, when: str = "", since: str = "") -> 
         wired = "this joint is wired and logged" if cause.kind == "gain" else "they are logged"
         text += f", as where the sign of the torque or of the position is turned; see how {wired}"
     elif cause.kind == "scale":
-        text += ", as where they are logged in another unit or by another controller"
+        unit = "" if 0.75 < 1.0 + one.amplitude < 1.33 else "in another unit or "  # lb·ft are 1.36 N·m
+        text += f", as where they are logged {unit}by another controller"
     elif cause.kind == "gain":
         text += ", as with a sensor of another scale or another motor constant"
     elif cause.kind == "link":

@@ -42,7 +42,8 @@ class FleetEntry:
         The description, or the robot.toml.
     logs, informations, validate : tuple of str
         Paths and patterns, as absolute ones, of logs (also folders and addresses of objects), of what logs were reduced
-        to (what :meth:`steelyard.Information.save` wrote), and of logs or Informations that the fit does not see.
+        to (what :meth:`steelyard.Information.save` wrote), and of logs, as before, or Informations that the fit does
+        not see.
     where : str
         The place in the manifest, for messages.
     """

@@ -21,12 +21,20 @@ from steelyard.estimators.physical_prior import PhysicalPrior, physical_prior
 from steelyard.estimators.plausible_fit import plausible_fit, tried_prior
 from steelyard.feasibility import FeasibleSet, check
 from steelyard.files import file_hash, plain
-from steelyard.identification.given import GivenLog, given_constraints, given_logs, is_information, wider_model
+from steelyard.identification.given import (
+    given_constraints,
+    given_logs,
+    is_information,
+    wider_model,
+    without_informations,
+)
 from steelyard.identification.log_reader import ReducedLog
 from steelyard.identification.parameter_table import parameter_table
 from steelyard.identification.prediction_verdict import few_rows_of, prediction_verdict, said_of
 from steelyard.identification.reduced_logs import copies_among
 from steelyard.recording.formats import content_hashes, contents_of, unchanged
+from steelyard.recording.formats.hashes import LogContent
+from steelyard.recording.formats.log_sets import place_of
 from steelyard.regression import Information, ParameterCovariance, least_squares, torque_gains
 from steelyard.regression.parameter_covariance import FEWEST_DEGREES
 from steelyard.robot import RobotFile
@@ -40,6 +48,7 @@ __all__ = [
     "Description",
     "Known",
     "description_of",
+    "hashed_files",
     "inputs_of",
     "known_of",
     "model_of",
@@ -135,13 +144,19 @@ def known_of(robot: Description, with_rotors: bool) -> Known:
 
 
 def task_of(entry: FleetEntry, robot: Description, intervals: str) -> dict[str, Any]:
-    """Return what `robot_estimate` needs of a robot, as plain data."""
+    """Return what `robot_estimate` needs of a robot, as plain data.
+
+    What paths, folders and patterns stand for is found out here alone: an object store is asked once.
+    """
+    left_out: dict[str, str] = {}
+    checks, reduced_checks = without_informations(list(entry.validate))
     return {
         "label": entry.label,
         "robot": robot,
-        "logs": list(entry.logs),
+        "logs": _logs_of(entry.logs, left_out),
+        "left_out": left_out,
         "informations": list(entry.files("informations")),
-        "validate": list(entry.files("validate")),
+        "validate": [*(given_logs(checks, None)[0] if checks else ()), *reduced_checks],
         "intervals": intervals,
         "contents": [],
     }
@@ -181,8 +196,7 @@ def something_came(content: bytes) -> bool:
 
 
 def _estimate(task: dict[str, Any]) -> dict[str, Any]:
-    robot = task["robot"]
-    left_out: dict[str, str] = {}
+    robot, left_out = task["robot"], dict(task["left_out"])
     if task["informations"]:
         known, loaded = _loaded(robot, task["informations"], left_out)
         parts = [part for _, part in loaded]
@@ -210,7 +224,8 @@ def _estimate(task: dict[str, Any]) -> dict[str, Any]:
     assert estimate.parameters is not None
     validation, others = _validation(known, task["validate"])
     given += [(path, "validation", part) for path, part in zip(task["validate"], validation, strict=True)]
-    contents = {name: content_hashes(name) for name, _, _ in given}
+    hashes = {one.log: one.hashes for one in task["contents"]}
+    contents = {name: hashes.get(name) or content_hashes(name) for name, _, _ in given}
     copies = copies_among(given, contents)
     remarks += copies.values()
     validation = [part for index, (_, role, part) in enumerate(given) if role == "validation" and index not in copies]
@@ -264,6 +279,7 @@ def _estimate(task: dict[str, Any]) -> dict[str, Any]:
         "least_squares_error": unconstrained.relative_error,
         "condition_number": information.condition_number,
         "filtered": information.filtered_torque,
+        "units_are_suspect": any(log.units_are_suspect for log in (*own, *others)),
         "table": rows,
         "left_out": left_out,
         "remarks": list(dict.fromkeys(remarks)),
@@ -276,29 +292,32 @@ def _is_short(covariance: ParameterCovariance) -> bool:
     return found is not None and bool(np.min(found.degrees_of_freedom) <= FEWEST_DEGREES)
 
 
-def _known_for(robot: Description, information: Information, path: str) -> Known:
-    """What is known of the model of which an Information is; with rotors where it has them and nothing states terms."""
-    _, models = _file_and_models(robot)
-    return known_of(robot, information.model_among(models, path) is not models[0])
-
-
 def _loaded(
     robot: Description, paths: Sequence[str], left_out: dict[str, str]
 ) -> tuple[Known, list[tuple[str, Information]]]:
-    """Read Informations of a robot; what cannot be used of several goes to `left_out`."""
-    known: Known | None = None
-    found = []
+    """Read Informations of a robot; what cannot be used of several goes to `left_out`.
+
+    Where nothing states terms, some may be with rotors and some without: the more of these are used, or of as many
+    those with rotors, as logs are reduced.
+    """
+    _, models = _file_and_models(robot)
+    loaded: dict[bool, list[tuple[str, Information]]] = {True: [], False: []}
     for path in paths:
         try:
             part = Information.load(path)
-            known = known or _known_for(robot, part, path)
-            part.model_among([known.model], path)
-            found.append((path, part))
+            loaded[part.model_among(models, path) is not models[0]].append((path, part))
         except InputError as error:
             left_out[path] = str(error)
-    if known is None:
+    with_rotors = len(loaded[True]) >= len(loaded[False])
+    if not loaded[with_rotors]:
         raise InputError(left_out[paths[-1]])
-    return known, found
+    known = known_of(robot, with_rotors)
+    for path, part in loaded[not with_rotors]:
+        try:
+            part.model_among([known.model], path)
+        except InputError as error:
+            left_out[path] = str(error)
+    return known, loaded[with_rotors]
 
 
 def _reduced(
@@ -310,23 +329,22 @@ def _reduced(
     """
     known = known_of(robot, True)
     each: list[ReducedLog] = []
-    given = _given(logs, left_out)
-    found = reduced_logs(known.file, known.model, given, each, left_out=left_out)
+    found = reduced_logs(known.file, known.model, logs, each, left_out=left_out)
     return known, found.information, found.stretches, [*_told_of(left_out), *found.remarks], each
 
 
-def _given(paths: Sequence[str], left_out: dict[str, str]) -> Sequence[GivenLog]:
-    """Return the logs that paths, folders and patterns stand for; what stands for none goes to `left_out`."""
-    some = []
+def _logs_of(paths: Sequence[str], left_out: dict[str, str]) -> list[str]:
+    """Return the logs that paths, folders and patterns stand for; to `left_out` goes what stands for none."""
+    found: dict[str, str] = {}
     for path in paths:
         try:
-            given_logs([path], None)
-            some.append(path)
+            for log in map(str, given_logs([path], None)[0]):
+                found.setdefault(place_of(log), log)
         except InputError as error:
             left_out[path] = str(error)
-    if not some:
+    if paths and not found:
         raise InputError(left_out[paths[-1]])
-    return given_logs(some, None)[0]
+    return list(found.values())
 
 
 def _told_of(left_out: Mapping[str, str]) -> list[str]:
@@ -341,17 +359,21 @@ def _validation(known: Known, paths: Sequence[str]) -> tuple[list[Information], 
         if is_information(path):
             information = Information.load(path)
         else:
-            information = reduced_logs(known.file, known.model, given_logs([path], None)[0], each).information
+            information = reduced_logs(known.file, known.model, [path], each).information
         information.model_among([known.model], path)
         found.append(information)
     return found, each
 
 
-def with_contents(task: dict[str, Any]) -> dict[str, Any]:
-    """Return a task with the contents of its files, as which alone they are read."""
-    none: dict[str, str] = {}
-    logs = [str(log) for log in _given(task["logs"], none)] if task["logs"] else []
-    return {**task, "contents": contents_of([*logs, *none, *task["informations"], *task["validate"]])}
+def hashed_files(common: None, task: dict[str, Any]) -> bytes:
+    """Hash the files of a task."""
+    files = [name for key in ("logs", "left_out", "informations", "validate") for name in task[key]]
+    return packed([tuple(one) for one in contents_of(files)])
+
+
+def with_contents(task: dict[str, Any], hashed: bytes) -> dict[str, Any]:
+    """Return a task with the contents of its files, which `hashed_files` told, and as which alone they are read."""
+    return {**task, "contents": [LogContent(*one) for one in unpacked(hashed)]}
 
 
 def inputs_of(task: dict[str, Any]) -> list[Any]:

@@ -176,6 +176,8 @@ class SiblingComparison:
         (R,) of any cause being so, for one robot.
     deviations : tuple of Deviation
         Of robots that differ, the surest first.
+    hidden : ndarray
+        (len(causes),): of which causes too few robots show anything for any to be compared in them.
     threshold : float
         Probability of a cause of a robot below which it is named.
     batches : tuple of Batch
@@ -196,6 +198,7 @@ class SiblingComparison:
     probability: Array = field(repr=False)
     robot_probability: Array = field(repr=False)
     deviations: tuple[Deviation, ...] = field(repr=False)
+    hidden: NDArray[np.bool_] = field(repr=False)
     threshold: float = 0.0
     batches: tuple[Batch, ...] = field(default=(), repr=False)
 
@@ -420,6 +423,7 @@ def compare_siblings(
         tests.probability,
         tests.robot_probability,
         tuple(deviations),
+        np.array([not np.any(one.directions[shown.sum(axis=0) >= FEWEST]) for one in causes], dtype=bool),
         tests.threshold,
         tuple(batches),
     )

@@ -114,8 +114,10 @@ def usual_size(bases: Array, errors: Array, shown: NDArray[np.bool_]) -> Array:
     """Return how far base parameters are from each other as a rule, (n_b,), so that matrices are well conditioned."""
     middle, away = median_of_shown(bases, shown), _deviation_of_shown(bases, shown)
     own = np.sqrt(median_of_shown(np.diagonal(errors, axis1=1, axis2=2), shown))
-    size = np.hypot(away, own)
-    return np.asarray(np.maximum(size, 1e-9 * np.maximum(np.abs(middle), np.abs(middle).max(initial=1.0))))
+    largest = np.abs(middle).max(initial=1.0)
+    size = np.maximum(np.hypot(away, own), 1e-9 * largest)
+    # What none shows is unknown by `UNKNOWN` of these: in the smallest unit, it was known to be as it was in all.
+    return np.asarray(np.where(shown.any(axis=0), size, largest))
 
 
 def known_amplitudes(amplitudes: Array, told: Array) -> Array:

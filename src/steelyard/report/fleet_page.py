@@ -70,6 +70,8 @@ def _lead(fleet: Fleet) -> Markup:
         told.append(("Have drifted", f"{len(fleet.drifted)}", ""))
     if fleet.unexplained:
         told.append(("Not explained", f"{len({row.entry.id for row in fleet.unexplained})}", "see the remarks"))
+    if fleet.unpredicted:
+        told.append(("Not predicted", f"{len(fleet.unpredicted)}", "see the remarks"))
     told.append(("Nothing came of", f"{len(fleet.failed)}", "the reasons are below" if fleet.failed else ""))
     if fleet.left_out:
         told.append(("Logs left out", f"{len(fleet.left_out)}", "the reasons are below"))
@@ -237,7 +239,7 @@ def _pictures(fleet: Fleet) -> Markup:
 
 
 def _picture(fleet: Fleet, group: RobotGroup, compared: SiblingComparison, kind: str) -> Markup:
-    chosen = [k for k, cause in enumerate(compared.causes) if _is_drawn(cause, compared)]
+    chosen = [k for k, one in enumerate(compared.causes) if _is_drawn(one, compared) and not compared.hidden[k]]
     away = (compared.amplitude - compared.common)[:, chosen]
     scores = np.copysign(np.vectorize(deviations_of, otypes=[float])(compared.probability[:, chosen]), away)
     scores[np.isnan(away)] = np.nan
@@ -302,7 +304,7 @@ def _usual(fleet: Fleet) -> Markup:
             continue
         rows = []
         for k, cause in enumerate(compared.causes):
-            if cause.kind == "link":
+            if cause.kind == "link" or compared.hidden[k]:
                 continue
             spread, least = float(compared.spread[k]), float(compared.least_named[k])
             has_size = cause.has_ratio and cause.unit != ""

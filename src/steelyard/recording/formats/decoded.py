@@ -166,8 +166,8 @@ def _write(file: IO[bytes], block: Sequence[NDArray[np.float64]]) -> None:
             data = data[file.write(data) :]
 
 
-def large_files() -> str | None:
+def large_files() -> Path:
     """Return where large temporary files go: `/tmp` may be a part of the memory, `/var/tmp` never is."""
     if not os.environ.get("TMPDIR") and os.access("/var/tmp", os.W_OK | os.X_OK):
-        return "/var/tmp"
-    return None
+        return Path("/var/tmp")
+    return Path(tempfile.gettempdir())

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-import tempfile
 import weakref
+from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from typing import Any, Self
@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 from steelyard.errors import InputError
 from steelyard.files.arrays import read_array_header
 from steelyard.files.child_process import ChildLimits, run_child
+from steelyard.files.writing import temporary_folder
 
 from ..columns import LogColumns
 from .array_in_file import ArrayInFile
 from .array_log import ArrayLog, StoredArray, dates_stored, texts_of
-from .decoded import decoded_once
+from .decoded import decoded_once, large_files
 from .log_file import LogFile, reason_of
 
 __all__ = ["MatFile"]
@@ -62,9 +63,9 @@ class _Content:
     """The content of a file; its arrays stand in a temporary folder that is removed with this object."""
 
     def __init__(self, path: Path) -> None:
-        place = tempfile.TemporaryDirectory(prefix="steelyard-", ignore_cleanup_errors=True)
-        weakref.finalize(self, place.cleanup)
-        folder = Path(place.name)
+        stack = ExitStack()
+        weakref.finalize(self, stack.close)
+        folder = stack.enter_context(temporary_folder(large_files() / "steelyard-matlab"))
         index = _read(path, folder)
         if "problem" in index:
             problem = reason_of(MemoryError()) if index["problem"] == "MemoryError" else index["problem"]

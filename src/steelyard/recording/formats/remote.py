@@ -6,6 +6,7 @@ import os
 import shutil
 import tempfile
 import weakref
+from contextlib import ExitStack
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -25,7 +26,6 @@ class _Copies:
     """The copies of a process, the one that was used last at the end, in a folder that goes with it."""
 
     folder: Path | None = None
-    handle: int | None = None
     paths: dict[tuple[str, str], Path]  # by address and content
     holders: dict[Path, weakref.WeakSet[Any]]  # what reads a copy, which stays as long as any of them
     count = 0
@@ -150,6 +150,7 @@ def _unreadable(address: str, error: Exception) -> InputError:
 
 def _folder() -> Path:
     if _Copies.folder is None:
-        _Copies.folder, _Copies.handle = temporary_folder(Path(tempfile.gettempdir()) / "steelyard-objects")
-        weakref.finalize(_Copies, shutil.rmtree, _Copies.folder, ignore_errors=True)
+        stack = ExitStack()
+        weakref.finalize(_Copies, stack.close)
+        _Copies.folder = stack.enter_context(temporary_folder(Path(tempfile.gettempdir()) / "steelyard-objects"))
     return _Copies.folder

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import sqlite3
-import tempfile
 from array import array
 from collections.abc import Iterator, Sequence
 from functools import partial
@@ -17,6 +16,7 @@ import numpy as np
 from steelyard.errors import InputError, require_package
 from steelyard.files import shown
 from steelyard.files.arguments import all_listed
+from steelyard.files.writing import temporary_folder
 
 from .decoded import large_files
 from .mcap_file import McapMessages
@@ -58,8 +58,8 @@ class Ros2Bag(MessageLog):
         found: dict[tuple[str, str], list[Topic]] = {}
         with contextlib.ExitStack() as stack:
             if mode == "file":
-                folder = stack.enter_context(tempfile.TemporaryDirectory(prefix="steelyard-", dir=large_files()))
-                paths = [_unpacked(path, Path(folder), unpacking) for path in paths]
+                folder = stack.enter_context(temporary_folder(large_files() / "steelyard-bag"))
+                paths = [_unpacked(path, folder, unpacking) for path in paths]
             for path in paths:
                 if storage == "mcap":
                     topics = McapMessages(stack.enter_context(path.open("rb")), unpacking, compression).topics()

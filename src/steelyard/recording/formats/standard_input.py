@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import shutil
 import sys
-import tempfile
 import weakref
+from contextlib import ExitStack
 from pathlib import Path
 from threading import Lock
 
@@ -36,8 +36,6 @@ class _Spool:
     """The copy of the standard input, which is read many times, in a folder that goes with the process."""
 
     path: Path | None = None
-    handle: int | None = None
-    """Keeps the folder while this process lives; the next process removes what is left of one that was killed."""
     lock = Lock()
 
 
@@ -62,15 +60,15 @@ def _spooled() -> Path:
             "- stands for the standard input, and nothing is piped into it; give the path of a log, or pipe one, "
             "as in `ssh robot cat run.csv | steelyard identify robot.toml - -o result`."
         )
-    place = Path(large_files() or tempfile.gettempdir())
-    folder, _Spool.handle = temporary_folder(place / "steelyard-input")
-    weakref.finalize(_Spool, shutil.rmtree, folder, ignore_errors=True)
+    place, stack = large_files(), ExitStack()
+    weakref.finalize(_Spool, stack.close)
+    folder = stack.enter_context(temporary_folder(place / "steelyard-input"))
     copy = folder / "copy"
     try:
         with copy.open("wb") as file:
             shutil.copyfileobj(stream.buffer, file)
     except OSError as error:
-        shutil.rmtree(folder, ignore_errors=True)
+        stack.close()
         raise InputError(
             f"the standard input cannot be copied to {place} ({error.strerror or error}); make room there, set TMPDIR "
             "to another folder, or give the path of the log."
