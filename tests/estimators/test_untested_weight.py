@@ -1,0 +1,83 @@
+"""How much a prior weighs where no stretch of the data can be held out: no more than the data leave open."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+import steelyard as sy
+from steelyard.estimators.plausible_fit import allowed_share, tried_prior, untested_weight
+from steelyard.feasibility import FeasibleSet
+from steelyard.regression import ParameterCovariance
+
+BODY = sy.Inertia.from_com(3.0, [-0.2, 0.0, 0.05], 0.02 * np.eye(3)).parameters
+TRUE = np.concatenate([BODY, [0.5, 0.8], BODY, [0.3, 0.4]])
+
+
+@pytest.fixture(scope="module")
+def model() -> sy.Model:
+    """Of an arm whose description states no masses."""
+    robot = sy.Robot.from_dh([("pi/2", 0, 0.3, "q"), (0, 0.5, 0, "q")], name="arm")
+    return sy.Model(robot.with_terms(sy.Viscous(), sy.Coulomb()))
+
+
+def moved(model: sy.Model, seconds: float, memory: float = 0.0) -> sy.Samples:
+    """An arm that moved, at 500 Hz; noise of the torques lasts."""
+    t = np.arange(round(500 * seconds))[:, None] / 500
+    pace, other = np.array([3.0, 4.0]), np.array([1.3, 2.2])
+    q = 0.5 * (np.sin(pace * t) + np.sin(other * t + 2.0))
+    dq = 0.5 * (pace * np.cos(pace * t) + other * np.cos(other * t + 2.0))
+    ddq = -0.5 * (pace**2 * np.sin(pace * t) + other**2 * np.sin(other * t + 2.0))
+    noise = np.random.default_rng(1).normal(size=q.shape)
+    noise = lfilter([np.sqrt(1.0 - memory**2)], [1.0, -memory], noise, axis=0)
+    return sy.Samples(q=q, dq=dq, ddq=ddq, torque=model.inverse_dynamics(q, dq, ddq, TRUE) + 0.3 * noise)
+
+
+def test_answers_by_sums_alone_are_as_near_to_the_truth_as_noise_lets_them(model: sy.Model, tmp_path) -> None:
+    """With all of its weight the prior held them a hundred standard errors away, torques by some per cent."""
+    information = sy.Information.from_samples(model, moved(model, 20.0))
+    information.save(tmp_path / "day.json")
+    answer = sy.identify(model, tmp_path / "day.json").estimate
+    away = np.abs(answer.base - model.base_parameters().K @ TRUE)
+    assert (away / sy.least_squares(information).standard_error).max() < 5.0
+    q, dq, ddq = np.random.default_rng(2).uniform(-1.0, 1.0, (3, 200, 2)) * np.array([1.5, 2.0, 6.0])[:, None, None]
+    assert answer.parameters is not None
+    found, true = (model.inverse_dynamics(q, dq, ddq, one) for one in (answer.parameters, TRUE))
+    assert np.linalg.norm(found - true) < 0.01 * np.linalg.norm(true)
+
+
+def test_online_answers_lie_where_their_intervals_are(model: sy.Model) -> None:
+    samples = moved(model, 20.0)
+    estimator = sy.OnlineEstimator(model, rate=500)
+    estimator.update(np.arange(samples.count) / 500, samples.q, samples.torque, samples.dq, samples.ddq)
+    answer, intervals = estimator.estimate(), estimator.intervals()
+    middle, half = intervals.mean(axis=1), 0.5 * np.ptp(intervals, axis=1)
+    assert np.all(np.abs(answer.base - middle) < 2.0 * half)
+    assert answer.prior_weight < untested_weight(answer.rows)
+
+
+def test_all_of_it_counts_where_independent_rows_are_few(model: sy.Model) -> None:
+    """How uncertain least squares are is not known then."""
+    information = sy.Information.from_samples(model, moved(model, 4.0, memory=0.995))
+    correlation = ParameterCovariance.of(information).correlation
+    assert correlation is not None
+    assert correlation.effective_count.sum() < 4 * information.base_count
+    tried = tried_prior(information, (), FeasibleSet(model), sy.least_squares(information))
+    assert tried.weight == untested_weight(information.count)
+
+
+@pytest.mark.parametrize(
+    ("away", "share"),
+    [
+        (lambda share: 2.0 * share, 1.0),
+        (lambda share: 1000.0 * share, 0.001),
+        (lambda share: 50.0 * share, 0.01),
+        (lambda share: 5000.0 + share, 1.0),  # conditions keep fits away, whatever the prior weighs
+        (lambda share: 5000.0 + 30.0 * share, 0.01),
+    ],
+)
+def test_the_largest_part_is_taken_with_which_the_prior_moves_no_more_than_noise(
+    away: Callable[[float], float], share: float
+) -> None:
+    assert allowed_share(away, ParameterCovariance.of_matrix(np.eye(2), 2)) == share
