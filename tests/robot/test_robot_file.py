@@ -256,10 +256,10 @@ def test_the_first_element_tells_the_format(tmp_path, text, suffix):
 
 def test_a_package_whose_mark_has_nothing_but_beginnings_of_names(tmp_path):
     (tmp_path / "package.xml").write_text("<name" * 200_000)  # at each of which the end was looked for, for hours
-    with pytest.raises(InputError, match='the package "arm" is not found'):
-        find_package("arm", tmp_path / "robot.urdf")
-    (tmp_path / "package.xml").write_text('<package><name a="b">arm</name></package>')
-    assert find_package("arm", tmp_path / "robot.urdf") == tmp_path
+    with pytest.raises(InputError, match='the package "arm_of_nobody" is not found'):
+        find_package("arm_of_nobody", tmp_path / "robot.urdf")
+    (tmp_path / "package.xml").write_text('<package><name a="b">arm_of_nobody</name></package>')
+    assert find_package("arm_of_nobody", tmp_path / "robot.urdf") == tmp_path
 
 
 @pytest.mark.parametrize("key", ["urdf", "file"])
