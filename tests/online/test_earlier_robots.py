@@ -96,6 +96,8 @@ def test_a_payload_that_is_picked_up_again_is_known_again(model: sy.Model) -> No
     estimator = sy.OnlineEstimator(model, rate=RATE, detect_changes=True)
     work.feed(estimator)
     assert [change.robots for change in estimator.changes] == [(0, 1), (1, 0), (0, 1)]
+    assert [change.known for change in estimator.changes] == [False, True, True]
+    assert "the estimate goes on from what was known of it" in estimator.remarks[-1]  # that of both times
     assert estimator.factors()[0].count > 13.0 * RATE
     assert deviations(estimator, robot_with(1.0)).max() < 4.0
     told = sy.OnlinePayload(estimator).estimate()
@@ -114,6 +116,8 @@ def test_a_joint_that_is_pushed_for_a_while_leaves_nothing_behind(model: sy.Mode
     assert [change.robots for change in estimator.changes] == [(0, 0)]
     assert estimator.changes[0].joint_names == ("joint2",)
     assert sy.OnlinePayload(estimator).estimate() is None
+    rows = estimator.information.factors[1]
+    assert rows.residual2(model.base_parameters().K @ robot_with(0.0)) == pytest.approx(NOISE**2 * rows.count, rel=0.1)
     assert deviations(estimator, robot_with(0.0)).max() < 4.0
     (told,) = (remark for remark in estimator.remarks if "joint2" in remark)
     assert "was not as predicted for a while" in told
@@ -143,6 +147,21 @@ def test_a_robot_of_which_little_is_known_is_not_taken_for_the_one_that_is_there
     estimator = sy.OnlineEstimator(model, rate=RATE, detect_changes=True)
     work.feed(estimator)
     assert [change.robots[1] for change in estimator.changes] == [1, 2]
+
+
+def test_a_robot_of_which_nothing_is_known_is_not_kept(model: sy.Model) -> None:
+    """No torques came from the change on; then the robot shook."""
+    work = Work(model, [(8.0, 0.0), (6.0, 1.0)])
+    late = work.t >= 8.126 + 2.2
+    work.torque[(work.t >= 8.126) & ~late] = np.nan
+    work.torque[late] += 200.0 * np.sign(np.sin(90.0 * work.t[late]))[:, None]
+    estimator = sy.OnlineEstimator(model, rate=RATE, detect_changes=True)
+    work.feed(estimator)
+    assert [change.robots[1] for change in estimator.changes][:2] == [1, 2]
+    assert estimator.changes[1].before.count == 0
+    assert 1 not in [one.number for one in estimator._earlier]
+    assert estimator.first_robot is not None
+    assert estimator.first_robot.count > 0
 
 
 @pytest.mark.parametrize("seed", [1, 2])
