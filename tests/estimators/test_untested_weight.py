@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -36,7 +37,7 @@ def moved(model: sy.Model, seconds: float, memory: float = 0.0) -> sy.Samples:
     return sy.Samples(q=q, dq=dq, ddq=ddq, torque=model.inverse_dynamics(q, dq, ddq, TRUE) + 0.3 * noise)
 
 
-def test_answers_by_sums_alone_are_as_near_to_the_truth_as_noise_lets_them(model: sy.Model, tmp_path) -> None:
+def test_answers_by_sums_alone_are_as_near_to_the_truth_as_noise_lets_them(model: sy.Model, tmp_path: Path) -> None:
     """With all of its weight the prior held them a hundred standard errors away, torques by some per cent."""
     information = sy.Information.from_samples(model, moved(model, 20.0))
     information.save(tmp_path / "day.json")

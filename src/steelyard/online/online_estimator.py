@@ -37,7 +37,7 @@ from steelyard.regression.reduction import rows_of_entries
 
 from .causal_filter import CausalMotionFilter
 from .change_detector import Change, ChangeDetector, Prediction, Stretches
-from .earlier_robots import MOST_EARLIER, RECALLING, EarlierRobot
+from .earlier_robots import MOST_EARLIER, RECALLED, RECALLING, EarlierRobot
 from .even_stream import EvenStream, Stretch
 from .position_jumps import PositionJumps
 from .running_information import PARTS, CountedRows, information_of, information_state
@@ -597,8 +597,10 @@ class OnlineEstimator:
         best = int(np.argmin(shares))
         if not np.isfinite(shares[best]):
             return
-        # The oldest of the last second may be of the stretch before those that speak for it.
-        back, since, t = self._earlier.pop(best), self._doubtful[1:], self._t
+        # No rows of the stretch before those that speak for it, in which it may not have been back.
+        after = np.cumsum([count for count, _, _ in self._doubtful[::-1]])
+        shown = int(np.sum(after <= (RECALLED - 1) * self._detector.length))
+        back, since, t = self._earlier.pop(best), self._doubtful[len(self._doubtful) - shown :], self._t
         self._begin()
         self._t, self._doubtful = t, since
         self._certain, self._counted = back.rows, back.rows.copy()
