@@ -597,6 +597,13 @@ class OnlineEstimator:
         best = int(np.argmin(shares))
         if not np.isfinite(shares[best]):
             return
+        if self._certain is not None and self._certain.information(batch_means=False).count:
+            # Slow motion hides payloads: where what was learned since the change predicts it as well, nothing is told.
+            since_then, whole = self._left_behind(self._certain), np.inf
+            for _, old, mask in [*self._doubtful, (len(used), rows, used)]:
+                whole = since_then.look(self.model, old, mask, joints)
+            if np.isfinite(whole):
+                return
         # No rows of the stretch before those that speak for it, in which it may not have been back.
         after = np.cumsum([count for count, _, _ in self._doubtful[::-1]])
         shown = int(np.sum(after <= (RECALLED - 1) * self._detector.length))
