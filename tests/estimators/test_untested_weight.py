@@ -1,6 +1,8 @@
 """How much a prior weighs where no stretch of the data can be held out: no more than the data leave open."""
 
 from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ import steelyard as sy
 from steelyard.estimators.plausible_fit import allowed_share, tried_prior, untested_weight
 from steelyard.feasibility import FeasibleSet
 from steelyard.regression import ParameterCovariance
+from steelyard.regression.parameter_covariance import ResidualCorrelation
 
 BODY = sy.Inertia.from_com(3.0, [-0.2, 0.0, 0.05], 0.02 * np.eye(3)).parameters
 TRUE = np.concatenate([BODY, [0.5, 0.8], BODY, [0.3, 0.4]])
@@ -34,7 +37,7 @@ def moved(model: sy.Model, seconds: float, memory: float = 0.0) -> sy.Samples:
     return sy.Samples(q=q, dq=dq, ddq=ddq, torque=model.inverse_dynamics(q, dq, ddq, TRUE) + 0.3 * noise)
 
 
-def test_answers_by_sums_alone_are_as_near_to_the_truth_as_noise_lets_them(model: sy.Model, tmp_path) -> None:
+def test_answers_by_sums_alone_are_as_near_to_the_truth_as_noise_lets_them(model: sy.Model, tmp_path: Path) -> None:
     """With all of its weight the prior held them a hundred standard errors away, torques by some per cent."""
     information = sy.Information.from_samples(model, moved(model, 20.0))
     information.save(tmp_path / "day.json")
@@ -67,6 +70,15 @@ def test_all_of_it_counts_where_independent_rows_are_few(model: sy.Model) -> Non
     assert tried.weight == untested_weight(information.count)
 
 
+def test_all_of_it_counts_where_nothing_is_known_of_how_long_residuals_last(model: sy.Model) -> None:
+    """Each row would count for an independent one: with noise that lasts, most intervals of 95 % miss the truth."""
+    information = replace(sy.Information.from_samples(model, moved(model, 60.0, memory=0.98)), batch_means=())
+    found = sy.least_squares(information)
+    away = np.abs(found.base - model.base_parameters().K @ TRUE) / found.standard_error
+    assert np.median(away) > 1.96
+    assert tried_prior(information, (), FeasibleSet(model), found).weight == untested_weight(information.count)
+
+
 @pytest.mark.parametrize(
     ("away", "share"),
     [
@@ -80,4 +92,8 @@ def test_all_of_it_counts_where_independent_rows_are_few(model: sy.Model) -> Non
 def test_the_largest_part_is_taken_with_which_the_prior_moves_no_more_than_noise(
     away: Callable[[float], float], share: float
 ) -> None:
-    assert allowed_share(away, ParameterCovariance.of_matrix(np.eye(2), 2)) == share
+    many = np.array([1000.0])
+    correlation = ResidualCorrelation(
+        ("joint1",), many, many, np.array([1]), np.array([1000]), np.array([True]), many, np.array([1.0])
+    )
+    assert allowed_share(away, replace(ParameterCovariance.of_matrix(np.eye(2), 2), correlation=correlation)) == share

@@ -31,15 +31,20 @@ class Work:
     """A motion, and the torques of an arm that carries so much of the payload, part by part of so many seconds."""
 
     def __init__(
-        self, model: sy.Model, parts: list[tuple[float, float]], rest: tuple[float, float] = (0.0, 0.0)
+        self,
+        model: sy.Model,
+        parts: list[tuple[float, float]],
+        rest: tuple[float, float] = (0.0, 0.0),
+        rate: int = RATE,
+        slowest: float = 0.0,
     ) -> None:
         ends = np.cumsum([seconds for seconds, _ in parts])
-        self.t = np.arange(round(RATE * ends[-1])) / RATE
-        # Time itself slows down before the arm rests.
+        self.t = np.arange(round(rate * ends[-1])) / rate
+        # Time itself slows down before the arm rests, or is slow.
         begin, end = rest
-        speed = np.interp(self.t, [begin - 0.5, begin, end, end + 0.5], [1.0, 0.0, 0.0, 1.0])
+        speed = np.interp(self.t, [begin - 0.5, begin, end, end + 0.5], [1.0, slowest, slowest, 1.0])
         speed = speed**2 * (3.0 - 2.0 * speed) if end else np.ones_like(self.t)
-        phase, change = np.cumsum(speed) / RATE, np.gradient(speed, 1.0 / RATE)
+        phase, change = np.cumsum(speed) / rate, np.gradient(speed, 1.0 / rate)
         q, dq, ddq = np.zeros((3, len(self.t), 2))
         for pace, shift in zip(np.array([[3.0, 4.0], [1.3, 2.2]]), np.array([[0.0, 1.0], [2.0, 3.0]]), strict=True):
             wave = pace * phase[:, None] + shift
@@ -91,11 +96,41 @@ def test_what_is_known_of_the_bare_arm_grows_with_each_time_that_something_is_pu
     assert "the estimate goes on from what was known of it" in sentences[0]
 
 
+def test_what_counts_when_it_is_back_are_the_rows_of_the_bare_arm(model: sy.Model) -> None:
+    """Less the second before each change was noticed, to a stretch."""
+    work = Work(model, [(10.0, 0.0), (4.0, 1.0), (6.0, 0.0)])
+    estimator = sy.OnlineEstimator(model, rate=RATE, detect_changes=True)
+    q, dq, ddq = work.motion
+    estimator.update(work.t, q, work.torque, dq, ddq)
+    picked, put = (round(RATE * change.noticed) + 1 for change in estimator.changes)
+    rows = np.r_[: picked - RATE - RATE // 20, put : len(work.t)]
+    kept = sy.Samples(q=q[rows], dq=dq[rows], ddq=ddq[rows], torque=work.torque[rows], mask=np.abs(dq[rows]) >= 1e-3)
+    expected = sy.Information.from_samples(model, kept)
+    for found, factor in zip(estimator.information.factors, expected.factors, strict=True):
+        assert found.count == factor.count
+        sums, wanted = (one.triangle.T @ one.triangle for one in (found, factor))
+        np.testing.assert_allclose(sums, wanted, atol=1e-9 * np.abs(wanted).max())
+
+
+@pytest.mark.parametrize("rate", [125, 250])
+def test_rows_of_a_push_do_not_count_at_other_rates(model: sy.Model, rate: int) -> None:
+    """A second is longer than twenty stretches of 0.05 s there, which are rounded to whole samples."""
+    work = Work(model, [(14.0, 0.0)], rate=rate)
+    work.torque[(work.t >= 10.0) & (work.t < 10.8), 1] += 12.0
+    estimator = sy.OnlineEstimator(model, rate=rate, detect_changes=True)
+    work.feed(estimator)
+    assert [change.robots for change in estimator.changes] == [(0, 0)]
+    rows = estimator.information.factors[1]
+    assert rows.residual2(model.base_parameters().K @ robot_with(0.0)) == pytest.approx(NOISE**2 * rows.count, rel=0.1)
+
+
 def test_a_payload_that_is_picked_up_again_is_known_again(model: sy.Model) -> None:
     work = Work(model, [(8.0, 0.0), (8.0, 1.0), (8.0, 0.0), (8.0, 1.0)])
     estimator = sy.OnlineEstimator(model, rate=RATE, detect_changes=True)
     work.feed(estimator)
     assert [change.robots for change in estimator.changes] == [(0, 1), (1, 0), (0, 1)]
+    assert [change.known for change in estimator.changes] == [False, True, True]
+    assert "the estimate goes on from what was known of it" in estimator.remarks[-1]  # that of both times
     assert estimator.factors()[0].count > 13.0 * RATE
     assert deviations(estimator, robot_with(1.0)).max() < 4.0
     told = sy.OnlinePayload(estimator).estimate()
@@ -114,9 +149,23 @@ def test_a_joint_that_is_pushed_for_a_while_leaves_nothing_behind(model: sy.Mode
     assert [change.robots for change in estimator.changes] == [(0, 0)]
     assert estimator.changes[0].joint_names == ("joint2",)
     assert sy.OnlinePayload(estimator).estimate() is None
+    rows = estimator.information.factors[1]
+    assert rows.residual2(model.base_parameters().K @ robot_with(0.0)) == pytest.approx(NOISE**2 * rows.count, rel=0.1)
     assert deviations(estimator, robot_with(0.0)).max() < 4.0
     (told,) = (remark for remark in estimator.remarks if "joint2" in remark)
     assert "was not as predicted for a while" in told
+
+
+def test_slow_motion_that_hides_a_payload_does_not_tell_that_it_was_put_down() -> None:
+    """Without gravity in its joints, an arm that moves at a fortieth of its speed feels nearly no inertia."""
+    rows = [(0, 0.4, 0, "q"), (0, 0.4, 0, "q")]
+    robot = sy.Robot.from_dh(rows, name="scara", gravity=(0, 0, -9.81)).with_terms(sy.Viscous(), sy.Coulomb())
+    scara = sy.Model(robot)
+    for begin in (13.3, 13.7, 14.1):
+        work = Work(scara, [(10.0, 0.0), (8.0, 1.0)], rest=(begin, 30.0), slowest=0.1)
+        estimator = sy.OnlineEstimator(scara, rate=RATE, detect_changes=True)
+        work.feed(estimator)
+        assert estimator.robot == 1
 
 
 def test_an_arm_that_rests_when_it_has_put_something_down_is_known_when_it_moves_again(model: sy.Model) -> None:
@@ -143,6 +192,21 @@ def test_a_robot_of_which_little_is_known_is_not_taken_for_the_one_that_is_there
     estimator = sy.OnlineEstimator(model, rate=RATE, detect_changes=True)
     work.feed(estimator)
     assert [change.robots[1] for change in estimator.changes] == [1, 2]
+
+
+def test_a_robot_of_which_nothing_is_known_is_not_kept(model: sy.Model) -> None:
+    """No torques came from the change on; then the robot shook."""
+    work = Work(model, [(8.0, 0.0), (6.0, 1.0)])
+    late = work.t >= 8.126 + 2.2
+    work.torque[(work.t >= 8.126) & ~late] = np.nan
+    work.torque[late] += 200.0 * np.sign(np.sin(90.0 * work.t[late]))[:, None]
+    estimator = sy.OnlineEstimator(model, rate=RATE, detect_changes=True)
+    work.feed(estimator)
+    assert [change.robots[1] for change in estimator.changes][:2] == [1, 2]
+    assert estimator.changes[1].before.count == 0
+    assert 1 not in [one.number for one in estimator._earlier]
+    assert estimator.first_robot is not None
+    assert estimator.first_robot.count > 0
 
 
 @pytest.mark.parametrize("seed", [1, 2])

@@ -223,7 +223,7 @@ def tried_prior(
         deviations = covariance.in_deviations()
 
         def away(share: float) -> float:
-            fitted = fit_reduced(problem, plausible_set, prior=distance, prior_weight=share * whole)
+            fitted = fit_reduced(problem, plausible_set, prior=distance, prior_weight=share * whole, gap=PRICE_GAP)
             return float(np.sum((deviations @ (fitted.base - unconstrained.base)) ** 2))
 
         weight = whole * allowed_share(away, covariance)
@@ -259,7 +259,8 @@ def allowed_share(away: Callable[[float], float], covariance: ParameterCovarianc
         Of least squares.
     """
     correlation, count = covariance.correlation, len(covariance.root)
-    if correlation is not None and float(np.sum(correlation.effective_count)) < INDEPENDENT_ROWS * count:
+    # Sums that do not tell how long residuals last, of rows that each count for an independent one, tell too much.
+    if correlation is None or float(np.sum(correlation.effective_count)) < INDEPENDENT_ROWS * count:
         return 1.0
     # How far noise moves the base parameters on average is their number.
     found: list[float] = []

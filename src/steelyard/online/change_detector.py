@@ -59,6 +59,8 @@ class Change:
     robots : tuple of int
         Numbers of the robot before and since then: 0 for the first, and so on. One that was met before has its number
         again; where both are the same one, it was only off for a while.
+    known : bool
+        Whether the robot since then is one that was met before.
 
     Examples
     --------
@@ -83,6 +85,7 @@ class Change:
     joint_names: tuple[str, ...]
     before: Information = field(repr=False)
     robots: tuple[int, int] = (0, 1)
+    known: bool = False
 
 
 @dataclass(frozen=True, eq=False)

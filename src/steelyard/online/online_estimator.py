@@ -37,7 +37,7 @@ from steelyard.regression.reduction import rows_of_entries
 
 from .causal_filter import CausalMotionFilter
 from .change_detector import Change, ChangeDetector, Prediction, Stretches
-from .earlier_robots import MOST_EARLIER, RECALLING, EarlierRobot
+from .earlier_robots import MOST_EARLIER, RECALLED, RECALLING, EarlierRobot
 from .even_stream import EvenStream, Stretch
 from .position_jumps import PositionJumps
 from .running_information import PARTS, CountedRows, information_of, information_state
@@ -550,16 +550,16 @@ class OnlineEstimator:
         assert self._certain is not None
         detector, names = self._detector, self.model.robot.joint_names
         order = [int(k) for k in np.argsort(-detector.shares) if detector.shares[k] > 0.1 * detector.shares.max()]
-        left = self._left_behind(self._certain)
+        before = self._certain.information()
         if len(self.changes) == MOST_CHANGES:
             del self.changes[1]  # the first holds the robot as it was, to which a payload is compared
         told, robots = tuple(names[k] for k in order), (self.robot, self._met)
-        self.changes.append(Change(detector.began, t, told, left.information, robots))
+        self.changes.append(Change(detector.began, t, told, before, robots))
         self.change_count += 1
         for one in self._earlier:
             one.begin()
-        if left.information.count:
-            self._earlier.append(left)
+        if before.count:
+            self._earlier.append(self._left_behind(self._certain))
         if len(self._earlier) > MOST_EARLIER:
             self._earlier.remove(next(one for one in self._earlier if one.number))
         self.robot, self._met = self._met, self._met + 1
@@ -597,7 +597,17 @@ class OnlineEstimator:
         best = int(np.argmin(shares))
         if not np.isfinite(shares[best]):
             return
-        back, since, t = self._earlier.pop(best), self._doubtful, self._t
+        if self._certain is not None and self._certain.information(batch_means=False).count:
+            # Slow motion hides payloads: where what was learned since the change predicts it as well, nothing is told.
+            since_then, whole = self._left_behind(self._certain), np.inf
+            for _, old, mask in [*self._doubtful, (len(used), rows, used)]:
+                whole = since_then.look(self.model, old, mask, joints)
+            if np.isfinite(whole):
+                return
+        # No rows of the stretch before those that speak for it, in which it may not have been back.
+        after = np.cumsum([count for count, _, _ in self._doubtful[::-1]])
+        shown = int(np.sum(after <= (RECALLED - 1) * self._detector.length))
+        back, since, t = self._earlier.pop(best), self._doubtful[len(self._doubtful) - shown :], self._t
         self._begin()
         self._t, self._doubtful = t, since
         self._certain, self._counted = back.rows, back.rows.copy()
@@ -612,7 +622,7 @@ class OnlineEstimator:
         # It is known already, so that changes are looked for at once, and no other robot.
         self._taken = self._looked = int(RECALLING * self.rate) + 1
         last = self.changes[-1]
-        self.changes[-1] = replace(last, robots=(last.robots[0], back.number))
+        self.changes[-1] = replace(last, robots=(last.robots[0], back.number), known=True)
         self._met, self.robot = self._met - 1, back.number
 
     # Answers
@@ -1060,7 +1070,8 @@ class OnlineEstimator:
         """Return all that samples have left here."""
         slow, search, prediction = self._slow, self._search, self._prediction
         changes = [
-            [one.t, one.noticed, one.joint_names, one.robots, information_state(one.before)] for one in self.changes
+            [one.t, one.noticed, one.joint_names, one.robots, one.known, information_state(one.before)]
+            for one in self.changes
         ]
         return state_of(self, STATE) | {
             "measured": self._measured,
@@ -1089,8 +1100,8 @@ class OnlineEstimator:
         if self._certain is not None:
             self._certain.restore(state["certain"])
         self.changes = [
-            Change(t, noticed, tuple(names), information_of(self.model, before), tuple(robots))
-            for t, noticed, names, robots, before in state["changes"]
+            Change(t, noticed, tuple(names), information_of(self.model, before), tuple(robots), known)
+            for t, noticed, names, robots, known, before in state["changes"]
         ]
         length = self._detector.length
         self._earlier = [EarlierRobot.of_state(one, self._new_rows(), length) for one in state["earlier"]]
@@ -1115,7 +1126,7 @@ def _said_of(change: Change) -> str:
             f"From {change.t:.13g} s on the torque of {names} was not as predicted for a while, and is so again; that "
             "while is left out."
         )
-    if since < before:
+    if change.known:
         return (
             f"At {change.t:.13g} s the robot changed, by the torque of {names}, back to what it was "
             f"{'at first' if since == 0 else 'before'}; the estimate goes on from what was known of it."
