@@ -225,3 +225,19 @@ def test_earlier_robots_go_on_after_a_night(model: sy.Model, tmp_path: Path, see
     assert path.read_bytes() == (tmp_path / "never.npz").read_bytes()
     assert stopped.remarks == never.remarks
     assert {change.robots[1] for change in stopped.changes[1::2]} == {0}
+
+
+@pytest.mark.parametrize("saved", [9.9, 10.3, 13.3])
+def test_what_goes_on_with_other_conditions_changes_and_comes_back_as_well(
+    model: sy.Model, tmp_path: Path, saved: float
+) -> None:
+    """The last answer lies outside of them, so that there is none when the next change comes."""
+    work, path = Work(model, [(10.0, 0.0), (3.0, 1.0), (5.0, 0.0)]), tmp_path / "arm.npz"
+    estimator = sy.OnlineEstimator(model, rate=RATE, detect_changes=True)
+    work.feed(estimator, 0.0, saved)
+    estimator.save(path)
+    light = sy.FeasibleSet(model, constraints=[sy.TotalMass(maximum=4.0)])
+    estimator = sy.OnlineEstimator.load(path, model, light)
+    work.feed(estimator, saved)
+    assert estimator.changes
+    assert light.contains(estimator.estimate().parameters)

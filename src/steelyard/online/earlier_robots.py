@@ -95,9 +95,8 @@ class EarlierRobot:
         ended = self.stretches.add(residuals, used & sure & (self.seen >= FEWEST) & (self.usual > 0.0))
         if ended is not None:
             squares, shown = ended
-            self.shares = [*self.shares, np.where(shown, squares / np.where(shown, self.usual, 1.0), np.nan)][
-                -RECALLED:
-            ]
+            self.shares = self.shares[1 - RECALLED :]
+            self.shares.append(np.where(shown, squares / np.where(shown, self.usual, 1.0), np.nan))
         told = np.array(self.shares).reshape(-1, len(self.usual))
         there = 2 * np.isfinite(told).sum(axis=0) >= RECALLED
         if not there[list(joints)].all():

@@ -550,16 +550,15 @@ class OnlineEstimator:
         assert self._certain is not None
         detector, names = self._detector, self.model.robot.joint_names
         order = [int(k) for k in np.argsort(-detector.shares) if detector.shares[k] > 0.1 * detector.shares.max()]
-        before = self._certain.information()
         if len(self.changes) == MOST_CHANGES:
             del self.changes[1]  # the first holds the robot as it was, to which a payload is compared
         told, robots = tuple(names[k] for k in order), (self.robot, self._met)
-        self.changes.append(Change(detector.began, t, told, before, robots))
+        self.changes.append(Change(detector.began, t, told, self._certain.information(), robots))
         self.change_count += 1
         for one in self._earlier:
             one.begin()
-        if before.count:
-            self._earlier.append(self._left_behind(self._certain))
+        left = self._known_by(self._certain)
+        self._earlier += [] if left is None else [left]
         if len(self._earlier) > MOST_EARLIER:
             self._earlier.remove(next(one for one in self._earlier if one.number))
         self.robot, self._met = self._met, self._met + 1
@@ -569,19 +568,20 @@ class OnlineEstimator:
         self._begin()
         self._t = t
 
-    def _left_behind(self, rows: CountedRows) -> EarlierRobot:
-        """Return what is known of the robot that has changed, by rows of before."""
-        assert self._possible is not None
-        assert self._answer_weights is not None
-        detector, weights = self._detector, self._answer_weights
+    def _known_by(self, rows: CountedRows) -> EarlierRobot | None:
+        """Return what is known of the robot that is there, by these rows of it; None where there are none."""
+        information = rows.information(batch_means=False)
+        possible, weights, detector = self._possible, self._answer_weights, self._detector
+        if not information.count or possible is None or weights is None:
+            return None
         return EarlierRobot(
             self.robot,
             rows,
-            Prediction.of(rows.information(batch_means=False).reduced(weights), self._set.K @ self._possible, weights),
+            Prediction.of(information.reduced(weights), self._set.K @ possible, weights),
             detector.usual.copy(),
             detector.seen.copy(),
             self._reference,
-            self._possible,
+            possible,
             weights,
             Stretches(self.model.dof, detector.length),
         )
@@ -590,6 +590,7 @@ class OnlineEstimator:
         """Go on with an earlier robot where it has come back."""
         if not self._earlier or self._looked > RECALLING * self.rate:
             return
+        assert self._certain is not None
         names = self.model.robot.joint_names
         joints = [names.index(name) for name in self.changes[-1].joint_names]
         self._looked += int(used[:, joints].all(axis=1).sum())  # a robot at rest does not show which one it is
@@ -597,33 +598,35 @@ class OnlineEstimator:
         best = int(np.argmin(shares))
         if not np.isfinite(shares[best]):
             return
-        if self._certain is not None and self._certain.information(batch_means=False).count:
-            # Slow motion hides payloads: where what was learned since the change predicts it as well, nothing is told.
-            since_then, whole = self._left_behind(self._certain), np.inf
-            for _, old, mask in [*self._doubtful, (len(used), rows, used)]:
-                whole = since_then.look(self.model, old, mask, joints)
-            if np.isfinite(whole):
-                return
-        # No rows of the stretch before those that speak for it, in which it may not have been back.
+        # Slow motion hides payloads: where what was learned since the change predicts it as well, nothing is told.
+        since_then, share = self._known_by(self._certain), np.inf
+        for _, old, mask in [*self._doubtful, (len(used), rows, used)]:
+            share = np.inf if since_then is None else since_then.look(self.model, old, mask, joints)
+        if not np.isfinite(share):
+            self._go_on_with(self._earlier.pop(best))
+
+    def _go_on_with(self, robot: EarlierRobot) -> None:
+        """Take an earlier robot for the one that is there, with the newest rows, which speak for it."""
+        # No rows of the stretch before those, in which it may not have been back.
         after = np.cumsum([count for count, _, _ in self._doubtful[::-1]])
         shown = int(np.sum(after <= (RECALLED - 1) * self._detector.length))
-        back, since, t = self._earlier.pop(best), self._doubtful[len(self._doubtful) - shown :], self._t
+        newest, t = self._doubtful[len(self._doubtful) - shown :], self._t
         self._begin()
-        self._t, self._doubtful = t, since
-        self._certain, self._counted = back.rows, back.rows.copy()
-        for _, old, mask in since:
+        self._t, self._doubtful = t, newest
+        self._certain, self._counted = robot.rows, robot.rows.copy()
+        for _, old, mask in newest:
             self._counted.add(old, mask)
-        self._prediction, self._reference, self._answer_weights = back.prediction, back.reference, back.weights
-        if self._search.inside(back.parameters):
-            self._possible = back.parameters
-            self._search.begin(back.parameters)
+        self._prediction, self._reference, self._answer_weights = robot.prediction, robot.reference, robot.weights
+        if self._search.inside(robot.parameters):
+            self._possible = robot.parameters
+            self._search.begin(robot.parameters)
         self._detector.rest()
-        self._detector.usual, self._detector.seen = back.usual, back.seen
+        self._detector.usual, self._detector.seen = robot.usual, robot.seen
         # It is known already, so that changes are looked for at once, and no other robot.
         self._taken = self._looked = int(RECALLING * self.rate) + 1
         last = self.changes[-1]
-        self.changes[-1] = replace(last, robots=(last.robots[0], back.number), known=True)
-        self._met, self.robot = self._met - 1, back.number
+        self.changes[-1] = replace(last, robots=(last.robots[0], robot.number), known=True)
+        self._met, self.robot = self._met - 1, robot.number
 
     # Answers
 
