@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.signal import lfilter
+from two_joint_arm import unstated_arm, unstated_parameters
 
 import steelyard as sy
 from steelyard.estimators.plausible_fit import allowed_share, tried_prior, untested_weight
@@ -14,15 +15,12 @@ from steelyard.feasibility import FeasibleSet
 from steelyard.regression import ParameterCovariance
 from steelyard.regression.parameter_covariance import ResidualCorrelation
 
-BODY = sy.Inertia.from_com(3.0, [-0.2, 0.0, 0.05], 0.02 * np.eye(3)).parameters
-TRUE = np.concatenate([BODY, [0.5, 0.8], BODY, [0.3, 0.4]])
+TRUE = unstated_parameters()
 
 
 @pytest.fixture(scope="module")
 def model() -> sy.Model:
-    """Of an arm whose description states no masses."""
-    robot = sy.Robot.from_dh([("pi/2", 0, 0.3, "q"), (0, 0.5, 0, "q")], name="arm")
-    return sy.Model(robot.with_terms(sy.Viscous(), sy.Coulomb()))
+    return unstated_arm()
 
 
 def moved(model: sy.Model, seconds: float, memory: float = 0.0) -> sy.Samples:

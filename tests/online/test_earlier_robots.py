@@ -5,26 +5,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from two_joint_arm import unstated_arm, unstated_parameters
 
 import steelyard as sy
 from steelyard.online.earlier_robots import MOST_EARLIER
 
 Array = NDArray[np.float64]
 RATE, NOISE = 500, 0.1
-BODY = sy.Inertia.from_com(3.0, [-0.2, 0.0, 0.05], 0.02 * np.eye(3)).parameters
-HELD = sy.Inertia.from_com(1.5, [0.02, 0.03, 0.1], 0.01 * np.eye(3)).parameters
-TERMS = [0.5, 0.8], [0.3, 0.4]
-
-
-def robot_with(part: float) -> Array:
-    """Return the parameters of the arm with so much of the payload."""
-    return np.concatenate([BODY, TERMS[0], BODY + part * HELD, TERMS[1]])
 
 
 @pytest.fixture(scope="module")
 def model() -> sy.Model:
-    robot = sy.Robot.from_dh([("pi/2", 0, 0.3, "q"), (0, 0.5, 0, "q")], name="arm")
-    return sy.Model(robot.with_terms(sy.Viscous(), sy.Coulomb()))
+    return unstated_arm()
 
 
 class Work:
@@ -54,7 +46,7 @@ class Work:
         self.motion = q, dq, ddq
         self.part = np.searchsorted(ends, self.t, side="right").clip(max=len(parts) - 1)
         carried = np.array([share for _, share in parts])[self.part]
-        alone, loaded = (model.inverse_dynamics(*self.motion, robot_with(x)) for x in (0.0, 1.0))
+        alone, loaded = (model.inverse_dynamics(*self.motion, unstated_parameters(x)) for x in (0.0, 1.0))
         self.carried = carried
         self.torque = alone + carried[:, None] * (loaded - alone)  # the payload's part is linear in its parameters
         self.torque += NOISE * np.random.default_rng(1).normal(size=alone.shape)
@@ -83,7 +75,7 @@ def test_what_is_known_of_the_bare_arm_grows_with_each_time_that_something_is_pu
         if bare:
             alone.append(estimator.information.relative_error(estimator.estimate().base))
             rows.append(estimator.factors()[0].count)
-            assert deviations(estimator, robot_with(0.0)).max() < 4.0
+            assert deviations(estimator, unstated_parameters(0.0)).max() < 4.0
         else:
             assert told is not None
             assert 1.5 in told["mass"]
@@ -121,7 +113,9 @@ def test_rows_of_a_push_do_not_count_at_other_rates(model: sy.Model, rate: int) 
     work.feed(estimator)
     assert [change.robots for change in estimator.changes] == [(0, 0)]
     rows = estimator.information.factors[1]
-    assert rows.residual2(model.base_parameters().K @ robot_with(0.0)) == pytest.approx(NOISE**2 * rows.count, rel=0.1)
+    assert rows.residual2(model.base_parameters().K @ unstated_parameters(0.0)) == pytest.approx(
+        NOISE**2 * rows.count, rel=0.1
+    )
 
 
 def test_a_payload_that_is_picked_up_again_is_known_again(model: sy.Model) -> None:
@@ -132,7 +126,7 @@ def test_a_payload_that_is_picked_up_again_is_known_again(model: sy.Model) -> No
     assert [change.known for change in estimator.changes] == [False, True, True]
     assert "the estimate goes on from what was known of it" in estimator.remarks[-1]  # that of both times
     assert estimator.factors()[0].count > 13.0 * RATE
-    assert deviations(estimator, robot_with(1.0)).max() < 4.0
+    assert deviations(estimator, unstated_parameters(1.0)).max() < 4.0
     told = sy.OnlinePayload(estimator).estimate()
     assert told is not None
     assert 1.5 in told["mass"]
@@ -150,8 +144,10 @@ def test_a_joint_that_is_pushed_for_a_while_leaves_nothing_behind(model: sy.Mode
     assert estimator.changes[0].joint_names == ("joint2",)
     assert sy.OnlinePayload(estimator).estimate() is None
     rows = estimator.information.factors[1]
-    assert rows.residual2(model.base_parameters().K @ robot_with(0.0)) == pytest.approx(NOISE**2 * rows.count, rel=0.1)
-    assert deviations(estimator, robot_with(0.0)).max() < 4.0
+    assert rows.residual2(model.base_parameters().K @ unstated_parameters(0.0)) == pytest.approx(
+        NOISE**2 * rows.count, rel=0.1
+    )
+    assert deviations(estimator, unstated_parameters(0.0)).max() < 4.0
     (told,) = (remark for remark in estimator.remarks if "joint2" in remark)
     assert "was not as predicted for a while" in told
 
@@ -173,7 +169,7 @@ def test_an_arm_that_rests_when_it_has_put_something_down_is_known_when_it_moves
     estimator = sy.OnlineEstimator(model, rate=RATE, detect_changes=True)
     work.feed(estimator)
     assert [change.robots for change in estimator.changes] == [(0, 1), (1, 0)]
-    assert deviations(estimator, robot_with(0.0)).max() < 4.0
+    assert deviations(estimator, unstated_parameters(0.0)).max() < 4.0
 
 
 def test_another_payload_is_another_robot_and_the_first_one_is_never_forgotten(model: sy.Model) -> None:
@@ -183,7 +179,7 @@ def test_another_payload_is_another_robot_and_the_first_one_is_never_forgotten(m
     work.feed(estimator)
     assert [change.robots[1] for change in estimator.changes] == [1, 2, 3, 4, 5, 6, 0]
     assert len(estimator._earlier) <= MOST_EARLIER
-    assert deviations(estimator, robot_with(0.0)).max() < 4.0
+    assert deviations(estimator, unstated_parameters(0.0)).max() < 4.0
 
 
 def test_a_robot_of_which_little_is_known_is_not_taken_for_the_one_that_is_there(model: sy.Model) -> None:

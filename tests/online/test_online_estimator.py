@@ -8,22 +8,21 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
+from two_joint_arm import unstated_arm, unstated_parameters
 
 import steelyard as sy
-from steelyard.online import online_estimator
+from steelyard.online import OnlineEstimate, online_estimator
 from steelyard.online.causal_filter import CausalMotionFilter
 from steelyard.online.even_stream import EvenStream
 from steelyard.online.running_information import RunningInformation
 
 Array = NDArray[np.float64]
-BODY = sy.Inertia.from_com(3.0, [-0.2, 0.0, 0.05], 0.02 * np.eye(3)).parameters
-TRUE = np.concatenate([BODY, [0.5, 0.8], BODY, [0.3, 0.4]])
+TRUE = unstated_parameters()
 
 
 @pytest.fixture(scope="module")
 def model() -> sy.Model:
-    arm = sy.Robot.from_dh([("pi/2", 0, 0.3, "q"), (0, 0.5, 0, "q")], name="arm")
-    return sy.Model(arm.with_terms(sy.Viscous(), sy.Coulomb()))
+    return unstated_arm()
 
 
 @pytest.fixture(scope="module")
@@ -34,6 +33,17 @@ def motion(model: sy.Model) -> tuple[Array, ...]:
     q, dq, ddq = np.sin(pace * t[:, None]), pace * np.cos(pace * t[:, None]), -(pace**2) * np.sin(pace * t[:, None])
     torque = model.inverse_dynamics(q, dq, ddq, TRUE)
     return t, q, dq, ddq, torque + 0.1 * np.random.default_rng(1).normal(size=q.shape)
+
+
+def batch_fit(estimator: sy.OnlineEstimator, answer: OnlineEstimate) -> sy.Estimate:
+    """The same problem as an answer, solved as that of a log."""
+    return sy.fit(
+        estimator.information,
+        estimator.feasible_set,
+        weights=answer.weights,
+        prior=answer.prior,
+        prior_weight=answer.prior_weight,
+    )
 
 
 def gram(factor: sy.regression.Factor) -> Array:
@@ -67,13 +77,7 @@ def test_answers_are_those_of_the_batch_fit(model: sy.Model, motion: tuple[Array
         estimator.update(t[k : k + 250], q[k : k + 250], torque[k : k + 250])
         answer = estimator.estimate(accuracy=1e-10)
         assert estimator.feasible_set.contains(answer.parameters)
-    batch = sy.fit(
-        estimator.information,
-        estimator.feasible_set,
-        weights=answer.weights,
-        prior=answer.prior,
-        prior_weight=answer.prior_weight,
-    )
+    batch = batch_fit(estimator, answer)
     assert answer.converged
     assert answer.base == pytest.approx(batch.base, rel=1e-4, abs=1e-5 * np.abs(batch.base).max())
     true = model.base_parameters().values(TRUE)
@@ -335,13 +339,7 @@ def test_a_bound_on_the_mass_of_a_light_robot_leaves_room(
     estimator = sy.OnlineEstimator(model, bounded)
     estimator.update(t, q, torque + 0.01 * np.random.default_rng(1).normal(size=q.shape))
     answer = estimator.estimate(accuracy=1e-9)
-    batch = sy.fit(
-        estimator.information,
-        estimator.feasible_set,
-        weights=answer.weights,
-        prior=answer.prior,
-        prior_weight=answer.prior_weight,
-    )
+    batch = batch_fit(estimator, answer)
     assert answer.base == pytest.approx(batch.base, abs=1e-5 * np.abs(batch.base).max())
     assert answer.base == pytest.approx(model.base_parameters().values(true), abs=0.05)
 

@@ -7,25 +7,18 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from two_joint_arm import unstated_arm, unstated_parameters
 
 import steelyard as sy
 from steelyard.estimators.physical_prior import physical_prior
 
 Array = NDArray[np.float64]
-BODY = sy.Inertia.from_com(3.0, [-0.2, 0.0, 0.05], 0.02 * np.eye(3)).parameters
-HELD = sy.Inertia.from_com(1.5, [0.02, 0.03, 0.1], 0.01 * np.eye(3)).parameters
-TRUE = np.concatenate([BODY, [0.5, 0.8], BODY, [0.3, 0.4]])
-LOADED = np.concatenate([BODY, [0.5, 0.8], BODY + HELD, [0.3, 0.4]])
-
-
-def arm(length: float = 0.5, gravity: tuple[float, float, float] = (0.0, 0.0, -9.81)) -> sy.Model:
-    robot = sy.Robot.from_dh([("pi/2", 0, 0.3, "q"), (0, length, 0, "q")], name="arm", gravity=gravity)
-    return sy.Model(robot.with_terms(sy.Viscous(), sy.Coulomb()))
+TRUE, LOADED = unstated_parameters(), unstated_parameters(1.0)
 
 
 @pytest.fixture(scope="module")
 def model() -> sy.Model:
-    return arm()
+    return unstated_arm()
 
 
 def log(model: sy.Model, seconds: float, loaded_from: float = np.inf, seed: int = 1) -> tuple[Array, ...]:
@@ -177,7 +170,11 @@ def saved(model: sy.Model, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_files_of_other_robots_are_refused(saved: Path) -> None:
     message = f"{saved.name}: is of another robot than arm, or of other terms; give the model of the estimator"
-    for other in (arm(0.6), arm(gravity=(0.0, 0.0, -1.62)), sy.Model(arm().robot.with_terms(sy.Offset()))):
+    for other in (
+        unstated_arm(0.6),
+        unstated_arm(gravity=(0.0, 0.0, -1.62)),
+        sy.Model(unstated_arm().robot.with_terms(sy.Offset())),
+    ):
         with pytest.raises(sy.InputError, match=message):
             sy.OnlineEstimator.load(saved, other)
 

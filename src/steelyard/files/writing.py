@@ -11,7 +11,8 @@ import secrets
 import shutil
 import stat
 import sys
-from collections.abc import Collection, Iterator, Mapping
+import weakref
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -197,6 +198,13 @@ def temporary_folder(target: Path) -> Iterator[Path]:
         shutil.rmtree(folder, ignore_errors=True)
         if handle is not None:
             os.close(handle)
+
+
+def kept_folder(owner: object, target: Path) -> tuple[Path, Callable[[], object]]:
+    """Make a `temporary_folder` that is removed with an object or this process, or before by the second value."""
+    stack = contextlib.ExitStack()
+    remove = weakref.finalize(owner, stack.close)
+    return stack.enter_context(temporary_folder(target)), remove
 
 
 def beside(target: Path) -> Path:

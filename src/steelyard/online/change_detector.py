@@ -123,6 +123,16 @@ class Prediction:
         step = solve_triangular(triangle, solve_triangular(triangle, left, trans="T"))
         return cls(triangle, weights, near, near + step)
 
+    def state(self) -> list[Array]:
+        """Return all of it, for a file."""
+        return [self.triangle, self.weights, self.answer, self.data]
+
+    @classmethod
+    def of_state(cls, state: Sequence[Array]) -> Prediction:
+        """Return the prediction of which `state` told."""
+        triangle, *others = state
+        return cls(np.asfortranarray(triangle), *others)
+
     def residuals(self, model: Model, rows: Sequence[Array], used: NDArray[np.bool_], length: int) -> Array:
         """Return residuals (S, N) of rows that come next, over the root of their variance relative to that of noise.
 

@@ -83,20 +83,25 @@ class EarlierRobot:
         """Look anew whether it has come back."""
         self.stretches, self.shares = Stretches(len(self.usual), self.stretches.length), []
 
-    def look(self, model: Model, rows: Sequence[Array], used: NDArray[np.bool_], joints: Sequence[int]) -> float:
-        """Look at rows that come next; return how large the residuals of the last second are, usual ones being 1.
-
-        Infinite where that does not speak for this robot, or where the joints by which the change was noticed have
-        hardly moved.
-        """
+    def look(self, model: Model, rows: Sequence[Array], used: NDArray[np.bool_]) -> bool:
+        """Look at rows that come next; return whether a stretch ended, so that `share` may be another one."""
         length = self.stretches.length
         sure = self.prediction.leverage(model, rows, used, length) < SURE
         residuals = self.prediction.residuals(model, rows, used, length)
         ended = self.stretches.add(residuals, used & sure & (self.seen >= FEWEST) & (self.usual > 0.0))
-        if ended is not None:
-            squares, shown = ended
-            self.shares = self.shares[1 - RECALLED :]
-            self.shares.append(np.where(shown, squares / np.where(shown, self.usual, 1.0), np.nan))
+        if ended is None:
+            return False
+        squares, shown = ended
+        self.shares = self.shares[1 - RECALLED :]
+        self.shares.append(np.where(shown, squares / np.where(shown, self.usual, 1.0), np.nan))
+        return True
+
+    def share(self, joints: Sequence[int]) -> float:
+        """Return how large the squared residuals of the last second are, usual ones being 1.
+
+        Infinite where that does not speak for this robot, or where the joints by which the change was noticed have
+        hardly moved.
+        """
         told = np.array(self.shares).reshape(-1, len(self.usual))
         there = 2 * np.isfinite(told).sum(axis=0) >= RECALLED
         if not there[list(joints)].all():
@@ -107,11 +112,10 @@ class EarlierRobot:
 
     def state(self) -> dict[str, Any]:
         """Return all of it, for a file."""
-        own = self.prediction
         return {
             "number": self.number,
             "rows": self.rows.state(),
-            "prediction": [own.triangle, own.weights, own.answer, own.data],
+            "prediction": self.prediction.state(),
             "arrays": [self.usual, self.seen, self.reference, self.parameters, self.weights],
             "stretches": self.stretches.state(),
             "shares": self.shares,
@@ -120,8 +124,7 @@ class EarlierRobot:
     @classmethod
     def of_state(cls, state: Mapping[str, Any], rows: CountedRows, length: int) -> EarlierRobot:
         """Return the robot of which `state` told, with rows that are empty so far, and stretches of so many samples."""
-        triangle, *others = state["prediction"]
-        prediction = Prediction(np.asfortranarray(triangle), *others)
+        prediction = Prediction.of_state(state["prediction"])
         usual, seen, reference, parameters, weights = state["arrays"]
         stretches = Stretches(len(usual), length).restore(state["stretches"])
         known = state["number"], rows.restore(state["rows"]), prediction, usual, seen, reference, parameters, weights

@@ -552,12 +552,13 @@ class OnlineEstimator:
         order = [int(k) for k in np.argsort(-detector.shares) if detector.shares[k] > 0.1 * detector.shares.max()]
         if len(self.changes) == MOST_CHANGES:
             del self.changes[1]  # the first holds the robot as it was, to which a payload is compared
+        left = self._known_by(self._certain)
+        before = self._certain.information() if left is None else left.information  # which is kept there
         told, robots = tuple(names[k] for k in order), (self.robot, self._met)
-        self.changes.append(Change(detector.began, t, told, self._certain.information(), robots))
+        self.changes.append(Change(detector.began, t, told, before, robots))
         self.change_count += 1
         for one in self._earlier:
             one.begin()
-        left = self._known_by(self._certain)
         self._earlier += [] if left is None else [left]
         if len(self._earlier) > MOST_EARLIER:
             self._earlier.remove(next(one for one in self._earlier if one.number))
@@ -594,15 +595,19 @@ class OnlineEstimator:
         names = self.model.robot.joint_names
         joints = [names.index(name) for name in self.changes[-1].joint_names]
         self._looked += int(used[:, joints].all(axis=1).sum())  # a robot at rest does not show which one it is
-        shares = [one.look(self.model, rows, used, joints) for one in self._earlier]
+        ended = [one.look(self.model, rows, used) for one in self._earlier]
+        if not ended[0]:  # as those of all of them
+            return
+        shares = [one.share(joints) for one in self._earlier]
         best = int(np.argmin(shares))
         if not np.isfinite(shares[best]):
             return
         # Slow motion hides payloads: where what was learned since the change predicts it as well, nothing is told.
-        since_then, share = self._known_by(self._certain), np.inf
-        for _, old, mask in [*self._doubtful, (len(used), rows, used)]:
-            share = np.inf if since_then is None else since_then.look(self.model, old, mask, joints)
-        if not np.isfinite(share):
+        since_then = self._known_by(self._certain)
+        if since_then is not None:
+            for _, old, mask in [*self._doubtful, (len(used), rows, used)]:
+                since_then.look(self.model, old, mask)
+        if since_then is None or not np.isfinite(since_then.share(joints)):
             self._go_on_with(self._earlier.pop(best))
 
     def _go_on_with(self, robot: EarlierRobot) -> None:
@@ -1084,7 +1089,7 @@ class OnlineEstimator:
             "bodies": [[link.fixed, link.free] for link in self._scaled.links],
             "search": [search.start, search.multipliers],
             "slow": slow and [slow.rows, slow.weights, slow.deviations, slow.prior_weight],
-            "prediction": prediction and [prediction.triangle, prediction.weights, prediction.answer, prediction.data],
+            "prediction": prediction and prediction.state(),
             "changes": changes,
             "earlier": [one.state() for one in self._earlier],
         }
@@ -1109,8 +1114,7 @@ class OnlineEstimator:
         length = self._detector.length
         self._earlier = [EarlierRobot.of_state(one, self._new_rows(), length) for one in state["earlier"]]
         if state["prediction"] is not None:
-            triangle, *others = state["prediction"]
-            self._prediction = Prediction(np.asfortranarray(triangle), *others)
+            self._prediction = Prediction.of_state(state["prediction"])
         start, multipliers = state["search"]
         if start is None or not self._search.inside(start):  # the set is another one than it was
             self._possible = self._answer_weights = None

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import weakref
-from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from typing import Any, Self
@@ -15,7 +13,7 @@ from numpy.typing import NDArray
 from steelyard.errors import InputError
 from steelyard.files.arrays import read_array_header
 from steelyard.files.child_process import ChildLimits, run_child
-from steelyard.files.writing import temporary_folder
+from steelyard.files.writing import kept_folder
 
 from ..columns import LogColumns
 from .array_in_file import ArrayInFile
@@ -63,9 +61,7 @@ class _Content:
     """The content of a file; its arrays stand in a temporary folder that is removed with this object."""
 
     def __init__(self, path: Path) -> None:
-        stack = ExitStack()
-        weakref.finalize(self, stack.close)
-        folder = stack.enter_context(temporary_folder(large_files() / "steelyard-matlab"))
+        folder, _ = kept_folder(self, large_files() / "steelyard-matlab")
         index = _read(path, folder)
         if "problem" in index:
             problem = reason_of(MemoryError()) if index["problem"] == "MemoryError" else index["problem"]

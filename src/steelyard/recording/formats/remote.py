@@ -6,7 +6,6 @@ import os
 import shutil
 import tempfile
 import weakref
-from contextlib import ExitStack
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -14,7 +13,7 @@ from typing import Any
 from steelyard.errors import InputError, require_package
 from steelyard.files import file_hash
 from steelyard.files.reading import find_password
-from steelyard.files.writing import temporary_folder
+from steelyard.files.writing import kept_folder
 
 __all__ = ["local_copy", "object_address", "object_store", "remote_identity"]
 
@@ -150,7 +149,5 @@ def _unreadable(address: str, error: Exception) -> InputError:
 
 def _folder() -> Path:
     if _Copies.folder is None:
-        stack = ExitStack()
-        weakref.finalize(_Copies, stack.close)
-        _Copies.folder = stack.enter_context(temporary_folder(Path(tempfile.gettempdir()) / "steelyard-objects"))
+        _Copies.folder, _ = kept_folder(_Copies, Path(tempfile.gettempdir()) / "steelyard-objects")
     return _Copies.folder

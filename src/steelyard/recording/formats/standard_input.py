@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import shutil
 import sys
-import weakref
-from contextlib import ExitStack
 from pathlib import Path
 from threading import Lock
 
 from steelyard.errors import InputError
-from steelyard.files.writing import temporary_folder
+from steelyard.files.writing import kept_folder
 
 from .decoded import large_files
 
@@ -60,15 +58,14 @@ def _spooled() -> Path:
             "- stands for the standard input, and nothing is piped into it; give the path of a log, or pipe one, "
             "as in `ssh robot cat run.csv | steelyard identify robot.toml - -o result`."
         )
-    place, stack = large_files(), ExitStack()
-    weakref.finalize(_Spool, stack.close)
-    folder = stack.enter_context(temporary_folder(place / "steelyard-input"))
+    place = large_files()
+    folder, remove = kept_folder(_Spool, place / "steelyard-input")
     copy = folder / "copy"
     try:
         with copy.open("wb") as file:
             shutil.copyfileobj(stream.buffer, file)
     except OSError as error:
-        stack.close()
+        remove()
         raise InputError(
             f"the standard input cannot be copied to {place} ({error.strerror or error}); make room there, set TMPDIR "
             "to another folder, or give the path of the log."
