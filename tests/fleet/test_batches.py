@@ -138,6 +138,20 @@ def test_robots_that_are_out_of_order_in_several_ways_are_no_batch() -> None:
     assert set(range(6)) <= set(found.differs)
 
 
+def test_robots_of_which_each_has_its_own_heavier_link_are_no_batch() -> None:
+    """A joint carries all links behind it: what is carried by the first is more for all ten, which are four kinds."""
+    carried = np.zeros((40, 5))
+    carried[0], carried[1:5, 1:] = 1.0, 0.4 * np.eye(4)
+    causes = tuple(Cause(f"m{k}", "mass", f"link{k}", "mass", "kg", 1.0, carried[:, [k]]) for k in range(5))
+    bases = 0.1 * np.random.default_rng(5).normal(size=(150, 40))
+    odd = {robot: 1 + robot // 15 % 4 for robot in range(0, 150, 15)}
+    for robot, link in odd.items():
+        bases[robot] += 0.8 * carried[:, link]
+    found = compare_siblings(bases, np.broadcast_to(1e-4 * np.eye(40), (150, 40, 40)), causes, np.eye(40))
+    assert found.batches == ()
+    assert {one.robot: one.cause.name for one in found.deviations} == {robot: f"m{link}" for robot, link in odd.items()}
+
+
 def compared(arms: Arms, count: int, faults: dict[int, tuple[str, float]]) -> SiblingComparison:
     """Hold arms beside each other, of which some have faults; what others have is what friction is a part of."""
     told = []
