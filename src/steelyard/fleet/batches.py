@@ -290,9 +290,7 @@ def _each_its_own(variation: SiblingVariation, heap: Heap, causes: Sequence[Caus
     if len(heap.amplitudes) == 1:  # of which each may have its own amount
         together = explained(heap.cause)
     others = [k for k, one in enumerate(causes) if k != heap.cause and one.directions.shape[1] == 1]
-    if (
-        causes[heap.cause].kind in OF_DRIVES
-    ):  # more friction varies by more, and in the cold all joints have more
+    if causes[heap.cause].kind in OF_DRIVES:  # more friction varies by more, and in the cold all joints have more
         others = [k for k in others if causes[k].kind not in OF_DRIVES]
     if not others:
         return False
