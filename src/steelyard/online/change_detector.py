@@ -16,7 +16,7 @@ from steelyard.regression.reduction import residuals_of_rows
 from .running_information import stacked
 from .saved_state import Stateful
 
-__all__ = ["FEWEST", "USUAL", "Change", "ChangeDetector", "Prediction", "Stretches"]
+__all__ = ["FEWEST", "UNTOLD", "USUAL", "Change", "ChangeDetector", "Prediction", "Stretches"]
 
 Array = NDArray[np.float64]
 

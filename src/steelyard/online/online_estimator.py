@@ -39,6 +39,7 @@ from .causal_filter import CausalMotionFilter
 from .change_detector import Change, ChangeDetector, Prediction, Stretches
 from .earlier_robots import MOST_EARLIER, RECALLED, RECALLING, EarlierRobot
 from .even_stream import EvenStream, Stretch
+from .first_stretch import TOGETHER, EarlierPart, FirstStretch
 from .position_jumps import PositionJumps
 from .running_information import PARTS, CountedRows, information_of, information_state
 from .saved_state import REMEDY, read_state, state_of, take_over, write_state
@@ -461,6 +462,7 @@ class OnlineEstimator:
     def _begin(self) -> None:
         self._counted = self._new_rows()
         self._certain = self._new_rows() if self.detect_changes else None
+        self._first = FirstStretch(self.model, self._detector.length) if self.detect_changes else None
         self._doubtful: list[tuple[int, list[Array], NDArray[np.bool_]]] = []
         self._slow: _Slow | None = None
         self._prediction: Prediction | None = None
@@ -520,9 +522,15 @@ class OnlineEstimator:
         rows = rows_of_entries(self.model, self.model.base_columns.entries(q, dq, ddq), torque)
         self._t = float(t[-1])
         self._taken += len(t)
-        if self._certain is not None and self._has_changed(t, rows, used):
-            return
+        if self._certain is not None:
+            if self._has_changed(t, rows, used):
+                return
+            self._doubt(rows, used)
         self._counted.add(rows, used)
+        if self._first is not None:
+            self._first.add(t, q, dq, ddq, torque, used)
+            if self._first.is_full:
+                self._look_back()
 
     # Changes
 
@@ -535,27 +543,96 @@ class OnlineEstimator:
             if self._prediction is not None:
                 residuals = self._prediction.residuals(self.model, rows, used, self._detector.length)
                 if self._detector.add(t, residuals, used):
-                    self._begin_after(float(t[-1]))
+                    self._alarmed(float(t[-1]))
                     return True
-        self._doubtful.append((len(t), rows, used))
+        return False
+
+    def _doubt(self, rows: list[Array], used: NDArray[np.bool_]) -> None:
+        """Count rows as data from before a change when they are a second old."""
+        assert self._certain is not None
+        self._doubtful.append((len(used), rows, used))
         waiting = sum(count for count, _, _ in self._doubtful)
         while waiting - self._doubtful[0][0] >= DOUBT * self.rate:
             count, old, mask = self._doubtful.pop(0)
             waiting -= count
             self._certain.add(old, mask)
-        return False
 
-    def _begin_after(self, t: float) -> None:
+    def _alarmed(self, t: float) -> None:
+        """Begin anew after an alarm, which a change may have raised that came before the robot was known."""
+        began, shares, first = self._detector.began, self._detector.shares, self._first
+        earlier = self._earlier_part(shares)
+        if first is None or earlier is None or first.count - earlier.count < DOUBT * self.rate:
+            self._begin_after(t, began, shares)
+            return
+        self._divide(t, first, earlier)
+        self._first = first.after(earlier.count)
+
+    def _look_back(self) -> None:
+        """See whether the first samples were of another robot; if so, go on with those that are of this one."""
+        first, earlier = self._first, self._earlier_part()
+        if first is not None and earlier is not None:
+            self._divide(self._t, first, earlier)
+        self._first = None
+
+    def _earlier_part(self, alarm: Array | None = None) -> EarlierPart | None:
+        """Return which of the first samples are of another robot, see `FirstStretch.earlier_part`."""
+        if self._first is None:
+            return None
+        self.estimate()
+        slow, search, prediction = self._slow, self._search, self._prediction
+        if slow is None or prediction is None:
+            return None
+        variance = _variance(self._counted.information(batch_means=False).reduced(slow.weights))
+        start, multipliers = search.start, search.multipliers
+
+        def answered(problem: Reduced) -> Array:
+            search.begin(self._inside(slow.deviations))
+            found = search.solve(problem.R, problem.rho, variance, slow.prepared, slow.prior_weight)
+            search.start, search.multipliers = start, multipliers
+            return np.asarray(self._set.K @ found.parameters)
+
+        with contextlib.suppress(np.linalg.LinAlgError):  # at the very edge matrices are singular to rounding
+            return self._first.earlier_part(slow.weights, prediction.answer, answered, alarm)
+        search.start, search.multipliers = start, multipliers
+        return None
+
+    def _divide(self, t: float, first: FirstStretch, earlier: EarlierPart) -> None:
+        """Begin anew at time t as if a change among the first samples had been noticed when it came."""
+        self._begin()
+        self._certain = self._counted
+        # Without the averages on both sides, which may be of both robots.
+        began = self._count_again(first, 0, earlier.count - first.length)
+        self.estimate()
+        self._detector.usual, self._detector.seen = earlier.usual, earlier.seen
+        self._begin_after(t, began, earlier.shares)
+        self._count_again(first, earlier.count + first.length, first.count)
+
+    def _count_again(self, first: FirstStretch, begin: int, end: int) -> float:
+        """Count some of the first samples; return the time at which they end."""
+        start = begin
+        while start < end:
+            # The newest ones in stretches, as they come: what is in doubt is told apart by these.
+            size = first.length * (1 if end - start <= 2 * TOGETHER * first.length else TOGETHER)
+            t, rows, used = first.samples(slice(start, min(start + size, end)))
+            start += size
+            self._counted.add(rows, used)
+            if self._certain is not self._counted:
+                self._doubt(rows, used)
+            self._taken += len(t)
+            self._t = float(t[-1])
+        return self._t
+
+    def _begin_after(self, t: float, began: float, shares: Array) -> None:
         """Begin anew after a change, near the robot that was estimated before."""
         assert self._certain is not None
         detector, names = self._detector, self.model.robot.joint_names
-        order = [int(k) for k in np.argsort(-detector.shares) if detector.shares[k] > 0.1 * detector.shares.max()]
+        order = [int(k) for k in np.argsort(-shares) if shares[k] > 0.1 * shares.max()]
         if len(self.changes) == MOST_CHANGES:
             del self.changes[1]  # the first holds the robot as it was, to which a payload is compared
         left = self._known_by(self._certain)
         before = self._certain.information() if left is None else left.information  # which is kept there
         told, robots = tuple(names[k] for k in order), (self.robot, self._met)
-        self.changes.append(Change(detector.began, t, told, before, robots))
+        self.changes.append(Change(began, t, told, before, robots))
         self.change_count += 1
         for one in self._earlier:
             one.begin()
@@ -618,7 +695,7 @@ class OnlineEstimator:
         newest, t = self._doubtful[len(self._doubtful) - shown :], self._t
         self._begin()
         self._t, self._doubtful = t, newest
-        self._certain, self._counted = robot.rows, robot.rows.copy()
+        self._certain, self._counted, self._first = robot.rows, robot.rows.copy(), None
         for _, old, mask in newest:
             self._counted.add(old, mask)
         self._prediction, self._reference, self._answer_weights = robot.prediction, robot.reference, robot.weights
@@ -649,6 +726,14 @@ class OnlineEstimator:
         """The Information of the samples that count at present."""
         with one_thread():
             return self._counted.information()
+
+    @property
+    def is_of_one_robot(self) -> bool:
+        """Whether all samples that count are known to be of one robot: it has moved for 8 s and no change was found.
+
+        False where changes are not looked for.
+        """
+        return self.detect_changes and self._first is None
 
     @property
     def first_robot(self) -> Information | None:
@@ -695,6 +780,12 @@ class OnlineEstimator:
                 f"Least squares leave {self._left[1]:.2g} of the torques: the model does not describe this motion. "
                 "See whether positions are in rad and m, and whether positions and torques are of the same joints, of "
                 "the same sign and of the same time; `steelyard doctor` examines a log of them."
+            )
+        if self._first is not None and self._taken:
+            found.append(
+                f"Of the robot that is there {self._first.count / self.rate:.2g} s of motion count so far. A change "
+                f"meanwhile is noticed after {self._first.most / self.rate:.2g} s at the latest; until then the "
+                "estimate may be of two robots."
             )
         told = self.changes
         if self.change_count > TOLD_CHANGES:
@@ -1086,6 +1177,7 @@ class OnlineEstimator:
             "filter": None if self._filter is None else self._filter.state(),
             "waiting": self._rows[: self._waiting],
             "certain": None if self._certain is None else self._certain.state(),
+            "first": None if self._first is None else self._first.state(),
             "bodies": [[link.fixed, link.free] for link in self._scaled.links],
             "search": [search.start, search.multipliers],
             "slow": slow and [slow.rows, slow.weights, slow.deviations, slow.prior_weight],
@@ -1107,6 +1199,8 @@ class OnlineEstimator:
         take_over(self, STATE, state)
         if self._certain is not None:
             self._certain.restore(state["certain"])
+        if self._first is not None:
+            self._first = None if state["first"] is None else self._first.restore(state["first"])
         self.changes = [
             Change(t, noticed, tuple(names), information_of(self.model, before), tuple(robots), known)
             for t, noticed, names, robots, known, before in state["changes"]

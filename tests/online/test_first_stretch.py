@@ -1,0 +1,111 @@
+"""Robots that change before they are known: noticed when they are, looking back."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from arm_at_work import NOISE, RATE, Work, deviations
+from two_joint_arm import unstated_arm, unstated_parameters
+
+import steelyard as sy
+from steelyard.online import simulated_pick_up
+
+
+@pytest.fixture(scope="module")
+def model() -> sy.Model:
+    return unstated_arm()
+
+
+@pytest.mark.parametrize("when", [0.7, 2.0, 3.5])
+def test_what_is_picked_up_before_the_robot_is_known_is_noticed_and_weighed(model: sy.Model, when: float) -> None:
+    """Taken for one robot, the intervals held the truth of neither, and nothing was said."""
+    work = Work(model, [(when, 0.0), (9.0, 1.0)])
+    estimator = sy.OnlineEstimator(model, rate=RATE, detect_changes=True)
+    payload = sy.OnlinePayload(estimator)
+    work.feed(estimator, 0.0, 5.0)
+    if not estimator.changes:
+        assert not estimator.is_of_one_robot
+        assert "until then the estimate may be of two robots" in " ".join(estimator.remarks)
+    work.feed(estimator, 5.0)
+    (change,) = estimator.changes
+    assert change.t == pytest.approx(when, abs=0.1)
+    assert change.robots == (0, 1)
+    for information, carried in ((change.before, 0.0), (estimator.information, 1.0)):
+        rows = information.factors[1]
+        left = rows.residual2(model.base_parameters().K @ unstated_parameters(carried))
+        assert left == pytest.approx(NOISE**2 * rows.count, rel=0.2)
+    assert estimator.factors()[1].count > RATE * 7.5
+    assert deviations(estimator, unstated_parameters(1.0)).max() < 4.0
+    told = payload.estimate()
+    assert told is not None
+    assert 1.5 in told["mass"]
+
+
+def test_a_robot_that_stays_as_it_is_is_known_to_be_one(model: sy.Model) -> None:
+    work = Work(model, [(12.0, 0.0)])
+    estimator, other = (sy.OnlineEstimator(model, rate=RATE, detect_changes=detect) for detect in (True, False))
+    for end in range(1, 13):
+        for one in (estimator, other):
+            work.feed(one, end - 1.0, end)
+        assert estimator.is_of_one_robot == (end > 8)
+        assert any("may be of two robots" in remark for remark in estimator.remarks) == (end <= 8)
+    assert estimator.changes == []
+    assert not other.is_of_one_robot
+    for one_joint, same in zip(estimator.factors(), other.factors(), strict=True):
+        assert one_joint.count == same.count
+        sums, wanted = (one.triangle.T @ one.triangle for one in (one_joint, same))
+        np.testing.assert_allclose(sums, wanted, atol=1e-9 * np.abs(wanted).max())
+
+
+def test_an_alarm_that_an_early_change_raises_late_is_no_change_of_that_time() -> None:
+    """What was learned until then is of both robots; taken for the arm alone, it weighs 2 kg wrongly."""
+    run = simulated_pick_up(14, when=1.5, duration=6.0)
+    estimator = sy.OnlineEstimator(run.model, detect_changes=True)
+    payload = sy.OnlinePayload(estimator)
+    for start in range(0, len(run.t), 50):
+        rows = slice(start, start + 50)
+        estimator.update(run.t[rows], run.q[rows], run.torque[rows])
+    (change,) = estimator.changes
+    assert change.noticed < 8.0
+    assert change.t == pytest.approx(1.5, abs=0.1)
+    assert not estimator.is_of_one_robot
+    told = payload.estimate()
+    assert told is not None
+    assert 2.0 in told["mass"]
+    assert told.mass == pytest.approx(2.0, abs=0.2)
+
+
+@pytest.mark.data
+@pytest.mark.parametrize("log", ["A", "B"])
+def test_a_robot_that_its_model_describes_in_part_did_not_change(shared_data: Path, log: str) -> None:
+    """The halves of 10 s of a KR300, whose counterbalance the model lacks, have other least squares."""
+    folder = shared_data / "kuka_kr300"
+    told = json.loads((folder / "robot.json").read_text())
+    robot = sy.Robot.from_dh(told["rows"], gravity=told["gravity_base_frame"])
+    model = sy.Model(robot.with_terms(sy.Viscous(), sy.Coulomb(), sy.Offset(), sy.RotorInertia()))
+    columns = np.genfromtxt(folder / f"{log}.csv", delimiter=",", names=True)
+    q, torque = (np.column_stack([columns[f"{name}{k}"] for k in range(1, 7)]) for name in ("q", "tau_m"))
+    estimator = sy.OnlineEstimator(model, rate=250, detect_changes=True)
+    for start in range(0, len(q), 50):
+        rows = slice(start, start + 50)
+        estimator.update(columns["t"][rows], q[rows], torque[rows] * told["gear_ratio"])
+    assert estimator.changes == []
+    assert estimator.is_of_one_robot
+
+
+def test_an_early_change_goes_on_after_a_night(model: sy.Model, tmp_path: Path) -> None:
+    """At any time: files are the same to the last byte."""
+    work, random = Work(model, [(2.5, 0.0), (8.0, 1.0)]), np.random.default_rng(1)
+    never, stopped = (sy.OnlineEstimator(model, rate=RATE, detect_changes=True) for _ in range(2))
+    path, last = tmp_path / "arm.npz", 0.0
+    for end in (*np.sort(random.uniform(0.0, 10.5, 20)), 10.5):
+        for estimator in (never, stopped):
+            work.feed(estimator, last, end)
+        stopped.save(path)
+        stopped, last = sy.OnlineEstimator.load(path, model), end
+    stopped.save(path)
+    never.save(tmp_path / "never.npz")
+    assert path.read_bytes() == (tmp_path / "never.npz").read_bytes()
+    assert [change.robots for change in stopped.changes] == [(0, 1)]
+    assert stopped.is_of_one_robot
