@@ -58,6 +58,29 @@ def test_a_robot_that_stays_as_it_is_is_known_to_be_one(model: sy.Model) -> None
         np.testing.assert_allclose(sums, wanted, atol=1e-9 * np.abs(wanted).max())
 
 
+def test_what_is_left_of_more_changes_than_one_is_not_taken_for_one_robot(model: sy.Model) -> None:
+    """The arm carried half of it, nothing, and then all of it: the payload's interval lay beside the truth."""
+    work = Work(model, [(1.0, 0.5), (1.5, 0.0), (9.0, 1.0)])
+    estimator = sy.OnlineEstimator(model, rate=RATE, detect_changes=True)
+    work.feed(estimator)
+    (change,) = estimator.changes
+    assert change.t == pytest.approx(2.5, abs=0.1)
+    assert change.before.count == 0
+    assert estimator.first_robot is None
+    assert sy.OnlinePayload(estimator).estimate() is None
+    assert deviations(estimator, unstated_parameters(1.0)).max() < 4.0
+    assert "and nothing is known of the robot before" in estimator.remarks[-1]
+
+
+def test_a_robot_whose_torques_are_none_is_not_known_to_be_one(model: sy.Model) -> None:
+    """A drive that is switched on late tells nothing of the time before."""
+    work = Work(model, [(12.0, 0.0)])
+    work.torque[work.t < 10.0] = 0.0
+    estimator = sy.OnlineEstimator(model, rate=RATE, detect_changes=True)
+    work.feed(estimator, 0.0, 10.0)
+    assert not estimator.is_of_one_robot
+
+
 def test_an_alarm_that_an_early_change_raises_late_is_no_change_of_that_time() -> None:
     """What was learned until then is of both robots; taken for the arm alone, it weighs 2 kg wrongly."""
     run = simulated_pick_up(14, when=1.5, duration=6.0)

@@ -654,6 +654,22 @@ def test_a_motion_that_shows_more_is_no_change(model: sy.Model, forget: float | 
     assert estimator.information.relative_error(estimator.estimate().base) < 0.05
 
 
+def test_what_is_usual_is_learned_in_motion() -> None:
+    """Nothing but noise is left at rest; then the arm moves, with friction that its model lacks, and never changes."""
+    model = sy.Model(sy.Robot.from_dh([("pi/2", 0, 0.3, "q"), (0, 0.5, 0, "q")]))
+    body = sy.Inertia.from_com(3.0, [-0.2, 0.0, 0.05], 0.02 * np.eye(3)).parameters
+    t = np.arange(30 * 250)[:, None] / 250
+    begins = np.clip(t - 15.0, 0.0, 1.0)
+    share, pace = begins**2 * (3.0 - 2.0 * begins), np.array([3.0, 4.0])
+    phase = pace * np.cumsum(share, axis=0) / 250
+    q, dq = np.sin(phase), pace * share * np.cos(phase)
+    torque = model.inverse_dynamics(q, dq, np.gradient(dq, 1 / 250, axis=0), np.tile(body, 2))
+    torque += np.tanh(dq / 0.05) + 0.02 * np.random.default_rng(1).normal(size=q.shape)
+    estimator = sy.OnlineEstimator(model, rate=250, detect_changes=True)
+    estimator.update(t[:, 0], q, torque)
+    assert estimator.changes == []
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("jump", [-1e9, -100.0, 100.0])
 def test_a_change_is_noticed_whatever_the_clock_does(model: sy.Model, jump: float) -> None:

@@ -14,6 +14,7 @@ from steelyard.regression.factor import Reduced, column_lengths
 from steelyard.regression.reduction import residuals_of_rows, rows_of_entries
 
 from .change_detector import FEWEST, UNTOLD, ChangeDetector, Prediction
+from .earlier_robots import AS_USUAL
 from .running_information import stacked
 from .saved_state import Stateful
 
@@ -39,8 +40,10 @@ class EarlierPart:
 
     Attributes
     ----------
-    count : int
-        How many, from the first one.
+    count, end : int
+        How many there are, from the first one, and the number of the first one that is of the robot after it.
+    is_of_one : bool
+        Whether they are of one robot themselves, as far as is known: their least squares leave about what is usual.
     shares : ndarray
         (N,), how clearly each joint shows it.
     usual : ndarray
@@ -50,6 +53,8 @@ class EarlierPart:
     """
 
     count: int
+    end: int
+    is_of_one: bool
     shares: Array = field(repr=False)
     usual: Array = field(repr=False)
     seen: NDArray[np.intp] = field(repr=False)
@@ -137,8 +142,16 @@ class FirstStretch(Stateful):
         if shown is None:
             return None
         first = averages.likeliest_change()
-        one, *two = (averages.left(part, answers) for part in (slice(None), slice(first), slice(first, None)))
-        return EarlierPart(first * self.length, *shown) if one > APART * sum(two) else None
+        # Without the averages on both sides, which may be of both robots.
+        numbers = np.arange(len(averages.rows))
+        before, since = numbers[: first - 1], numbers[first + 1 :]
+        one, *two = (averages.left(part, answers) for part in (np.append(before, since), before, since))
+        if one <= APART * sum(two):
+            return None
+        counts = len(before) * self.length, (len(numbers) - len(since)) * self.length
+        usual = weights**2 * self.length * averages.shown[before].sum(axis=0) @ shown[1]
+        left = averages.reduced(before)[-1, -1] ** 2
+        return EarlierPart(*counts, not 0.0 < AS_USUAL * usual < left, *shown)
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,9 +210,13 @@ class _Averages:
         untold[-1] = 0.0
         return np.asfortranarray(np.diag(untold))
 
-    def left(self, part: slice, answers: Answers) -> float:
+    def reduced(self, part: NDArray[np.intp]) -> Array:
+        """Return the triangle of some of them."""
+        return np.asarray(np.linalg.qr(np.vstack([*list(self.rows[part]), self.nothing()]), mode="r"))
+
+    def left(self, part: NDArray[np.intp], answers: Answers) -> float:
         """Return the squared residuals that the answer to some of them leaves."""
-        triangle: Array = np.asarray(np.linalg.qr(np.vstack([*list(self.rows[part]), self.nothing()]), mode="r"))
+        triangle = self.reduced(part)
         R, rho = triangle[:-1, :-1], triangle[:-1, -1]
         away = R @ (answers(_reduced(R, rho + R @ self.near)) - self.near) - rho
         return float(away @ away + triangle[-1, -1] ** 2)

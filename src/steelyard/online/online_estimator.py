@@ -522,19 +522,20 @@ class OnlineEstimator:
         rows = rows_of_entries(self.model, self.model.base_columns.entries(q, dq, ddq), torque)
         self._t = float(t[-1])
         self._taken += len(t)
+        moves = np.any(np.abs(dq) >= slowest, axis=1)
         if self._certain is not None:
-            if self._has_changed(t, rows, used):
+            if self._has_changed(t, rows, used, moves):
                 return
             self._doubt(rows, used)
         self._counted.add(rows, used)
         if self._first is not None:
-            self._first.add(t, q, dq, ddq, torque, used)
+            self._first.add(t, q, dq, ddq, torque, used & moves[:, None])
             if self._first.is_full:
                 self._look_back()
 
     # Changes
 
-    def _has_changed(self, t: Array, rows: list[Array], used: NDArray[np.bool_]) -> bool:
+    def _has_changed(self, t: Array, rows: list[Array], used: NDArray[np.bool_], moves: NDArray[np.bool_]) -> bool:
         assert self._certain is not None
         self._recall(rows, used)
         if self._taken > RELEARNING * self.rate:
@@ -542,7 +543,7 @@ class OnlineEstimator:
                 self.estimate()
             if self._prediction is not None:
                 residuals = self._prediction.residuals(self.model, rows, used, self._detector.length)
-                if self._detector.add(t, residuals, used):
+                if self._detector.add(t, residuals, used, moves):
                     self._alarmed(float(t[-1]))
                     return True
         return False
@@ -561,17 +562,20 @@ class OnlineEstimator:
         """Begin anew after an alarm, which a change may have raised that came before the robot was known."""
         began, shares, first = self._detector.began, self._detector.shares, self._first
         earlier = self._earlier_part(shares)
-        if first is None or earlier is None or first.count - earlier.count < DOUBT * self.rate:
+        if first is None or earlier is None or first.count - earlier.end < DOUBT * self.rate:
             self._begin_after(t, began, shares)
             return
         self._divide(t, first, earlier)
-        self._first = first.after(earlier.count)
+        self._first = first.after(earlier.end)
 
     def _look_back(self) -> None:
         """See whether the first samples were of another robot; if so, go on with those that are of this one."""
         first, earlier = self._first, self._earlier_part()
         if first is not None and earlier is not None:
             self._divide(self._t, first, earlier)
+        elif self._prediction is None:  # without torques nothing is known
+            self._first = FirstStretch(self.model, self._detector.length)
+            return
         self._first = None
 
     def _earlier_part(self, alarm: Array | None = None) -> EarlierPart | None:
@@ -600,15 +604,16 @@ class OnlineEstimator:
         """Begin anew at time t as if a change among the first samples had been noticed when it came."""
         self._begin()
         self._certain = self._counted
-        # Without the averages on both sides, which may be of both robots.
-        began = self._count_again(first, 0, earlier.count - first.length)
-        self.estimate()
+        if earlier.is_of_one:
+            self._count_again(first, 0, earlier.count)
+            self.estimate()
+        began = float(first.samples(slice(earlier.count - 1, earlier.count))[0][0])
         self._detector.usual, self._detector.seen = earlier.usual, earlier.seen
         self._begin_after(t, began, earlier.shares)
-        self._count_again(first, earlier.count + first.length, first.count)
+        self._count_again(first, earlier.end, first.count)
 
-    def _count_again(self, first: FirstStretch, begin: int, end: int) -> float:
-        """Count some of the first samples; return the time at which they end."""
+    def _count_again(self, first: FirstStretch, begin: int, end: int) -> None:
+        """Count some of the first samples."""
         start = begin
         while start < end:
             # The newest ones in stretches, as they come: what is in doubt is told apart by these.
@@ -620,7 +625,6 @@ class OnlineEstimator:
                 self._doubt(rows, used)
             self._taken += len(t)
             self._t = float(t[-1])
-        return self._t
 
     def _begin_after(self, t: float, began: float, shares: Array) -> None:
         """Begin anew after a change, near the robot that was estimated before."""
@@ -737,10 +741,14 @@ class OnlineEstimator:
 
     @property
     def first_robot(self) -> Information | None:
-        """What was learned of the first robot, while `robot` is another one; None while it is the first."""
+        """What was learned of the first robot, while `robot` is another one; None while it is the first.
+
+        None, too, where nothing was, as where it changed twice before it was known.
+        """
         if not self.robot:
             return None
-        return next((one.information for one in self._earlier if not one.number), self.changes[0].before)
+        found = next((one.information for one in self._earlier if not one.number), self.changes[0].before)
+        return found if found.count else None
 
     @property
     def feasible_set(self) -> FeasibleSet:
@@ -1234,7 +1242,8 @@ def _said_of(change: Change) -> str:
         )
     return (
         f"At {change.t:.13g} s the robot changed, or began to move as its model does not describe, by the torque of "
-        f"{names}; the estimate rests on what came after."
+        f"{names}; the estimate rests on what came after"
+        f"{'.' if change.before.count else ', and nothing is known of the robot before.'}"
     )
 
 
