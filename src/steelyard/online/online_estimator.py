@@ -233,8 +233,8 @@ class OnlineEstimator:
         and to begin anew then, near the last estimate. A robot that is again as it was before a change, as where
         something is put down, is known again within a second of motion, and its estimate goes on. `robot` is the number
         of the robot that is there, 0 for the first. `changes` holds what was noticed, of more than a hundred changes
-        the first and the newest; `change_count` is their number. What changes in the first 4 s of motion is not
-        noticed, since nothing is known of the robot yet: it is taken for one with what it was before and after.
+        the first and the newest; `change_count` is their number. What changes in the first 4 s of motion is noticed
+        after 8 s, by looking back; `is_of_one_robot` tells whether this was done.
     prior : PhysicalPrior, optional
         What is known of the links; gathered from the robot by default.
     prior_weight : float or "auto"
@@ -780,8 +780,8 @@ class OnlineEstimator:
         if self._left[0] > MISFIT and self._left[1] < 0.5 * self._left[0]:
             found.append(
                 f"The last answer leaves {self._left[0]:.2g} of the torques and least squares {self._left[1]:.2g}: "
-                "this robot is not what its description or kinematics make credible, or torques have another unit. "
-                "State its masses in the description, or give `prior`."
+                "this robot is not what its description or kinematics make credible, or torques or positions have "
+                "another unit or sign. State its masses in the description, or give `prior`."
             )
         if self._left[1] > UNEXPLAINED:
             found.append(
