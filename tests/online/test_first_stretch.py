@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from arm_at_work import NOISE, RATE, Work, deviations
-from two_joint_arm import unstated_arm, unstated_parameters
+from two_joint_arm import BODY, HELD, unstated_arm, unstated_parameters
 
 import steelyard as sy
 from steelyard.online import simulated_pick_up
@@ -70,6 +70,26 @@ def test_what_is_left_of_more_changes_than_one_is_not_taken_for_one_robot(model:
     assert sy.OnlinePayload(estimator).estimate() is None
     assert deviations(estimator, unstated_parameters(1.0)).max() < 4.0
     assert "and nothing is known of the robot before" in estimator.remarks[-1]
+
+
+def test_what_is_hung_on_a_robot_that_never_moved_is_noticed_when_it_has() -> None:
+    """Its gears have no friction, so that samples at rest count; they are of the robot alone."""
+    model = sy.Model(sy.Robot.from_dh([("pi/2", 0, 0.3, "q"), (0, 0.5, 0, "q")]))
+    t, pace = np.arange(24 * 250)[:, None] / 250, np.array([3.0, 4.0])
+    begins = np.clip(t - 14.0, 0.0, 1.0)
+    share = begins**2 * (3.0 - 2.0 * begins)
+    phase = pace * np.cumsum(share, axis=0) / 250
+    q, dq = np.sin(phase), pace * share * np.cos(phase)
+    alone, loaded = (np.concatenate([BODY, BODY + held * HELD]) for held in (0.0, 1.0))
+    motion = q, dq, np.gradient(dq, 1 / 250, axis=0)
+    torque = np.where(t < 9.0, *(model.inverse_dynamics(*motion, one) for one in (alone, loaded)))
+    torque += NOISE * np.random.default_rng(1).normal(size=q.shape)
+    estimator = sy.OnlineEstimator(model, rate=250, detect_changes=True)
+    estimator.update(t[:, 0], q, torque)
+    (change,) = estimator.changes
+    assert change.t < 9.0
+    assert estimator.is_of_one_robot
+    assert deviations(estimator, loaded).max() < 4.0
 
 
 def test_a_robot_whose_torques_are_none_is_not_known_to_be_one(model: sy.Model) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Self
 
@@ -32,6 +32,10 @@ times of least squares."""
 
 TOGETHER = 20
 """Averages of which the regressor is evaluated at once."""
+
+
+FEW = 6
+"""Averages among which no change is looked for: two are left out, and there must be some before them and after."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +71,9 @@ class FirstStretch(Stateful):
     it was before and after. Seen from the end the same change comes late: what was measured last is then what is known,
     and the detector looks at the averages before it, the newest first.
 
+    Of samples at rest, which may last for hours, the first are kept: where the robot changes later, they are those of
+    before.
+
     Parameters
     ----------
     model : Model
@@ -76,22 +83,21 @@ class FirstStretch(Stateful):
 
     def __init__(self, model: Model, length: int) -> None:
         self.model, self.length = model, length
-        self._parts = [np.zeros((0, 1 + 5 * model.dof))]
+        self._hold(np.zeros((0, 2 + 5 * model.dof)))
+
+    def _hold(self, rows: Array) -> None:
+        self._parts, self.moving = [rows], int(rows[:, -1].sum())
+        self._at_rest = len(rows) - self.moving
 
     @property
     def count(self) -> int:
         """Samples."""
-        return sum(map(len, self._parts))
+        return self.moving + self._at_rest
 
     @property
     def most(self) -> int:
-        """Samples of which it is full: each half lets the detector know a robot, and what is usual of it."""
+        """Samples in motion of which it is full: each half tells the detector a robot, and what is usual of it."""
         return 4 * FEWEST * self.length
-
-    @property
-    def is_full(self) -> bool:
-        """Whether there are enough samples to look back."""
-        return self.count >= self.most
 
     def state(self) -> dict[str, Any]:
         """Return the samples."""
@@ -99,18 +105,21 @@ class FirstStretch(Stateful):
 
     def restore(self, state: Mapping[str, Any]) -> Self:
         """Take samples over."""
-        self._parts = [state["rows"]]
+        self._hold(state["rows"])
         return self
 
-    def add(self, t: Array, q: Array, dq: Array, ddq: Array, torque: Array, used: NDArray[np.bool_]) -> None:
-        """Add times (S,), a motion with torques (S, N), and which of these count; samples without any are left out."""
+    def add(self, t: Array, motion: Sequence[Array], used: NDArray[np.bool_], moves: NDArray[np.bool_]) -> None:
+        """Add times (S,), q, dq, ddq and torque (S, N), which of these count, and whether the robot moves, (S,)."""
         shown = used.any(axis=1)
-        self._parts.append(np.column_stack([t, q, dq, ddq, torque, used])[shown])
+        shown &= moves | (self._at_rest + np.cumsum(shown & ~moves) <= self.most // 2)
+        self._parts.append(np.column_stack([t, *motion, used, moves])[shown])
+        moving = int(np.count_nonzero(moves & shown))
+        self.moving, self._at_rest = self.moving + moving, self._at_rest + len(self._parts[-1]) - moving
 
     def after(self, count: int) -> FirstStretch:
         """Return the samples without so many at the beginning."""
         found = FirstStretch(self.model, self.length)
-        found._parts = [np.vstack(self._parts)[count:]]
+        found._hold(np.vstack(self._parts)[count:])
         return found
 
     def samples(self, part: slice) -> tuple[Array, list[Array], NDArray[np.bool_]]:
@@ -118,11 +127,13 @@ class FirstStretch(Stateful):
         if len(self._parts) > 1:
             self._parts = [np.vstack(self._parts)]
         whole = self._parts[0][part]
-        q, dq, ddq, torque, used = np.split(whole[:, 1:], 5, axis=1)
+        q, dq, ddq, torque, used = np.split(whole[:, 1:-1], 5, axis=1)
         entries = self.model.base_columns.entries(*(np.ascontiguousarray(one) for one in (q, dq, ddq)))
         return whole[:, 0], rows_of_entries(self.model, entries, torque), used > 0.0
 
-    def earlier_part(self, weights: Array, answer: Array, answers: Answers, alarm: Array | None) -> EarlierPart | None:
+    def earlier_part(
+        self, weights: Array, answer: Array, answers: Answers, alarm: Array | None = None, newest: int = 0
+    ) -> EarlierPart | None:
         """Return the samples that are of another robot than the newest ones, None where nothing tells of such.
 
         Parameters
@@ -135,15 +146,20 @@ class FirstStretch(Stateful):
             Gives those that answer some of them, by their regression.
         alarm : (N,) ndarray, optional
             How clearly each joint shows a change that was noticed meanwhile: then it is only asked when it came.
+        newest : int
+            Samples at the end in which it is no early one.
         """
+        if self.count < newest + FEW * self.length:
+            return None
         averages = _Averages.of(self, weights, answer)
         joints = len(weights)
         shown = averages.alarm() if alarm is None else (alarm, np.zeros(joints), np.zeros(joints, dtype=int))
         if shown is None:
             return None
-        first = averages.likeliest_change()
+        first, numbers = averages.likeliest_change(), np.arange(len(averages.rows))
+        if (len(numbers) - first) * self.length <= newest:
+            return None
         # Without the averages on both sides, which may be of both robots.
-        numbers = np.arange(len(averages.rows))
         before, since = numbers[: first - 1], numbers[first + 1 :]
         one, *two = (averages.left(part, answers) for part in (np.append(before, since), before, since))
         if one <= APART * sum(two):

@@ -529,8 +529,8 @@ class OnlineEstimator:
             self._doubt(rows, used)
         self._counted.add(rows, used)
         if self._first is not None:
-            self._first.add(t, q, dq, ddq, torque, used & moves[:, None])
-            if self._first.is_full:
+            self._first.add(t, (q, dq, ddq, torque), used, moves)
+            if self._first.moving >= self._first.most:
                 self._look_back()
 
     # Changes
@@ -561,12 +561,12 @@ class OnlineEstimator:
     def _alarmed(self, t: float) -> None:
         """Begin anew after an alarm, which a change may have raised that came before the robot was known."""
         began, shares, first = self._detector.began, self._detector.shares, self._first
-        earlier = self._earlier_part(shares)
-        if first is None or earlier is None or first.count - earlier.end < DOUBT * self.rate:
+        earlier = self._earlier_part(shares, round(DOUBT * self.rate))
+        if first is None or earlier is None:
             self._begin_after(t, began, shares)
-            return
-        self._divide(t, first, earlier)
-        self._first = first.after(earlier.end)
+        else:
+            self._divide(t, first, earlier)
+            self._first = first.after(earlier.end)
 
     def _look_back(self) -> None:
         """See whether the first samples were of another robot; if so, go on with those that are of this one."""
@@ -578,7 +578,7 @@ class OnlineEstimator:
             return
         self._first = None
 
-    def _earlier_part(self, alarm: Array | None = None) -> EarlierPart | None:
+    def _earlier_part(self, alarm: Array | None = None, newest: int = 0) -> EarlierPart | None:
         """Return which of the first samples are of another robot, see `FirstStretch.earlier_part`."""
         if self._first is None:
             return None
@@ -595,8 +595,9 @@ class OnlineEstimator:
             search.start, search.multipliers = start, multipliers
             return np.asarray(self._set.K @ found.parameters)
 
-        with contextlib.suppress(np.linalg.LinAlgError):  # at the very edge matrices are singular to rounding
-            return self._first.earlier_part(slow.weights, prediction.answer, answered, alarm)
+        # At the very edge matrices are singular to rounding.
+        with contextlib.suppress(np.linalg.LinAlgError, SolverError):
+            return self._first.earlier_part(slow.weights, prediction.answer, answered, alarm, newest)
         search.start, search.multipliers = start, multipliers
         return None
 
@@ -791,7 +792,7 @@ class OnlineEstimator:
             )
         if self._first is not None and self._taken:
             found.append(
-                f"Of the robot that is there {self._first.count / self.rate:.2g} s of motion count so far. A change "
+                f"Of the robot that is there {self._first.moving / self.rate:.2g} s of motion count so far. A change "
                 f"meanwhile is noticed after {self._first.most / self.rate:.2g} s at the latest; until then the "
                 "estimate may be of two robots."
             )
