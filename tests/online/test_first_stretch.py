@@ -9,7 +9,7 @@ from arm_at_work import NOISE, RATE, Work, deviations
 from two_joint_arm import BODY, HELD, unstated_arm, unstated_parameters
 
 import steelyard as sy
-from steelyard.online import simulated_pick_up
+from steelyard.online import PickUp, simulated_pick_up
 
 
 @pytest.fixture(scope="module")
@@ -101,22 +101,31 @@ def test_a_robot_whose_torques_are_none_is_not_known_to_be_one(model: sy.Model) 
     assert not estimator.is_of_one_robot
 
 
-def test_an_alarm_that_an_early_change_raises_late_is_no_change_of_that_time() -> None:
-    """What was learned until then is of both robots; taken for the arm alone, it weighs 2 kg wrongly."""
-    run = simulated_pick_up(14, when=1.5, duration=6.0)
+def watched(run: PickUp) -> sy.OnlineEstimator:
     estimator = sy.OnlineEstimator(run.model, detect_changes=True)
-    payload = sy.OnlinePayload(estimator)
     for start in range(0, len(run.t), 50):
         rows = slice(start, start + 50)
         estimator.update(run.t[rows], run.q[rows], run.torque[rows])
+    return estimator
+
+
+def test_an_alarm_that_an_early_change_raises_late_is_no_change_of_that_time() -> None:
+    """What was learned until then is of both robots; taken for the arm alone, it weighs 2 kg wrongly."""
+    estimator = watched(simulated_pick_up(14, when=1.5, duration=6.0))
     (change,) = estimator.changes
     assert change.noticed < 8.0
     assert change.t == pytest.approx(1.5, abs=0.1)
     assert not estimator.is_of_one_robot
-    told = payload.estimate()
+    told = sy.OnlinePayload(estimator).estimate()
     assert told is not None
     assert 2.0 in told["mass"]
     assert told.mass == pytest.approx(2.0, abs=0.2)
+
+
+def test_two_robots_are_answered_from_within_what_they_can_be() -> None:
+    """From the answer to both of them at once, which lies in a corner, searches end before they find either."""
+    (change,) = watched(simulated_pick_up(15, when=1.5, duration=8.6)).changes
+    assert change.t == pytest.approx(1.5, abs=0.1)
 
 
 @pytest.mark.data
