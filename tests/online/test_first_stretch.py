@@ -124,8 +124,8 @@ def test_an_alarm_that_an_early_change_raises_late_is_no_change_of_that_time() -
 
 def test_two_robots_are_answered_from_within_what_they_can_be() -> None:
     """From the answer to both of them at once, which lies in a corner, searches end before they find either."""
-    (change,) = watched(simulated_pick_up(15, when=1.5, duration=8.6)).changes
-    assert change.t == pytest.approx(1.5, abs=0.1)
+    (change,) = watched(simulated_pick_up(13, when=2.5, duration=8.6)).changes
+    assert change.t == pytest.approx(2.5, abs=0.1)
 
 
 @pytest.mark.data
