@@ -16,7 +16,7 @@ from steelyard.regression.reduction import residuals_of_rows
 from .running_information import stacked
 from .saved_state import Stateful
 
-__all__ = ["FEWEST", "UNTOLD", "USUAL", "Change", "ChangeDetector", "Prediction", "Stretches"]
+__all__ = ["FEWEST", "USUAL", "Change", "ChangeDetector", "Prediction", "Stretches", "least_told"]
 
 Array = NDArray[np.float64]
 
@@ -88,6 +88,11 @@ class Change:
     known: bool = False
 
 
+def least_told(lengths: Array) -> Array:
+    """Return a triangle that ends what data do not tell, by the lengths of the columns of what they tell."""
+    return np.diag(UNTOLD * np.where(lengths > 0.0, lengths, lengths.max() or 1.0))
+
+
 @dataclass(frozen=True, eq=False)
 class Prediction:
     """What least squares predict of the torques to come, and how uncertain that is.
@@ -116,9 +121,7 @@ class Prediction:
         """Predict by a regression, and by base parameters (n_b,) what it does not tell."""
         from scipy.linalg import solve_triangular
 
-        lengths = column_lengths(problem.R)
-        untold = UNTOLD * np.where(lengths > 0.0, lengths, lengths.max())
-        triangle = stacked(np.asfortranarray(problem.R), np.diag(untold))
+        triangle = stacked(np.asfortranarray(problem.R), least_told(column_lengths(problem.R)))
         left = problem.R.T @ (problem.rho - problem.R @ near)
         step = solve_triangular(triangle, solve_triangular(triangle, left, trans="T"))
         return cls(triangle, weights, near, near + step)

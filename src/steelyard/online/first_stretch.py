@@ -13,7 +13,7 @@ from steelyard.dynamics import Model
 from steelyard.regression.factor import Reduced, column_lengths
 from steelyard.regression.reduction import residuals_of_rows, rows_of_entries
 
-from .change_detector import FEWEST, UNTOLD, ChangeDetector, Prediction
+from .change_detector import FEWEST, ChangeDetector, Prediction, least_told
 from .earlier_robots import AS_USUAL
 from .running_information import stacked
 from .saved_state import Stateful
@@ -221,10 +221,9 @@ class _Averages:
 
     def nothing(self) -> Array:
         """Return the triangle of no rows, in which what data do not tell has an end."""
-        lengths = column_lengths(np.vstack(list(self.rows)))
-        untold = UNTOLD * np.where(lengths > 0.0, lengths, lengths.max())
-        untold[-1] = 0.0
-        return np.asfortranarray(np.diag(untold))
+        found = np.zeros(2 * self.rows.shape[2:], order="F")
+        found[:-1, :-1] = least_told(column_lengths(np.vstack(list(self.rows[:, :, :-1]))))
+        return found
 
     def reduced(self, part: NDArray[np.intp]) -> Array:
         """Return the triangle of some of them."""

@@ -117,6 +117,7 @@ STATE = (
     "_left",
     "_t",
     "_taken",
+    "_moved",
     "_answered",
     "_looked",
     "_share",
@@ -469,7 +470,7 @@ class OnlineEstimator:
         self._left = np.zeros(2)  # parts of the weighted torques that the answer leaves, and least squares
         self._t = float("nan")
         # What has passed is counted in samples: clocks jump, and a gap teaches nothing.
-        self._taken, self._answered, self._looked = 0, 0, 0
+        self._taken, self._moved, self._answered, self._looked = 0, 0, 0, 0
         self._share, self._shared_rows = 1.0, 0
         self._at_rest = 0
 
@@ -523,6 +524,7 @@ class OnlineEstimator:
         self._t = float(t[-1])
         self._taken += len(t)
         moves = np.any(np.abs(dq) >= slowest, axis=1)
+        self._moved += int(np.count_nonzero(moves))
         if self._certain is not None:
             if self._has_changed(t, rows, used, moves):
                 return
@@ -784,7 +786,7 @@ class OnlineEstimator:
                 "this robot is not what its description or kinematics make credible, or torques or positions have "
                 "another unit or sign. State its masses in the description, or give `prior`."
             )
-        if self._left[1] > UNEXPLAINED:
+        if self._moved and self._left[1] > UNEXPLAINED:  # at rest noise may be all there is
             found.append(
                 f"Least squares leave {self._left[1]:.2g} of the torques: the model does not describe this motion. "
                 "See whether positions are in rad and m, and whether positions and torques are of the same joints, of "
