@@ -72,6 +72,16 @@ def test_what_is_left_of_more_changes_than_one_is_not_taken_for_one_robot(model:
     assert "and nothing is known of the robot before" in estimator.remarks[-1]
 
 
+def test_of_a_robot_that_was_there_for_a_moment_nothing_is_told(model: sy.Model) -> None:
+    """Any parameters explain it, those of samples with the payload, too."""
+    work = Work(model, [(0.45, 0.0), (9.0, 1.0)])
+    estimator = sy.OnlineEstimator(model, rate=RATE, detect_changes=True)
+    work.feed(estimator)
+    assert [change.before.count for change in estimator.changes] == [0]
+    assert sy.OnlinePayload(estimator).estimate() is None
+    assert deviations(estimator, unstated_parameters(1.0)).max() < 4.0
+
+
 def test_what_is_hung_on_a_robot_that_never_moved_is_noticed_when_it_has() -> None:
     """Its gears have no friction, so that samples at rest count; they are of the robot alone."""
     model = sy.Model(sy.Robot.from_dh([("pi/2", 0, 0.3, "q"), (0, 0.5, 0, "q")]))

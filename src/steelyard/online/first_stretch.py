@@ -47,7 +47,8 @@ class EarlierPart:
     count, end : int
         How many there are, from the first one, and the number of the first one that is of the robot after it.
     is_of_one : bool
-        Whether they are of one robot themselves, as far as is known: their least squares leave about what is usual.
+        Whether they are known to be of one robot themselves: they are more than any parameters explain, and least
+        squares leave about what is usual of them.
     shares : ndarray
         (N,), how clearly each joint shows it.
     usual : ndarray
@@ -165,9 +166,11 @@ class FirstStretch(Stateful):
         if one <= APART * sum(two):
             return None
         counts = len(before) * self.length, (len(numbers) - len(since)) * self.length
-        usual = weights**2 * self.length * averages.shown[before].sum(axis=0) @ shown[1]
-        left = averages.reduced(before)[-1, -1] ** 2
-        return EarlierPart(*counts, not 0.0 < AS_USUAL * usual < left, *shown)
+        told = averages.shown[before].sum(axis=0)
+        left, usual = averages.reduced(before)[-1, -1] ** 2, weights**2 * self.length * told @ shown[1]
+        # So few that any parameters explain them would not show where the change was.
+        is_of_one = told.sum() > len(answer) and not 0.0 < AS_USUAL * usual < left
+        return EarlierPart(*counts, bool(is_of_one), *shown)
 
 
 @dataclass(frozen=True, eq=False)
