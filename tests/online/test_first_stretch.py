@@ -66,10 +66,30 @@ def test_what_is_left_of_more_changes_than_one_is_not_taken_for_one_robot(model:
     (change,) = estimator.changes
     assert change.t == pytest.approx(2.5, abs=0.1)
     assert change.before.count == 0
-    assert estimator.first_robot is None
+    assert change.robots == (0, 0)
     assert sy.OnlinePayload(estimator).estimate() is None
     assert deviations(estimator, unstated_parameters(1.0)).max() < 4.0
     assert "and nothing is known of the robot before" in estimator.remarks[-1]
+
+
+def test_a_push_at_the_beginning_does_not_keep_a_payload_from_being_weighed(model: sy.Model) -> None:
+    """What is known of the arm alone is what came after the push."""
+    work = Work(model, [(12.0, 0.0), (6.0, 1.0)])
+    work.torque[(work.t >= 2.0) & (work.t < 2.8), 1] += 4.0
+    estimator = sy.OnlineEstimator(model, rate=RATE, detect_changes=True)
+    payload = sy.OnlinePayload(estimator)
+    work.feed(estimator, 0.0, 12.0)
+    assert [change.robots for change in estimator.changes] == [(0, 0)]
+    assert payload.estimate() is None
+    work.feed(estimator, 12.0)
+    assert [change.robots for change in estimator.changes] == [(0, 0), (0, 1)]
+    rows = estimator.changes[1].before.factors[1]
+    left = rows.residual2(model.base_parameters().K @ unstated_parameters(0.0))
+    assert left == pytest.approx(NOISE**2 * rows.count, rel=0.2)
+    told = payload.estimate()
+    assert told is not None
+    assert 1.5 in told["mass"]
+    assert told.mass == pytest.approx(1.5, rel=0.1)
 
 
 def test_of_a_robot_that_was_there_for_a_moment_nothing_is_told(model: sy.Model) -> None:

@@ -55,10 +55,11 @@ class Change:
     joint_names : tuple of str
         Whose torques are no longer predicted, the clearest first.
     before : Information
-        The data up to then, less the last second before it was noticed.
+        The data up to then, less the last second before it was noticed; empty where they are not known to be of one
+        robot.
     robots : tuple of int
         Numbers of the robot before and since then: 0 for the first, and so on. One that was met before has its number
-        again; where both are the same one, it was only off for a while.
+        again; where both are the same one, it was only off for a while, or nothing is known of what it was before.
     known : bool
         Whether the robot since then is one that was met before.
 

@@ -613,6 +613,9 @@ class OnlineEstimator:
         began = float(first.samples(slice(earlier.count - 1, earlier.count))[0][0])
         self._detector.usual, self._detector.seen = earlier.usual, earlier.seen
         self._begin_after(t, began, earlier.shares)
+        if not earlier.is_of_one and self.robot == 1:  # the first of which anything is known
+            self.robot, self._met = 0, 1
+            self.changes[-1] = replace(self.changes[-1], robots=(0, 0))
         self._count_again(first, earlier.end, first.count)
 
     def _count_again(self, first: FirstStretch, begin: int, end: int) -> None:
@@ -744,14 +747,10 @@ class OnlineEstimator:
 
     @property
     def first_robot(self) -> Information | None:
-        """What was learned of the first robot, while `robot` is another one; None while it is the first.
-
-        None, too, where nothing was, as where it changed twice before it was known.
-        """
+        """What was learned of the first robot, while `robot` is another one; None while it is the first."""
         if not self.robot:
             return None
-        found = next((one.information for one in self._earlier if not one.number), self.changes[0].before)
-        return found if found.count else None
+        return next((one.information for one in self._earlier if not one.number), self.changes[0].before)
 
     @property
     def feasible_set(self) -> FeasibleSet:
@@ -1233,7 +1232,7 @@ class OnlineEstimator:
 
 def _said_of(change: Change) -> str:
     names, (before, since) = ", ".join(change.joint_names), change.robots
-    if since == before:
+    if since == before and change.before.count:
         return (
             f"From {change.t:.13g} s on the torque of {names} was not as predicted for a while, and is so again; that "
             "while is left out."
