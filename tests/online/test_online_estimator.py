@@ -654,6 +654,44 @@ def test_a_motion_that_shows_more_is_no_change(model: sy.Model, forget: float | 
     assert estimator.information.relative_error(estimator.estimate().base) < 0.05
 
 
+def test_what_is_usual_is_learned_in_motion() -> None:
+    """Nothing but noise is left at rest; then the arm moves, with friction that its model lacks, and never changes."""
+    model = sy.Model(sy.Robot.from_dh([("pi/2", 0, 0.3, "q"), (0, 0.5, 0, "q")]))
+    body = sy.Inertia.from_com(3.0, [-0.2, 0.0, 0.05], 0.02 * np.eye(3)).parameters
+    t = np.arange(30 * 250)[:, None] / 250
+    begins = np.clip(t - 15.0, 0.0, 1.0)
+    share, pace = begins**2 * (3.0 - 2.0 * begins), np.array([3.0, 4.0])
+    phase = pace * np.cumsum(share, axis=0) / 250
+    q, dq = np.sin(phase), pace * share * np.cos(phase)
+    torque = model.inverse_dynamics(q, dq, np.gradient(dq, 1 / 250, axis=0), np.tile(body, 2))
+    torque += np.tanh(dq / 0.05) + 0.02 * np.random.default_rng(1).normal(size=q.shape)
+    estimator = sy.OnlineEstimator(model, rate=250, detect_changes=True)
+    estimator.update(t[:, 0], q, torque)
+    assert estimator.changes == []
+
+
+@pytest.mark.parametrize("detect", [False, True])
+def test_an_arm_at_rest_whose_joints_feel_no_gravity_is_waited_for(detect: bool) -> None:
+    """All rows of its regressor are zero, and all that is measured is noise."""
+    model = sy.Model(sy.Robot.from_dh([(0, 0.5, 0, "q"), (0, 0.4, 0, "q")], gravity=(0, 0, -9.81)))
+    t, random = np.arange(12000)[:, None] / 1000, np.random.default_rng(1)
+    links = np.tile(sy.Inertia.from_com(3.0, [-0.2, 0.0, 0.0], 0.02 * np.eye(3)).parameters, 2)
+    begins = np.clip(t - 6.0, 0.0, 1.0)
+    share, pace = begins**2 * (3.0 - 2.0 * begins), np.array([3.0, 4.0])
+    phase = pace * np.cumsum(share, axis=0) / 1000
+    dq = pace * share * np.cos(phase)
+    motion = np.sin(phase), dq, np.gradient(dq, 1e-3, axis=0)
+    torque = model.inverse_dynamics(*motion, links) + 0.02 * random.normal(size=dq.shape)
+    estimator = sy.OnlineEstimator(model, detect_changes=detect)
+    estimator.update(t[:5000, 0], motion[0][:5000], torque[:5000], *(one[:5000] for one in motion[1:]))
+    assert np.isinf(estimator.intervals()).all()
+    assert "does not describe this motion" not in " ".join(estimator.remarks)
+    estimator.update(t[5000:, 0], motion[0][5000:], torque[5000:], *(one[5000:] for one in motion[1:]))
+    assert estimator.information.relative_error(estimator.estimate().base) < 0.1
+    assert estimator.estimate().base == pytest.approx(model.base_parameters().values(links), abs=0.02)
+    assert estimator.changes == []
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("jump", [-1e9, -100.0, 100.0])
 def test_a_change_is_noticed_whatever_the_clock_does(model: sy.Model, jump: float) -> None:

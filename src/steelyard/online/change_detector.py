@@ -16,7 +16,7 @@ from steelyard.regression.reduction import residuals_of_rows
 from .running_information import stacked
 from .saved_state import Stateful
 
-__all__ = ["FEWEST", "USUAL", "Change", "ChangeDetector", "Prediction", "Stretches"]
+__all__ = ["FEWEST", "USUAL", "Change", "ChangeDetector", "Prediction", "Stretches", "least_told"]
 
 Array = NDArray[np.float64]
 
@@ -55,10 +55,11 @@ class Change:
     joint_names : tuple of str
         Whose torques are no longer predicted, the clearest first.
     before : Information
-        The data up to then, less the last second before it was noticed.
+        The data up to then, less the last second before it was noticed; empty where they are not known to be of one
+        robot.
     robots : tuple of int
         Numbers of the robot before and since then: 0 for the first, and so on. One that was met before has its number
-        again; where both are the same one, it was only off for a while.
+        again; where both are the same one, it was only off for a while, or nothing is known of what it was before.
     known : bool
         Whether the robot since then is one that was met before.
 
@@ -86,6 +87,11 @@ class Change:
     before: Information = field(repr=False)
     robots: tuple[int, int] = (0, 1)
     known: bool = False
+
+
+def least_told(lengths: Array) -> Array:
+    """Return a triangle that ends what data do not tell, by the lengths of the columns of what they tell."""
+    return np.diag(UNTOLD * np.where(lengths > 0.0, lengths, lengths.max() or 1.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,9 +122,7 @@ class Prediction:
         """Predict by a regression, and by base parameters (n_b,) what it does not tell."""
         from scipy.linalg import solve_triangular
 
-        lengths = column_lengths(problem.R)
-        untold = UNTOLD * np.where(lengths > 0.0, lengths, lengths.max())
-        triangle = stacked(np.asfortranarray(problem.R), np.diag(untold))
+        triangle = stacked(np.asfortranarray(problem.R), least_told(column_lengths(problem.R)))
         left = problem.R.T @ (problem.rho - problem.R @ near)
         step = solve_triangular(triangle, solve_triangular(triangle, left, trans="T"))
         return cls(triangle, weights, near, near + step)
@@ -205,7 +209,8 @@ class ChangeDetector(Stateful):
     Residuals are averaged over stretches of `length` samples. Their squares over their usual mean square, averaged over
     the joints, less 3 and at most 50, are added up, and the sum never falls below zero: where it passes 100, the robot
     has changed, and it did so when the sum last left zero. What is usual is the average over the last 200 stretches
-    before that, so that errors that the model always makes raise no alarm.
+    before that, so that errors that the model always makes raise no alarm. They are those of motion: at rest there is
+    noise alone, beside which any motion would be a change, one after the other.
 
     Parameters
     ----------
@@ -228,7 +233,7 @@ class ChangeDetector(Stateful):
     E. S. Page, Continuous inspection schemes, Biometrika 41, 1954.
     """
 
-    _STATE = ("usual", "seen", "_stretches", "excess", "began", "shares", "_began_filling", "_waiting")
+    _STATE = ("usual", "seen", "_stretches", "excess", "began", "shares", "_began_filling", "_moving", "_waiting")
 
     def __init__(self, joints: int, length: int) -> None:
         self.length = length
@@ -239,15 +244,19 @@ class ChangeDetector(Stateful):
         """Begin anew after a change, with the same usual size of residuals."""
         self._stretches = Stretches(len(self.usual), self.length)
         self.excess, self.began, self._began_filling = 0.0, float("nan"), float("nan")
-        self.shares = np.zeros(len(self.usual))
+        self.shares, self._moving = np.zeros(len(self.usual)), 0
         # Since the sum left zero. Were they left out where the sum comes back, what is usual would be the average of
         # the small ones alone: with one joint it shrinks until noise is a change.
         self._waiting: list[tuple[Array, NDArray[np.bool_]]] = []
 
-    def add(self, t: Array, residuals: Array, used: NDArray[np.bool_]) -> bool:
-        """Add residuals (S, N) at times (S,); return whether they are those of a robot that has changed."""
+    def add(self, t: Array, residuals: Array, used: NDArray[np.bool_], moves: NDArray[np.bool_] | None = None) -> bool:
+        """Add residuals (S, N) at times (S,); return whether they are those of a robot that has changed.
+
+        Whether it moves, (S,), decides which of them count in what is usual: all of them where absent.
+        """
         if not self._stretches.begun:
-            self._began_filling = float(t[0])
+            self._began_filling, self._moving = float(t[0]), 0
+        self._moving += len(t) if moves is None else int(np.count_nonzero(moves))
         ended = self._stretches.add(residuals, used)
         if ended is None:
             return False
@@ -263,7 +272,8 @@ class ChangeDetector(Stateful):
                 self.shares = self.shares + shares
             if self.excess > ALARM:
                 return True
-        self._waiting.append((squares, shown))
+        if 2 * self._moving > self.length:
+            self._waiting.append((squares, shown))
         if self.excess == 0.0:
             for one in self._waiting:
                 self._average(*one)

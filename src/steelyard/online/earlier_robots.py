@@ -16,7 +16,7 @@ from steelyard.regression import Information
 from .change_detector import FEWEST, USUAL, Prediction, Stretches
 from .running_information import CountedRows
 
-__all__ = ["MOST_EARLIER", "RECALLED", "RECALLING", "EarlierRobot"]
+__all__ = ["AS_USUAL", "MOST_EARLIER", "RECALLED", "RECALLING", "EarlierRobot"]
 
 Array = NDArray[np.float64]
 

@@ -39,6 +39,7 @@ from .causal_filter import CausalMotionFilter
 from .change_detector import Change, ChangeDetector, Prediction, Stretches
 from .earlier_robots import MOST_EARLIER, RECALLED, RECALLING, EarlierRobot
 from .even_stream import EvenStream, Stretch
+from .first_stretch import TOGETHER, EarlierPart, FirstStretch
 from .position_jumps import PositionJumps
 from .running_information import PARTS, CountedRows, information_of, information_state
 from .saved_state import REMEDY, read_state, state_of, take_over, write_state
@@ -116,6 +117,7 @@ STATE = (
     "_left",
     "_t",
     "_taken",
+    "_moved",
     "_answered",
     "_looked",
     "_share",
@@ -232,8 +234,8 @@ class OnlineEstimator:
         and to begin anew then, near the last estimate. A robot that is again as it was before a change, as where
         something is put down, is known again within a second of motion, and its estimate goes on. `robot` is the number
         of the robot that is there, 0 for the first. `changes` holds what was noticed, of more than a hundred changes
-        the first and the newest; `change_count` is their number. What changes in the first 4 s of motion is not
-        noticed, since nothing is known of the robot yet: it is taken for one with what it was before and after.
+        the first and the newest; `change_count` is their number. What changes in the first 4 s of motion is noticed
+        after 8 s, by looking back; `is_of_one_robot` tells whether this was done.
     prior : PhysicalPrior, optional
         What is known of the links; gathered from the robot by default.
     prior_weight : float or "auto"
@@ -461,13 +463,14 @@ class OnlineEstimator:
     def _begin(self) -> None:
         self._counted = self._new_rows()
         self._certain = self._new_rows() if self.detect_changes else None
+        self._first = FirstStretch(self.model, self._detector.length) if self.detect_changes else None
         self._doubtful: list[tuple[int, list[Array], NDArray[np.bool_]]] = []
         self._slow: _Slow | None = None
         self._prediction: Prediction | None = None
         self._left = np.zeros(2)  # parts of the weighted torques that the answer leaves, and least squares
         self._t = float("nan")
         # What has passed is counted in samples: clocks jump, and a gap teaches nothing.
-        self._taken, self._answered, self._looked = 0, 0, 0
+        self._taken, self._moved, self._answered, self._looked = 0, 0, 0, 0
         self._share, self._shared_rows = 1.0, 0
         self._at_rest = 0
 
@@ -520,13 +523,21 @@ class OnlineEstimator:
         rows = rows_of_entries(self.model, self.model.base_columns.entries(q, dq, ddq), torque)
         self._t = float(t[-1])
         self._taken += len(t)
-        if self._certain is not None and self._has_changed(t, rows, used):
-            return
+        moves = np.any(np.abs(dq) >= slowest, axis=1)
+        self._moved += int(np.count_nonzero(moves))
+        if self._certain is not None:
+            if self._has_changed(t, rows, used, moves):
+                return
+            self._doubt(rows, used)
         self._counted.add(rows, used)
+        if self._first is not None:
+            self._first.add(t, (q, dq, ddq, torque), used, moves)
+            if self._first.moving >= self._first.most:
+                self._look_back()
 
     # Changes
 
-    def _has_changed(self, t: Array, rows: list[Array], used: NDArray[np.bool_]) -> bool:
+    def _has_changed(self, t: Array, rows: list[Array], used: NDArray[np.bool_], moves: NDArray[np.bool_]) -> bool:
         assert self._certain is not None
         self._recall(rows, used)
         if self._taken > RELEARNING * self.rate:
@@ -534,28 +545,104 @@ class OnlineEstimator:
                 self.estimate()
             if self._prediction is not None:
                 residuals = self._prediction.residuals(self.model, rows, used, self._detector.length)
-                if self._detector.add(t, residuals, used):
-                    self._begin_after(float(t[-1]))
+                if self._detector.add(t, residuals, used, moves):
+                    self._alarmed(float(t[-1]))
                     return True
-        self._doubtful.append((len(t), rows, used))
+        return False
+
+    def _doubt(self, rows: list[Array], used: NDArray[np.bool_]) -> None:
+        """Count rows as data from before a change when they are a second old."""
+        assert self._certain is not None
+        self._doubtful.append((len(used), rows, used))
         waiting = sum(count for count, _, _ in self._doubtful)
         while waiting - self._doubtful[0][0] >= DOUBT * self.rate:
             count, old, mask = self._doubtful.pop(0)
             waiting -= count
             self._certain.add(old, mask)
-        return False
 
-    def _begin_after(self, t: float) -> None:
+    def _alarmed(self, t: float) -> None:
+        """Begin anew after an alarm, which a change may have raised that came before the robot was known."""
+        began, shares, first = self._detector.began, self._detector.shares, self._first
+        earlier = self._earlier_part(shares, round(DOUBT * self.rate))
+        if first is None or earlier is None:
+            self._begin_after(t, began, shares)
+        else:
+            self._divide(t, first, earlier)
+            self._first = first.after(earlier.end)
+
+    def _look_back(self) -> None:
+        """See whether the first samples were of another robot; if so, go on with those that are of this one."""
+        first, earlier = self._first, self._earlier_part()
+        if first is not None and earlier is not None:
+            self._divide(self._t, first, earlier)
+        elif self._prediction is None:  # without torques nothing is known
+            self._first = FirstStretch(self.model, self._detector.length)
+            return
+        self._first = None
+
+    def _earlier_part(self, alarm: Array | None = None, newest: int = 0) -> EarlierPart | None:
+        """Return which of the first samples are of another robot, see `FirstStretch.earlier_part`."""
+        if self._first is None:
+            return None
+        self.estimate()
+        slow, search, prediction = self._slow, self._search, self._prediction
+        if slow is None or prediction is None:
+            return None
+        variance = _variance(self._counted.information(batch_means=False).reduced(slow.weights))
+        start, multipliers = search.start, search.multipliers
+
+        def answered(problem: Reduced) -> Array:
+            search.begin(self._inside(slow.deviations))
+            found = search.solve(problem.R, problem.rho, variance, slow.prepared, slow.prior_weight)
+            search.start, search.multipliers = start, multipliers
+            return np.asarray(self._set.K @ found.parameters)
+
+        # At the very edge matrices are singular to rounding.
+        with contextlib.suppress(np.linalg.LinAlgError, SolverError):
+            return self._first.earlier_part(slow.weights, prediction.answer, answered, alarm, newest)
+        search.start, search.multipliers = start, multipliers
+        return None
+
+    def _divide(self, t: float, first: FirstStretch, earlier: EarlierPart) -> None:
+        """Begin anew at time t as if a change among the first samples had been noticed when it came."""
+        self._begin()
+        self._certain = self._counted
+        if earlier.is_of_one:
+            self._count_again(first, 0, earlier.count)
+            self.estimate()
+        began = float(first.samples(slice(earlier.count - 1, earlier.count))[0][0])
+        self._detector.usual, self._detector.seen = earlier.usual, earlier.seen
+        self._begin_after(t, began, earlier.shares)
+        if not earlier.is_of_one and self.robot == 1:  # the first of which anything is known
+            self.robot, self._met = 0, 1
+            self.changes[-1] = replace(self.changes[-1], robots=(0, 0))
+        self._count_again(first, earlier.end, first.count)
+
+    def _count_again(self, first: FirstStretch, begin: int, end: int) -> None:
+        """Count some of the first samples."""
+        start = begin
+        while start < end:
+            # The newest ones in stretches, as they come: what is in doubt is told apart by these.
+            size = first.length * (1 if end - start <= 2 * TOGETHER * first.length else TOGETHER)
+            t, rows, used = first.samples(slice(start, min(start + size, end)))
+            start += size
+            self._counted.add(rows, used)
+            if self._certain is not self._counted:
+                self._doubt(rows, used)
+            self._taken += len(t)
+            self._t = float(t[-1])
+
+    def _begin_after(self, t: float, began: float, shares: Array) -> None:
         """Begin anew after a change, near the robot that was estimated before."""
         assert self._certain is not None
         detector, names = self._detector, self.model.robot.joint_names
-        order = [int(k) for k in np.argsort(-detector.shares) if detector.shares[k] > 0.1 * detector.shares.max()]
+        order = [int(k) for k in np.argsort(-shares) if shares[k] > 0.1 * shares.max()]
         if len(self.changes) == MOST_CHANGES:
             del self.changes[1]  # the first holds the robot as it was, to which a payload is compared
         left = self._known_by(self._certain)
         before = self._certain.information() if left is None else left.information  # which is kept there
         told, robots = tuple(names[k] for k in order), (self.robot, self._met)
-        self.changes.append(Change(detector.began, t, told, before, robots))
+        self.changes.append(Change(began, t, told, before, robots))
         self.change_count += 1
         for one in self._earlier:
             one.begin()
@@ -618,7 +705,7 @@ class OnlineEstimator:
         newest, t = self._doubtful[len(self._doubtful) - shown :], self._t
         self._begin()
         self._t, self._doubtful = t, newest
-        self._certain, self._counted = robot.rows, robot.rows.copy()
+        self._certain, self._counted, self._first = robot.rows, robot.rows.copy(), None
         for _, old, mask in newest:
             self._counted.add(old, mask)
         self._prediction, self._reference, self._answer_weights = robot.prediction, robot.reference, robot.weights
@@ -649,6 +736,14 @@ class OnlineEstimator:
         """The Information of the samples that count at present."""
         with one_thread():
             return self._counted.information()
+
+    @property
+    def is_of_one_robot(self) -> bool:
+        """Whether all samples that count are known to be of one robot: it has moved for 8 s and no change was found.
+
+        False where changes are not looked for.
+        """
+        return self.detect_changes and self._first is None
 
     @property
     def first_robot(self) -> Information | None:
@@ -687,14 +782,20 @@ class OnlineEstimator:
         if self._left[0] > MISFIT and self._left[1] < 0.5 * self._left[0]:
             found.append(
                 f"The last answer leaves {self._left[0]:.2g} of the torques and least squares {self._left[1]:.2g}: "
-                "this robot is not what its description or kinematics make credible, or torques have another unit. "
-                "State its masses in the description, or give `prior`."
+                "this robot is not what its description or kinematics make credible, or torques or positions have "
+                "another unit or sign. State its masses in the description, or give `prior`."
             )
-        if self._left[1] > UNEXPLAINED:
+        if self._moved and self._left[1] > UNEXPLAINED:  # at rest noise may be all there is
             found.append(
                 f"Least squares leave {self._left[1]:.2g} of the torques: the model does not describe this motion. "
                 "See whether positions are in rad and m, and whether positions and torques are of the same joints, of "
                 "the same sign and of the same time; `steelyard doctor` examines a log of them."
+            )
+        if self._first is not None and self._taken:
+            found.append(
+                f"Of the robot that is there {self._first.moving / self.rate:.2g} s of motion count so far. A change "
+                f"meanwhile is noticed after {self._first.most / self.rate:.2g} s at the latest; until then the "
+                "estimate may be of two robots."
             )
         told = self.changes
         if self.change_count > TOLD_CHANGES:
@@ -1086,6 +1187,7 @@ class OnlineEstimator:
             "filter": None if self._filter is None else self._filter.state(),
             "waiting": self._rows[: self._waiting],
             "certain": None if self._certain is None else self._certain.state(),
+            "first": None if self._first is None else self._first.state(),
             "bodies": [[link.fixed, link.free] for link in self._scaled.links],
             "search": [search.start, search.multipliers],
             "slow": slow and [slow.rows, slow.weights, slow.deviations, slow.prior_weight],
@@ -1107,6 +1209,8 @@ class OnlineEstimator:
         take_over(self, STATE, state)
         if self._certain is not None:
             self._certain.restore(state["certain"])
+        if self._first is not None:
+            self._first = None if state["first"] is None else self._first.restore(state["first"])
         self.changes = [
             Change(t, noticed, tuple(names), information_of(self.model, before), tuple(robots), known)
             for t, noticed, names, robots, known, before in state["changes"]
@@ -1128,7 +1232,7 @@ class OnlineEstimator:
 
 def _said_of(change: Change) -> str:
     names, (before, since) = ", ".join(change.joint_names), change.robots
-    if since == before:
+    if since == before and change.before.count:
         return (
             f"From {change.t:.13g} s on the torque of {names} was not as predicted for a while, and is so again; that "
             "while is left out."
@@ -1140,7 +1244,8 @@ def _said_of(change: Change) -> str:
         )
     return (
         f"At {change.t:.13g} s the robot changed, or began to move as its model does not describe, by the torque of "
-        f"{names}; the estimate rests on what came after."
+        f"{names}; the estimate rests on what came after"
+        f"{'.' if change.before.count else ', and nothing is known of the robot before.'}"
     )
 
 
