@@ -138,11 +138,15 @@ def test_robots_with_the_change_that_is_said_to_be_found_are_found_half_of_the_t
 def test_half_of_the_fleet_out_of_order_and_one_enormous_outlier(law: str) -> None:
     """Nothing fails, sound robots are hardly named, and what is beyond any tails is."""
     faults = {robot: 5.0 + 0.3 * robot for robot in range(0, 40, 2)}
-    found = fleet(law, 40, 3, {**faults, 1: 1e7})
-    assert 1 in found.differs
-    assert np.isfinite(found.error).all()
-    assert len(set(found.differs) - set(faults) - {1}) <= 2
-    assert found.differs == fleet(law, 40, 3, {**faults, 1: 1e5}).differs
+    named = sound = 0
+    for seed in range(1, 7):
+        found = fleet(law, 40, seed, {**faults, 1: 1e7})
+        assert 1 in found.differs
+        assert np.isfinite(found.error).all()
+        named += len(found.differs)
+        sound += len(set(found.differs) - set(faults) - {1})
+    assert sound <= 0.1 * named  # twice what is asked for
+    assert found.differs == fleet(law, 40, 6, {**faults, 1: 1e5}).differs
 
 
 def test_heavy_tails_are_told_in_a_sentence(

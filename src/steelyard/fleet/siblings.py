@@ -388,6 +388,8 @@ def compare_siblings(
         for robots, parts in heaps.items()
         for heap, within in tests.beside_each_other(parts)
     ]
+    problem.settle_each()
+    tests.measure()
     moved = problem.bases
     found: list[_Found] = []
     for number in range(ROUNDS):

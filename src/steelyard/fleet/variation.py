@@ -37,8 +37,11 @@ BOUND = 1.5
 """Standardised deviations beyond which a robot no longer widens what counts as usual. So up to E[min(z², BOUND²)] over
 BOUND², a third, of the robots may be far out in the same part; with 2 it would be a quarter."""
 
-WHOLE = 0.99
-"""Robots as far from the mean as one in a hundred normal ones count less in the mean, by the square of how far."""
+WHOLE, OUT = 0.99, 3.0
+"""Robots as far from the mean as one in a hundred normal ones, or by so many standard deviations in one of the ways
+in which siblings vary, count less in the mean, by the square of how far. By the distance alone, of which many base
+parameters have much, three of fourteen with three times the friction of a joint drew the mean towards them, what
+siblings vary by was ten times too wide, and none was named."""
 
 ITERATIONS, SETTLED = 60, 0.02
 """The most iterations for the variances, and the relative change of the spread of every cause below which they have
@@ -195,6 +198,7 @@ class SiblingVariation:
         self.weights = np.ones(self.count)
         self.mean_covariance = np.eye(self.width)
         self.precision = np.eye(self.width)
+        self.each = False
         self.taken: dict[int, Array] = {}
         self.information: Array | None = None
 
@@ -212,6 +216,16 @@ class SiblingVariation:
         self.variances = (self.directions**2).T @ usual / max(1, self.directions.shape[1] // self.width)
         self.spread_matrix = (self.directions * self.variances) @ self.directions.T  # T, (n_b, n_b)
         self.mean = median_of_shown(moved, self.shown)
+
+    def settle_each(self) -> None:
+        """Find the variances anew, from robots that count less in the mean where they are far out in one direction.
+
+        Not while batches are looked for: a batch of a fifth would count little, and all of what its motions make of a
+        gain would be that of the others.
+        """
+        self.each = True
+        self.begin(self.bases)
+        self.settle(self.bases, {})
 
     def settle(self, moved: Array, taken: dict[int, Array]) -> None:
         """Find the variances, the mean and the weights from bases from which unusual parts were taken away.
@@ -243,8 +257,18 @@ class SiblingVariation:
         found = np.einsum("ri,ri->r", weights, self.bases - beside.mean) / np.maximum(told, 1e-300)
         return known_amplitudes(found, told)
 
-    def _means(self, chosen: NDArray[np.intp]) -> tuple[Array, Array]:
-        """Find the mean of some siblings; return the inverses of their covariances and their deviations from it."""
+    def _means(self, chosen: NDArray[np.intp]) -> tuple[Array, Array, Array]:
+        """Find the mean of some siblings.
+
+        Returns
+        -------
+        shown : (R, n_b, c)
+            The inverses of their covariances times the directions in which siblings vary.
+        told : (R, c)
+            What each tells of an amplitude in each of these.
+        away : (R, n_b)
+            Their deviations from the mean.
+        """
         from scipy.special import chdtri
 
         inverses = np.linalg.inv(self.errors[chosen] + self.spread_matrix)
@@ -254,10 +278,17 @@ class SiblingVariation:
             # A trace is left, so that there is a mean where something was taken from each robot.
             inverses[place] = (1.0 - TRACE) * 0.5 * (without + without.T) + TRACE * inverses[place]
         bases = self.moved[chosen]
+        shown = inverses @ self.directions
+        told = np.sum(self.directions * shown, axis=1)
+        least = np.maximum(told, 1e-300)
+        usual = float(chdtri(self.width, 1.0 - WHOLE))
         for _ in range(2):  # the first mean is the median, so that no robot draws it before its weight is known
             away = bases - self.mean
-            distance = np.einsum("ri,rij,rj->r", away, inverses, away)
-            weights = np.minimum(1.0, float(chdtri(self.width, 1.0 - WHOLE)) / np.maximum(distance, 1e-300))
+            distance = np.einsum("ri,rij,rj->r", away, inverses, away) / usual
+            if self.each:
+                furthest = np.max((away[:, None, :] @ shown)[:, 0, :] ** 2 / least, axis=1, initial=0.0)
+                distance = np.maximum(distance, furthest / OUT**2)
+            weights = 1.0 / np.maximum(1.0, distance)
             weighted = weights[:, None, None] * inverses
             precision = weighted.sum(axis=0)
             self.mean_covariance = np.linalg.inv(precision)
@@ -266,13 +297,11 @@ class SiblingVariation:
         self.weights[chosen] = weights
         if len(chosen) == self.count:
             self.precision, self.mean_weights = precision, weighted
-        return inverses, away
+        return shown, told, away
 
     def _iterate(self, chosen: NDArray[np.intp], most: int = ITERATIONS) -> None:
         for _ in range(most):
-            inverses, away = self._means(chosen)
-            shown = inverses @ self.directions  # (R, n_b, c)
-            told = np.sum(self.directions * shown, axis=1)
+            shown, told, away = self._means(chosen)
             lost = np.sum((np.linalg.cholesky(self.mean_covariance).T @ shown) ** 2, axis=1)
             usual = np.maximum(told - lost, 1e-3 * told)  # REML: the mean has taken some of it
             squares = (away[:, None, :] @ shown)[:, 0, :] ** 2
@@ -296,8 +325,8 @@ class SiblingVariation:
         """
         if self.information is None:
             chosen = np.unique(np.linspace(0, self.count - 1, min(self.count, SUBSET)).round().astype(int))
-            inverses, _ = self._means(np.arange(self.count))
-            between = np.swapaxes(self.directions[None], 1, 2) @ inverses[chosen] @ self.directions
+            shown, _, _ = self._means(np.arange(self.count))
+            between = np.swapaxes(self.directions[None], 1, 2) @ shown[chosen]
             # The mean takes what one sibling tells.
             self.information = 0.5 * (between**2).sum(axis=0) * (self.count - 1.0) / len(chosen)
         squares = (weights @ self.directions) ** 2
