@@ -24,10 +24,13 @@ from scipy.io import savemat
 
 import steelyard as sy
 from steelyard.files import file_hash
+from steelyard.identification import saved_result
 from steelyard.identification.given import given_logs
 from steelyard.recording.formats import content_hash, hashed_log, remote, standard_input
 from steelyard.recording.formats.log_sets import is_log_set, logs_in
 from steelyard.recording.formats.registry import LogFiles
+from steelyard.report import fleet_results, results
+from steelyard.report.fleet_results import FLEET_FILES
 
 LOG = "t,q1,tau1\n" + "".join(f"{k / 100},{np.sin(k / 20)},{np.cos(k / 20)}\n" for k in range(60))
 
@@ -110,6 +113,34 @@ def test_a_set_without_logs_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "notes" / "read.me").write_text("")
     with pytest.raises(sy.InputError, match="stands for no log"):
         logs_in(str(tmp_path / text))
+
+
+@pytest.mark.parametrize("text", ["logs", "logs/**", "logs/**/*.*"])
+def test_results_among_the_logs_are_no_logs(tmp_path: Path, text: str) -> None:
+    """So that `steelyard identify robot.urdf . --output result` can be run twice."""
+    tables = {f"logs/result/{saved_result.RECORD}": (results.TABLE,), f"logs/{fleet_results.RECORD}": FLEET_FILES}
+    for record, names in tables.items():
+        (tmp_path / record).parent.mkdir(parents=True, exist_ok=True)
+        for name in (record, *(os.path.join(os.path.dirname(record), name) for name in names)):
+            (tmp_path / name).write_text("{}")
+    own = [tmp_path / "logs" / name for name in ("mine/parameters.csv", "result/run.csv")]
+    for path in own:
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(LOG)
+    assert logs_in(str(tmp_path / text)) == list(map(str, own))
+
+
+def test_installed_packages_are_looked_through_once_for_all_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It takes some milliseconds: for each of 100 000 files that would be minutes."""
+    asked = []
+    monkeypatch.setattr("steelyard.extensions.entry_points", lambda **options: asked.append(options) or ())
+    for number in range(20):
+        (tmp_path / f"run{number}.csv").write_text(LOG)
+        (tmp_path / f"picture{number}.png").write_text("")
+    assert len(logs_in(str(tmp_path))) == 20
+    assert len(asked) == 1
 
 
 @pytest.mark.parametrize("text", ["bags", "bags/**", "bags/**/*"])
