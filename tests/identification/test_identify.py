@@ -172,6 +172,19 @@ def test_a_log_that_is_written_while_it_is_read_is_refused(elbow, simulation, re
         sy.identify(path, [log], progress=meanwhile)
 
 
+@pytest.mark.parametrize("content", ["no,number\n", ""])
+def test_what_is_wrong_with_a_log_since_it_was_written_is_no_fault_of_it(elbow, simulation, content):
+    path, model, folder = elbow
+    log = simulation.record(model, folder / "log.csv", seed=1)
+
+    def meanwhile(step):
+        if step.startswith("reading"):
+            log.write_text(log.read_text() + content if content else content)
+
+    with pytest.raises(InputError, match=r"log.csv was written while it was read.*; wait until it is complete"):
+        sy.identify(path, [log], progress=meanwhile)
+
+
 @pytest.mark.slow
 def test_a_long_log_among_many_short_ones_is_cut_into_folds(elbow, simulation):
     path, model, folder = elbow

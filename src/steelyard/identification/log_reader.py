@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Hashable, Iterable, Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
@@ -32,6 +32,7 @@ from steelyard.recording import (
 )
 from steelyard.recording.automatic import DECISION_ROWS
 from steelyard.recording.diagnosis import DETECTORS, faulty_rows
+from steelyard.recording.formats import require_unwritten, written_states
 from steelyard.recording.recognition import Layout
 from steelyard.recording.samples import regrouped
 from steelyard.recording.survey import LogSurvey
@@ -270,6 +271,7 @@ class LogReader:
         self.cutoff_choices: list[tuple[str, CutoffChoice]] = []
         self.layouts: dict[str, Layout] = {}
         self._streams: dict[str | int, chunks.LogStream] = {}
+        self._written: dict[str, Hashable] = {}  # see `written_states`
 
     def require_torques(self) -> None:
         """Refuse logs of currents whose gains are to be found."""
@@ -291,7 +293,7 @@ class LogReader:
         say(f"choosing the filter by {count} log{'s' * (count > 1)}")
         recordings = []
         for log in chosen:
-            with _told_where(log):
+            with self._told_where(log):
                 recordings.append(chunks.middle_of(self._open(log), self.stated, rows))
         if not any(one.torque.size and one.facts["torque"].ranges.any() for one in recordings):
             raise InputError(
@@ -315,7 +317,7 @@ class LogReader:
         """Reduce a log by itself in a model's base parameters, with its batch means; nothing is noted here."""
         log = self.opened(task, model)
         if log is None:
-            with _told_where(task.log):
+            with self._told_where(task.log):
                 return self._reduced_whole(task, model)
         joined = JoinedSections(log, model)
         with contextlib.closing(self._sections(log, model)) as sections:
@@ -382,7 +384,7 @@ class LogReader:
         if isinstance(task.log, GivenSamples) or self.processing.needs_whole_log:
             return None
         own = self.unwritten()
-        with _told_where(task.log):
+        with self._told_where(task.log):
             opened = chunks.OpenedLog(self._open(task.log), self.processing, model, partial(own._look, task.log))
         return SectionedLog(task, opened, tuple(own.remarks), next(iter(own.layouts.values()), None))
 
@@ -400,7 +402,7 @@ class LogReader:
         # The errors of what is predicted are those of its rows; estimates move by 1e-4 standard errors at most.
         exact = FEWEST_EXACT if section or task.fitted else None
         stream = _until(stop, opened.samples(section, seen, lead))
-        with _told_where(task.log):
+        with self._told_where(task.log):
             motion = MotionSums() if task.fitted and section == 0 else None  # which tells how it goes on
             kept = _kept_of(stream, task, model, thinned, motion, opened.sections, behind - before, exact, lead)
         if opened.sections > 1:
@@ -493,6 +495,30 @@ class LogReader:
             return log.samples.rows(start, start + rows)
         return chunks.middle_of(self._open(log), self.processing, rows)
 
+    @contextlib.contextmanager
+    def _told_where(self, log: GivenLog) -> Iterator[None]:
+        """Let what is wrong with a log name its path: partitions of a data set have files of one name.
+
+        A log that was written since it was first read here has any fault, or seems to; that alone is told then.
+        """
+        path = str(log)
+        if isinstance(log, str) and log not in self._written:
+            self._written.update(written_states([log]))
+        try:
+            yield
+        except Exception as error:
+            told = str(error)
+            try:
+                require_unwritten({path: self._written[path]} if path in self._written else {})
+            except InputError as written:
+                told = str(written)
+            else:
+                if not isinstance(error, InputError):
+                    raise
+            if path not in told and told.startswith(name := Path(path).name):
+                told = path + told.removeprefix(name)
+            raise LogError(log, told) from None
+
     def _open(self, log: str | Path | LogFile) -> chunks.LogStream:
         """Open a log whose rows are counted and timed, once for all that is read of it; the last few stay open."""
         key = id(log) if isinstance(log, LogFile) else str(log)
@@ -552,18 +578,6 @@ class LogReader:
             # Of the pieces that are processed together none is joined with the next, which costs time and memory only.
             rows = min(self.chunk_rows, chunks.PIECE_ROWS)
             yield from process_chunks(log, self.columns, self.processing, rows, joints, model, look, survey)
-
-
-@contextlib.contextmanager
-def _told_where(log: GivenLog) -> Iterator[None]:
-    """Let what is wrong with a log name its path: partitions of a data set have files of one name."""
-    try:
-        yield
-    except InputError as error:
-        path, told = str(log), str(error)
-        if path not in told and told.startswith(name := Path(path).name):
-            told = path + told.removeprefix(name)
-        raise LogError(log, told) from None
 
 
 def _until(stop: Event | None, stream: Iterator[Samples]) -> Iterator[Samples]:
