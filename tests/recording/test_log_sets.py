@@ -428,6 +428,22 @@ def test_the_standard_input_is_read_once_by_all_threads(monkeypatch: pytest.Monk
     assert found[0].read_text() == LOG
 
 
+def test_the_name_of_the_standard_input_is_read_like_its_sign(monkeypatch: pytest.MonkeyPatch) -> None:
+    stream = SimpleNamespace(buffer=io.BytesIO(LOG.encode()), closed=False, isatty=lambda: False)
+    monkeypatch.setattr(sys, "stdin", stream)
+    monkeypatch.setattr(standard_input._Spool, "path", None)
+    assert sy.Recording.read("/dev/stdin").count == 60
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes in folders")
+@pytest.mark.parametrize("name", ["pipe", "pipe.csv"])
+def test_a_pipe_is_refused_with_the_way_to_read_it(tmp_path: Path, name: str) -> None:
+    """A shell names one for the output of another command, as in `identify robot.urdf <(zcat run.gz)`."""
+    os.mkfifo(tmp_path / name)
+    with pytest.raises(sy.InputError, match=r"is a pipe, .* pipe it into the command and give -"):
+        sy.Recording.read(tmp_path / name)
+
+
 def test_addresses_without_fsspec_say_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "fsspec", None)
     with pytest.raises(sy.MissingExtraError, match="pip install 'fsspec"):
