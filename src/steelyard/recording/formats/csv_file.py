@@ -276,7 +276,8 @@ class CsvFile(LogFile):
     def _lines(self, file: IO[bytes], size: int) -> bytes:
         """Read so many bytes, the rest of the last line, and of a text in it that has several; nothing at the end."""
         data = self._whole_lines(file, size)
-        return data + _rest_of_text(file) if data.count(b'"') % 2 else data
+        # Where there are none, to look for one takes a tenth of the time in which they are counted.
+        return data + _rest_of_text(file) if b'"' in data and data.count(b'"') % 2 else data
 
     def _whole_lines(self, file: IO[bytes], size: int) -> bytes:
         if _is_compressed(self.path):
