@@ -39,6 +39,7 @@ __all__ = [
     "ReducedLogs",
     "change_in_log",
     "copies_among",
+    "overlaps_among",
     "reduced_logs",
     "require_once",
     "told_by_rows",
@@ -47,6 +48,8 @@ __all__ = [
 SHORTEST_DRIFT = 60.0
 """s of a log below which no drift of friction is looked for: gears warm up in minutes, and what changes in seconds is
 the motion."""
+_MOVING, _SAME_POSITION, _FEWEST_SHARED = 0.05, 1e-6, 10
+"""Shares of the greatest speed and of the travel, and rows; see `overlaps_among`."""
 _TRACE_POINTS = 1200  # points of the curves of a log: about as many as a figure of the report has pixels
 _ALL_POINTS = 24_000  # of all the logs of a role together, so that thousands of them do not fill the memory
 
@@ -150,7 +153,7 @@ def reduced_logs(
         [(log.name, log.role, log.information) for log in kept]
         + [(name, "identification", one) for name, one in informations]
     )
-    reader.remarks.extend(copies.values())
+    reader.remarks.extend((*copies.values(), *overlaps_among([log for k, log in enumerate(kept) if k not in copies])))
     for name, one in informations:
         reader.remarks.append(f"{name}: {one.count} rows that were reduced before are in the fit, and not looked at.")
     fitted = [log.information for log in kept if log.fitted]
@@ -204,6 +207,47 @@ def copies_among(
             harm = "twice, so that intervals are too narrow" if role == "identification" else "once"
             found[index] = f"{name}: {same} were given twice, and count {harm}."
     return found
+
+
+def overlaps_among(logs: Sequence[ReducedLog]) -> tuple[str, ...]:
+    """Find logs that share some rows, as parts of one recording may, and say of each pair what that does to the answer.
+
+    It is told by the rows that are kept to be drawn: all of short logs, the extremes of long ones. Two are the same row
+    where they have the same time, exactly the same torques and, up to what filters make of the ends of a part, the same
+    positions, while the robot moves. Two runs of one motion have that by chance alone, in few rows, however coarse the
+    steps of their torques are.
+    """
+    tables = []
+    for number, log in enumerate(logs):
+        samples = log.drawn.samples
+        if samples.t is not None and samples.count:
+            moving = np.abs(samples.dq).max(axis=1) > _MOVING * np.abs(samples.dq).max()
+            columns = np.column_stack([samples.t, samples.torque, np.full(samples.count, number), samples.q])
+            tables.append(columns[moving])
+    if len(tables) < 2:
+        return ()
+    rows = np.concatenate(tables)
+    place = rows.shape[1] // 2  # of the number of the log: the torques stand before it, the positions behind it
+    rows = rows[np.lexsort(rows.T[place::-1])]
+    apart = np.diff(rows, axis=0)
+    same = (apart[:, :place] == 0.0).all(axis=1) & (apart[:, place] != 0.0)
+    same &= (np.abs(apart[:, place + 1 :]) <= _SAME_POSITION * np.ptp(rows[:, place + 1 :], axis=0)).all(axis=1)
+    pairs, t = np.column_stack([rows[:-1, place], rows[1:, place]])[same].astype(int), rows[1:, 0][same]
+    told = []
+    for first, second in np.unique(pairs, axis=0):
+        shared = t[(pairs == [first, second]).all(axis=1)]
+        if len(shared) < _FEWEST_SHARED:
+            continue
+        one, other = logs[first], logs[second]
+        if one.role != other.role:
+            harm = "were used in the fit, so that its error is no test of a prediction there"
+        else:
+            harm = f"count twice{', so that intervals are too narrow' * one.fitted}; leave them out of one of the two"
+        told.append(
+            f"{other.name}: rows from t = {shared.min():.6g} to {shared.max():.6g} s are rows of {one.name}, too, and "
+            f"{harm}."
+        )
+    return tuple(told)
 
 
 def require_once(logs: Iterable[GivenLog], informations: Iterable[tuple[str, Information]]) -> tuple[str, ...]:
