@@ -4,6 +4,7 @@ import json
 import re
 
 import numpy as np
+import polars as pl
 import pytest
 
 import steelyard as sy
@@ -183,6 +184,17 @@ def test_what_is_wrong_with_a_log_since_it_was_written_is_no_fault_of_it(elbow, 
 
     with pytest.raises(InputError, match=r"log.csv was written while it was read.*; wait until it is complete"):
         sy.identify(path, [log], progress=meanwhile)
+
+
+def test_what_the_end_of_a_log_tells_names_its_path(elbow, simulation):
+    """Parts of a partitioned data set all have files of one name."""
+    path, model, folder = elbow
+    table = pl.read_csv(simulation.record(model, folder / "log.csv", seed=1))
+    for day, torque in (("day=1", table["tau1"]), ("day=2", pl.lit(0.0))):
+        (folder / "logs" / day).mkdir(parents=True)
+        table.with_columns(tau1=torque).write_csv(folder / "logs" / day / "part-0.csv")
+    with pytest.raises(InputError, match=r"day=2.part-0\.csv: the torque of joint .* is 0 throughout"):
+        sy.identify(path, str(folder / "logs"))
 
 
 @pytest.mark.slow

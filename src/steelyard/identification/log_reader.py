@@ -293,7 +293,7 @@ class LogReader:
         say(f"choosing the filter by {count} log{'s' * (count > 1)}")
         recordings = []
         for log in chosen:
-            with self._told_where(log):
+            with self._reading(log):
                 recordings.append(chunks.middle_of(self._open(log), self.stated, rows))
         if not any(one.torque.size and one.facts["torque"].ranges.any() for one in recordings):
             raise InputError(
@@ -317,7 +317,7 @@ class LogReader:
         """Reduce a log by itself in a model's base parameters, with its batch means; nothing is noted here."""
         log = self.opened(task, model)
         if log is None:
-            with self._told_where(task.log):
+            with self._reading(task.log):
                 return self._reduced_whole(task, model)
         joined = JoinedSections(log, model)
         with contextlib.closing(self._sections(log, model)) as sections:
@@ -384,7 +384,7 @@ class LogReader:
         if isinstance(task.log, GivenSamples) or self.processing.needs_whole_log:
             return None
         own = self.unwritten()
-        with self._told_where(task.log):
+        with self._reading(task.log):
             opened = chunks.OpenedLog(self._open(task.log), self.processing, model, partial(own._look, task.log))
         return SectionedLog(task, opened, tuple(own.remarks), next(iter(own.layouts.values()), None))
 
@@ -402,7 +402,7 @@ class LogReader:
         # The errors of what is predicted are those of its rows; estimates move by 1e-4 standard errors at most.
         exact = FEWEST_EXACT if section or task.fitted else None
         stream = _until(stop, opened.samples(section, seen, lead))
-        with self._told_where(task.log):
+        with self._reading(task.log):
             motion = MotionSums() if task.fitted and section == 0 else None  # which tells how it goes on
             kept = _kept_of(stream, task, model, thinned, motion, opened.sections, behind - before, exact, lead)
         if opened.sections > 1:
@@ -496,28 +496,17 @@ class LogReader:
         return chunks.middle_of(self._open(log), self.processing, rows)
 
     @contextlib.contextmanager
-    def _told_where(self, log: GivenLog) -> Iterator[None]:
-        """Let what is wrong with a log name its path: partitions of a data set have files of one name.
-
-        A log that was written since it was first read here has any fault, or seems to; that alone is told then.
-        """
-        path = str(log)
+    def _reading(self, log: GivenLog) -> Iterator[None]:
+        """Name the path of a log in what is wrong with it; where it was written since it was read, tell that alone."""
         if isinstance(log, str) and log not in self._written:
             self._written.update(written_states([log]))
         try:
-            yield
-        except Exception as error:
-            told = str(error)
-            try:
-                require_unwritten({path: self._written[path]} if path in self._written else {})
-            except InputError as written:
-                told = str(written)
-            else:
-                if not isinstance(error, InputError):
-                    raise
-            if path not in told and told.startswith(name := Path(path).name):
-                told = path + told.removeprefix(name)
-            raise LogError(log, told) from None
+            with _told_where(log):
+                yield
+        except Exception:  # rows of two contents may be any fault
+            with _told_where(log):
+                require_unwritten({name: state for name, state in self._written.items() if name == log})
+            raise
 
     def _open(self, log: str | Path | LogFile) -> chunks.LogStream:
         """Open a log whose rows are counted and timed, once for all that is read of it; the last few stay open."""
@@ -578,6 +567,18 @@ class LogReader:
             # Of the pieces that are processed together none is joined with the next, which costs time and memory only.
             rows = min(self.chunk_rows, chunks.PIECE_ROWS)
             yield from process_chunks(log, self.columns, self.processing, rows, joints, model, look, survey)
+
+
+@contextlib.contextmanager
+def _told_where(log: GivenLog) -> Iterator[None]:
+    """Let what is wrong with a log name its path: partitions of a data set have files of one name."""
+    try:
+        yield
+    except InputError as error:
+        path, told = str(log), str(error)
+        if path not in told and told.startswith(name := Path(path).name):
+            told = path + told.removeprefix(name)
+        raise LogError(log, told) from None
 
 
 def _until(stop: Event | None, stream: Iterator[Samples]) -> Iterator[Samples]:
@@ -708,7 +709,8 @@ class JoinedSections:
         name, opened, information = str(self.log.task.log), self.log.opened, self._information[0]
         # What the first section told of, and the motion goes on.
         returning = tuple(one.over([f.count for f in information.factors]) for one in information.returning)
-        ending = opened.ending(self._seen)
+        with _told_where(self.log.task.log):
+            ending = opened.ending(self._seen)
         limits = against_limits(self._seen.survey, self.model.robot)
         remarks = (f"{name}: {remark}" for remark in (*opened.remarks, *ending, *limits))
         return ReducedLog(
