@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import polars as pl
@@ -184,6 +185,17 @@ def test_what_is_wrong_with_a_log_since_it_was_written_is_no_fault_of_it(elbow, 
 
     with pytest.raises(InputError, match=r"log.csv was written while it was read.*; wait until it is complete"):
         sy.identify(path, [log], progress=meanwhile)
+
+
+def test_logs_of_which_nothing_is_left_are_refused(elbow, simulation):
+    path, model, folder = elbow
+    logs = [simulation.record(model, folder / f"log{seed}.csv", seed=seed) for seed in (1, 2)]
+    with pytest.raises(InputError, match=r"log1\.csv has .* rows in .*, of which \[processing\] leaves none to use"):
+        sy.identify(path, logs, processing={"velocity_threshold": 1e3})
+    samples = sy.Recording.read(logs[0]).process(cutoff=10.0)
+    nothing = replace(samples, mask=np.zeros(samples.q.shape, dtype=bool))
+    with pytest.raises(InputError, match="`mask` leaves none to use"):
+        sy.identify(path, [samples, nothing])
 
 
 def test_what_the_end_of_a_log_tells_names_its_path(elbow, simulation):

@@ -469,7 +469,7 @@ class LogReader:
     def _watched(self, log: GivenLog, model: Model) -> Iterator[Samples]:
         """Read a log; note what is seen of it."""
         if isinstance(log, GivenSamples):
-            self._require_joints(log)
+            self._require_samples(log)
             self.remarks.extend(f"{log}: {remark}" for remark in log.samples.remarks)
             yield from regrouped([_with_channels(log.samples, model, str(log))], self.chunk_rows)
             return
@@ -480,13 +480,15 @@ class LogReader:
         self.remarks.extend(f"{log}: {remark}" for remark in against_limits(survey, self.model.robot))
         self.units_are_suspect |= bool(survey.unit_remarks())
 
-    def _require_joints(self, given: GivenSamples) -> None:
+    def _require_samples(self, given: GivenSamples) -> None:
         robot, count = self.model.robot, given.samples.joint_count
         if count != robot.dof:
             raise InputError(
                 f"{given} has samples of {count} joints, but {robot.name} has {robot.dof} "
                 f"({listed(robot.joint_names)}); give one column for each of them, in this order."
             )
+        if not given.samples.used_rows.any():
+            raise InputError(f"{given} has samples of which `mask` leaves none to use; give some that are.")
 
     def middle(self, log: GivenLog, rows: int) -> Recording | Samples:
         """Return so many rows in the middle of a log; of one that was given as samples these."""
@@ -710,7 +712,7 @@ class JoinedSections:
         # What the first section told of, and the motion goes on.
         returning = tuple(one.over([f.count for f in information.factors]) for one in information.returning)
         with _told_where(self.log.task.log):
-            ending = opened.ending(self._seen)
+            ending = opened.ending(self._seen, any(factor.count for factor in information.factors))
         limits = against_limits(self._seen.survey, self.model.robot)
         remarks = (f"{name}: {remark}" for remark in (*opened.remarks, *ending, *limits))
         return ReducedLog(

@@ -28,7 +28,7 @@ from .options import Processing
 from .plan import KnownBristles
 from .recognition import Joints, names_of
 from .recording import Recording
-from .samples import Samples, masking_remarks, regrouped
+from .samples import Samples, masking_remarks, nothing_left, regrouped
 from .survey import LogSurvey
 
 if TYPE_CHECKING:
@@ -323,7 +323,7 @@ def process_chunks(
     ------
     InputError
         As in `Recording.read` and `Recording.process`; and for the filter "fourier" and `average`, which need the log
-        whole. That a torque is stuck or that nothing moves is only known, and said, at the end.
+        whole. That a torque is stuck, that nothing moves or that no row is left is only known, and said, at the end.
     """
     rows = _positive_rows(rows)
     processing = Processing() if processing is None else processing
@@ -340,12 +340,14 @@ def process_chunks(
     # Pieces are filtered while others are read, and those before them are used.
     pieces = ahead(itertools.chain.from_iterable(_sections(opened, seen)), 1)
     last: Samples | None = None
+    used = False
     for chunk in regrouped(pieces, max(1, rows // processing.step)):
         if last is not None:
             yield last
         last = chunk
+        used = used or chunk.mask is None or bool(chunk.mask.any())
     if last is not None:
-        yield replace(last, remarks=(*last.remarks, *opened.ending(seen)))
+        yield replace(last, remarks=(*last.remarks, *opened.ending(seen, used)))
 
 
 def _sections(opened: OpenedLog, seen: SeenRows) -> Iterator[Iterator[Samples]]:
@@ -539,15 +541,21 @@ class OpenedLog:
             state, weight = state + weight * found.state, weight * found.weight
         return known if before == number else KnownBristles(known.row, state, weight)
 
-    def ending(self, seen: SeenRows) -> tuple[str, ...]:
-        """Return what is only known after the last row.
+    def ending(self, seen: SeenRows, used: bool) -> tuple[str, ...]:
+        """Return what is only known after the last row, and whether any of them is used.
 
         Raises
         ------
         InputError
-            Where a torque is stuck, or nothing moves.
+            Where none is, a torque is stuck, or nothing moves.
         """
         survey = seen.survey
+        if not used:
+            rows, duration = (
+                sum(part.count for part in self.even.parts),
+                float(np.ptp(self.stream.clock.ticks[[0, -1]])),
+            )
+            raise nothing_left(self.stream.files.name, rows, duration, seen.masked, survey.first_row.joint_names)
         remarks = *survey.remarks(), *masking_remarks(seen.masked, survey.first_row.joint_names)
         low, high = survey.torque
         self.processing.check_torques(survey.first_row, low, high, survey.travel)
