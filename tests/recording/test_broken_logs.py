@@ -259,3 +259,15 @@ def test_a_log_of_which_nothing_is_left_is_refused_in_chunks_too(log: Columns, w
     with pytest.raises(InputError) as chunks:
         list(process_chunks(path, processing=options, rows=60, joints=2))
     assert str(chunks.value) == str(whole.value)
+
+
+@pytest.mark.parametrize("missing", ["refuse", "fill"])
+def test_a_time_that_is_missing_is_not_said_to_be_filled(
+    log: Columns, write: Callable[..., Path], missing: str
+) -> None:
+    path = write({**log, "t": np.where(np.arange(300) == 100, np.nan, log["t"])})
+    columns, said = {"missing": missing}, r"line 102 \(missing or NaN\); .*times are not filled"
+    with pytest.raises(InputError, match=said):
+        Recording.read(path, columns)
+    with pytest.raises(InputError, match=said):
+        list(process_chunks(path, columns, joints=2))

@@ -123,7 +123,7 @@ class LogStream:
         """Yield the stamps in s, block by block."""
         names, first = self.layout.stamps, 0
         for block in self.files.blocks(names, CLOCK_ROWS):
-            require_numbers(block, names, self._where(first), self.files.name)
+            require_numbers(block, names, self._where(first), self.files.name, names)
             yield self.layout.seconds(block)
             first += len(block[names[0]])
 
