@@ -23,6 +23,7 @@ import pytest
 from scipy.io import savemat
 
 import steelyard as sy
+from steelyard.excitation import design
 from steelyard.files import file_hash
 from steelyard.identification import saved_result
 from steelyard.identification.given import given_logs
@@ -30,7 +31,7 @@ from steelyard.recording.formats import content_hash, hashed_log, remote, standa
 from steelyard.recording.formats.log_sets import is_log_set, logs_in
 from steelyard.recording.formats.registry import LogFiles
 from steelyard.report import fleet_results, results
-from steelyard.report.fleet_results import FLEET_FILES
+from steelyard.report.simulation import SIMULATION_FILES
 
 LOG = "t,q1,tau1\n" + "".join(f"{k / 100},{np.sin(k / 20)},{np.cos(k / 20)}\n" for k in range(60))
 
@@ -118,7 +119,12 @@ def test_a_set_without_logs_is_refused(tmp_path: Path, text: str) -> None:
 @pytest.mark.parametrize("text", ["logs", "logs/**", "logs/**/*.*"])
 def test_results_among_the_logs_are_no_logs(tmp_path: Path, text: str) -> None:
     """So that `steelyard identify robot.urdf . --output result` can be run twice."""
-    tables = {f"logs/result/{saved_result.RECORD}": (results.TABLE,), f"logs/{fleet_results.RECORD}": FLEET_FILES}
+    tables = {
+        f"logs/result/{saved_result.RECORD}": (results.TABLE,),
+        "logs/simulation/simulation.json": SIMULATION_FILES,
+        f"logs/motion/{design.RECORD}": design.MOTION_FILES,
+        f"logs/{fleet_results.RECORD}": fleet_results.FLEET_FILES,
+    }
     for record, names in tables.items():
         (tmp_path / record).parent.mkdir(parents=True, exist_ok=True)
         for name in (record, *(os.path.join(os.path.dirname(record), name) for name in names)):
@@ -128,6 +134,8 @@ def test_results_among_the_logs_are_no_logs(tmp_path: Path, text: str) -> None:
         path.parent.mkdir(exist_ok=True)
         path.write_text(LOG)
     assert logs_in(str(tmp_path / text)) == list(map(str, own))
+    (asked_for,) = logs_in(str(tmp_path / "**" / SIMULATION_FILES[0]))
+    assert asked_for == str(tmp_path / "logs" / "simulation" / SIMULATION_FILES[0])
 
 
 def test_installed_packages_are_looked_through_once_for_all_files(

@@ -23,9 +23,12 @@ _ABOUT, _INFO = "meta", "info.json"
 """Where LeRobot describes a data set, in tables that are no logs."""
 _RESULTS = {
     "parameters.csv": "run.json",
+    "simulation.csv": "simulation.json",
+    **dict.fromkeys(("trajectory.csv", "trajectory.parquet"), "excite.json"),
     **dict.fromkeys(("findings.parquet", "parameters.parquet", "robots.parquet"), "fleet.json"),
 }
-"""Tables that `identify` and `fleet` write, and what stands beside each then: results may lie among the logs."""
+"""Tables that `identify`, `simulate`, `excite` and `fleet` write, and what stands beside each then: results may lie
+among the logs, and a simulation of the robot that was found would confirm it."""
 MOST = 1_000_000
 """Logs of a set; a pattern that finds more was not meant."""
 
@@ -53,7 +56,8 @@ def logs_in(text: str) -> list[str]:
     Numbers in names count as numbers, so that ``run2.csv`` stands before ``run10.csv``. Files whose names, or whose
     folders, begin with a dot or an underscore are no logs, as in partitioned data sets
     (``robot=7/date=2026-11-22/part-0.parquet``), and neither are files whose suffix no format of logs has, what stands
-    in the folder in which LeRobot describes a data set, nor the tables of earlier results.
+    in the folder in which LeRobot describes a data set, nor the tables of earlier results unless the pattern ends with
+    their name.
 
     Parameters
     ----------
@@ -77,7 +81,7 @@ def logs_in(text: str) -> list[str]:
     """
     suffixes = frozenset(LOG_FORMATS.names())  # asked for once: it takes milliseconds, see `Extensions`
     files = _objects_in(text, suffixes) if _ADDRESS.match(text) else _files_in(text, suffixes)
-    found = [name for name in files if not _is_result(name)]
+    found = [name for name in files if os.path.basename(name) == os.path.basename(text) or not _is_result(name)]
     if len(found) > MOST:
         raise InputError(f"{text} stands for {len(found)} files; give a narrower pattern.")
     if not found:
