@@ -198,6 +198,15 @@ def test_logs_of_which_nothing_is_left_are_refused(elbow, simulation):
         sy.identify(path, [samples, nothing])
 
 
+@pytest.mark.parametrize("rows", [0, -3, 2.5, True, 10**20])
+def test_chunks_have_rows_that_a_record_can_hold(elbow, simulation, rows):
+    """What `run.json` cannot hold would leave a folder of results that no later run takes for one."""
+    path, model, folder = elbow
+    log = simulation.record(model, folder / "log.csv", seed=1)
+    with pytest.raises(InputError, match=r"`chunk_rows` is .*; it must be a whole number from 1"):
+        sy.identify(path, log, chunk_rows=rows)
+
+
 def test_what_the_end_of_a_log_tells_names_its_path(elbow, simulation):
     """Parts of a partitioned data set all have files of one name."""
     path, model, folder = elbow

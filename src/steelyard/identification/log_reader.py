@@ -259,7 +259,7 @@ class LogReader:
     def __init__(self, file: RobotFile, model: Model, chunk_rows: int = chunks.CHUNK_ROWS) -> None:
         self.file = file
         self.model = model
-        self.chunk_rows = chunk_rows
+        self.chunk_rows = chunks.positive_rows(chunk_rows, "chunk_rows")
         columns = LogColumns.from_dict(file.section("log"), f"{file.path}, [log]")
         self.columns = columns.of_joints(model.robot.position_units)
         self.stated = Processing.from_dict(file.section("processing"), f"{file.path}, [processing]")

@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
+from steelyard.files import shown
 from steelyard.files.advance import ahead
+from steelyard.files.reading import LARGEST_INTEGER
 
 from .automatic import DECISION_ROWS, decide, settle
 from .clock import CLOCK_ROWS, FEWEST_ROWS, ClockStatistics, clock_of, steady_clock, with_evidence
@@ -34,7 +36,17 @@ from .survey import LogSurvey
 if TYPE_CHECKING:
     from steelyard.dynamics import Model
 
-__all__ = ["Chunk", "LogStream", "OpenedLog", "SeenRows", "middle_of", "process_chunks", "read_chunks", "read_middle"]
+__all__ = [
+    "Chunk",
+    "LogStream",
+    "OpenedLog",
+    "SeenRows",
+    "middle_of",
+    "positive_rows",
+    "process_chunks",
+    "read_chunks",
+    "read_middle",
+]
 
 CHUNK_ROWS = 200_000
 """Rows of a chunk where none are stated."""
@@ -233,7 +245,7 @@ def read_chunks(
     InputError
         As in `Recording.read`. Remarks on the log stand in the last chunk.
     """
-    rows = _positive_rows(rows)
+    rows = positive_rows(rows)
     if not padding_seconds >= 0.0:
         raise InputError(f"`padding_seconds` is {padding_seconds!r}; it must be a time in s, not negative.")
     stream = LogStream(source, columns, joints)
@@ -281,7 +293,7 @@ def read_middle(
 def middle_of(stream: LogStream, processing: Processing, rows: int) -> Recording:
     """Return what `read_middle` reads, of a log that is open."""
     check_period(stream.clock.period, stream.files.name)
-    return stream.middle(stream.even(processing), _positive_rows(rows))
+    return stream.middle(stream.even(processing), positive_rows(rows))
 
 
 def process_chunks(
@@ -325,7 +337,7 @@ def process_chunks(
         As in `Recording.read` and `Recording.process`; and for the filter "fourier" and `average`, which need the log
         whole. That a torque is stuck, that nothing moves or that no row is left is only known, and said, at the end.
     """
-    rows = _positive_rows(rows)
+    rows = positive_rows(rows)
     processing = Processing() if processing is None else processing
     if model is not None and processing.filters_torque:
         rows = min(rows, PIECE_ROWS)  # samples with their regressors take ten times the memory
@@ -594,7 +606,8 @@ class Piece:
         return min(self.part.count, self.kept[1] + self.outer)
 
 
-def _positive_rows(rows: int) -> int:
-    if not isinstance(rows, int) or isinstance(rows, bool) or rows < 1:
-        raise InputError(f"`rows` is {rows!r}; it must be a whole number from 1.")
+def positive_rows(rows: int, name: str = "rows") -> int:
+    """Return a number of rows, which records can hold as 64 bits; refuse any other."""
+    if not isinstance(rows, int) or isinstance(rows, bool) or not 1 <= rows < LARGEST_INTEGER:
+        raise InputError(f"`{name}` is {shown(rows)}; it must be a whole number from 1.")
     return rows
