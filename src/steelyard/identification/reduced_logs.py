@@ -217,35 +217,40 @@ def overlaps_among(logs: Sequence[ReducedLog]) -> tuple[str, ...]:
     positions, while the robot moves. Two runs of one motion have that by chance alone, in few rows, however coarse the
     steps of their torques are.
     """
-    tables = []
-    for number, log in enumerate(logs):
-        samples = log.drawn.samples
-        if samples.t is not None and samples.count:
-            moving = np.abs(samples.dq).max(axis=1) > _MOVING * np.abs(samples.dq).max()
-            columns = np.column_stack([samples.t, samples.torque, np.full(samples.count, number), samples.q])
-            tables.append(columns[moving])
-    if len(tables) < 2:
-        return ()
-    rows = np.concatenate(tables)
-    place = rows.shape[1] // 2  # of the number of the log: the torques stand before it, the positions behind it
-    rows = rows[np.lexsort(rows.T[place::-1])]
-    apart = np.diff(rows, axis=0)
-    same = (apart[:, :place] == 0.0).all(axis=1) & (apart[:, place] != 0.0)
-    same &= (np.abs(apart[:, place + 1 :]) <= _SAME_POSITION * np.ptp(rows[:, place + 1 :], axis=0)).all(axis=1)
-    pairs, t = np.column_stack([rows[:-1, place], rows[1:, place]])[same].astype(int), rows[1:, 0][same]
+    known = [(log, samples) for log in logs for samples in (log.drawn.samples,) if samples.t is not None]
+    sums, numbers, places = [np.empty(0)], [np.empty(0, dtype=np.intp)], [np.empty(0, dtype=np.intp)]
+    for index, (_, samples) in enumerate(known):
+        speed = np.abs(samples.dq).max(axis=1, initial=0.0)
+        moving = np.flatnonzero(speed > _MOVING * speed.max(initial=0.0))
+        assert samples.t is not None
+        own = samples.t[moving]
+        for joint in range(samples.joint_count):  # a product of matrices would round rows by where they stand
+            own += np.sqrt(joint + 2.0) * samples.torque[moving, joint]
+        sums.append(own)
+        numbers.append(np.full(len(moving), index))
+        places.append(moving)
+    mixed, number, place = np.concatenate(sums), np.concatenate(numbers), np.concatenate(places)
+    order = np.argsort(mixed, kind="stable")
+    same = np.flatnonzero((np.diff(mixed[order]) == 0.0) & (np.diff(number[order]) != 0))
+    rows, others = order[same], order[same + 1]
     told = []
-    for first, second in np.unique(pairs, axis=0):
-        shared = t[(pairs == [first, second]).all(axis=1)]
-        if len(shared) < _FEWEST_SHARED:
+    for first, second in np.unique(np.column_stack([number[rows], number[others]]), axis=0):
+        (log, one), (other_log, other) = known[first], known[second]
+        pair = (number[rows] == first) & (number[others] == second)
+        here, there = place[rows[pair]], place[others[pair]]
+        assert one.t is not None
+        assert other.t is not None
+        equal = (one.t[here] == other.t[there]) & (one.torque[here] == other.torque[there]).all(axis=1)
+        near = np.abs(one.q[here] - other.q[there]) <= _SAME_POSITION * np.ptp(one.q, axis=0)
+        t = one.t[here][equal & near.all(axis=1)]
+        if len(t) < _FEWEST_SHARED:
             continue
-        one, other = logs[first], logs[second]
-        if one.role != other.role:
+        if log.role != other_log.role:
             harm = "were used in the fit, so that its error is no test of a prediction there"
         else:
-            harm = f"count twice{', so that intervals are too narrow' * one.fitted}; leave them out of one of the two"
+            harm = f"count twice{', so that intervals are too narrow' * log.fitted}; leave them out of one of the two"
         told.append(
-            f"{other.name}: rows from t = {shared.min():.6g} to {shared.max():.6g} s are rows of {one.name}, too, and "
-            f"{harm}."
+            f"{other_log.name}: rows from t = {t.min():.6g} to {t.max():.6g} s are rows of {log.name}, too, and {harm}."
         )
     return tuple(told)
 
