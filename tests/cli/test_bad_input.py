@@ -126,6 +126,17 @@ def test_one_sentence_and_nothing_half_written(run, place, kind):
     assert not (place / "result").exists()
 
 
+@pytest.mark.parametrize("output", [("-o", ""), ("--output", ""), ("--output=",)])
+def test_an_empty_place_is_not_the_current_folder(run, place, monkeypatch, output):
+    """As `--output "$OUT"` is where no such variable is set."""
+    monkeypatch.chdir(place)
+    before = sorted(place.iterdir())
+    code, _, err = run("identify", "robot.toml", "log.csv", *output)
+    assert code == 2
+    assert "--output is empty" in err
+    assert sorted(place.iterdir()) == before
+
+
 def test_a_description_in_the_folder_of_the_results_is_not_replaced(run, place):
     text = (place / "pair.urdf").read_text()
     (place / "robot.urdf").write_text(text)

@@ -246,6 +246,18 @@ def test_a_panic_of_the_library_is_a_sentence(
     assert capfd.readouterr().err == ""
 
 
+def test_what_is_said_of_an_interrupt_while_a_table_is_read_is_not_lost(capfd: pytest.CaptureFixture[str]) -> None:
+    """Polars raises it in the thread that reads, and the main thread says so meanwhile."""
+
+    def interrupted() -> None:
+        os.write(2, b"steelyard: interrupted\n")
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt), reading_table("log.parquet", "Parquet"):
+        interrupted()
+    assert capfd.readouterr().err == "steelyard: interrupted\n"
+
+
 def test_what_others_write_while_a_table_is_read_is_not_lost(capfd: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("polars")
     with reading_table("log.parquet", "Parquet"), reading_table("other.parquet", "Parquet"):

@@ -1,5 +1,6 @@
 """The same bytes, wherever logs are reduced, in whatever groups, and however often it was begun."""
 
+import contextlib
 import os
 import random
 import signal
@@ -152,6 +153,24 @@ def test_a_cluster_that_is_not_there_is_named() -> None:
     secure = sy.fleet.Cluster("tls://127.0.0.1:1", {"cert": "absent.pem"})
     with pytest.raises(sy.InputError, match="does not exist"):
         next(secure.run(log_reduction.hashed, log_reduction.first_of, None, [["x"]]))
+
+
+def test_a_web_server_in_the_place_of_a_scheduler_is_told() -> None:
+    """Such as the dashboard of Dask, whose port is given for that of the scheduler; its answer is no lack of memory."""
+    pytest.importorskip("distributed")
+
+    def answer(server: socket.socket) -> None:
+        with contextlib.suppress(OSError):
+            while True:
+                connection, _ = server.accept()
+                connection.sendall(b"HTTP/1.1 400 Bad Request\r\n\r\n")
+                connection.close()
+
+    with socket.create_server(("127.0.0.1", 0)) as web:
+        threading.Thread(target=answer, args=(web,), daemon=True).start()
+        cluster = sy.fleet.Cluster(f"tcp://127.0.0.1:{web.getsockname()[1]}")
+        with pytest.raises(sy.InputError, match=r"No scheduler of Dask answers at .* \(what answers there is not Dask"):
+            next(cluster.run(log_reduction.hashed, log_reduction.first_of, None, [["x"]]))
 
 
 @pytest.mark.slow

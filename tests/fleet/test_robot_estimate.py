@@ -27,9 +27,9 @@ def test_a_store_is_asked_once_what_a_pattern_stands_for(place: Path, monkeypatc
         system.pipe(f"/A/run{number}.csv", (place / "logs" / f"run{number}.csv").read_bytes())
     found_in = log_sets._objects_in
 
-    def counted(text: str) -> Any:
+    def counted(text: str, suffixes: Any) -> Any:
         asked[text] += 1
-        return found_in(text)
+        return found_in(text, suffixes)
 
     monkeypatch.setattr(log_sets, "_objects_in", counted)
     patterns = ["memory://A/run[12].csv", "memory://A/run[23].csv", "memory://B/*.csv"]

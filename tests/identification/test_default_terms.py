@@ -98,6 +98,18 @@ def test_rotors_that_a_log_shows_do_not_end_in_the_links(found):
     assert not found.mistakes
 
 
+@pytest.mark.parametrize("rows", [8, 13])
+def test_a_few_rows_in_one_stretch_decide_nothing(place, rows):
+    """Rows that are fast enough may all lie in one stretch; the verdict says what such an answer is worth."""
+    speed = np.sort(
+        np.abs(sy.Recording.read(place / "none.csv").process(cutoff=8.0, velocity_threshold=None).dq), axis=0
+    )
+    processing = {"cutoff": 8.0, "velocity_threshold": (0.5 * (speed[-rows] + speed[-rows - 1])).tolist()}
+    result = sy.identify(place / "arm.urdf", place / "none.csv", processing=processing)
+    assert result.options["terms"] == ["viscous", "coulomb", "offset"]
+    assert result.prediction.word in ("poor", "wrong")
+
+
 def test_rotors_that_are_not_stated_do_not_decide_the_filter(place):
     """Without them in the model a cutoff near the frequencies of the motion made up for a part of their torques."""
     rotors = (0.2, 0.12)

@@ -2,8 +2,10 @@
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
+import polars as pl
 import pytest
 
 import steelyard as sy
@@ -170,6 +172,50 @@ def test_a_log_that_is_written_while_it_is_read_is_refused(elbow, simulation, re
         return
     with pytest.raises(InputError, match=r"log.csv was written while it was read.*; wait until it is complete"):
         sy.identify(path, [log], progress=meanwhile)
+
+
+@pytest.mark.parametrize("content", ["no,number\n", ""])
+def test_what_is_wrong_with_a_log_since_it_was_written_is_no_fault_of_it(elbow, simulation, content):
+    path, model, folder = elbow
+    log = simulation.record(model, folder / "log.csv", seed=1)
+
+    def meanwhile(step):
+        if step.startswith("reading"):
+            log.write_text(log.read_text() + content if content else content)
+
+    with pytest.raises(InputError, match=r"log.csv was written while it was read.*; wait until it is complete"):
+        sy.identify(path, [log], progress=meanwhile)
+
+
+def test_logs_of_which_nothing_is_left_are_refused(elbow, simulation):
+    path, model, folder = elbow
+    logs = [simulation.record(model, folder / f"log{seed}.csv", seed=seed) for seed in (1, 2)]
+    with pytest.raises(InputError, match=r"log1\.csv has .* rows in .*, of which \[processing\] leaves none to use"):
+        sy.identify(path, logs, processing={"velocity_threshold": 1e3})
+    samples = sy.Recording.read(logs[0]).process(cutoff=10.0)
+    nothing = replace(samples, mask=np.zeros(samples.q.shape, dtype=bool))
+    with pytest.raises(InputError, match="`mask` leaves none to use"):
+        sy.identify(path, [samples, nothing])
+
+
+@pytest.mark.parametrize("rows", [0, -3, 2.5, True, 10**20])
+def test_chunks_have_rows_that_a_record_can_hold(elbow, simulation, rows):
+    """What `run.json` cannot hold would leave a folder of results that no later run takes for one."""
+    path, model, folder = elbow
+    log = simulation.record(model, folder / "log.csv", seed=1)
+    with pytest.raises(InputError, match=r"`chunk_rows` is .*; it must be a whole number from 1"):
+        sy.identify(path, log, chunk_rows=rows)
+
+
+def test_what_the_end_of_a_log_tells_names_its_path(elbow, simulation):
+    """Parts of a partitioned data set all have files of one name."""
+    path, model, folder = elbow
+    table = pl.read_csv(simulation.record(model, folder / "log.csv", seed=1))
+    for day, torque in (("day=1", table["tau1"]), ("day=2", pl.lit(0.0))):
+        (folder / "logs" / day).mkdir(parents=True)
+        table.with_columns(tau1=torque).write_csv(folder / "logs" / day / "part-0.csv")
+    with pytest.raises(InputError, match=r"day=2.part-0\.csv: the torque of joint .* is 0 throughout"):
+        sy.identify(path, str(folder / "logs"))
 
 
 @pytest.mark.slow

@@ -250,3 +250,24 @@ def test_chunked_reading_says_the_same(case: str, phrase: str, log: Columns, wri
     rows = 60 if case not in ("swapped joints", "positions in degrees") else 200
     with pytest.raises(InputError, match=phrase):
         list(process_chunks(path, section, Processing(**{"cutoff": 8.0, **options}), rows=rows, joints=2))
+
+
+def test_a_log_of_which_nothing_is_left_is_refused_in_chunks_too(log: Columns, write: Callable[..., Path]) -> None:
+    path, options = write(log), Processing(cutoff=8.0, velocity_threshold=1e3)
+    with pytest.raises(InputError, match=r"300 rows in 2\.99 s, of which .* leaves none to use") as whole:
+        Recording.read(path, joints=2).process(options)
+    with pytest.raises(InputError) as chunks:
+        list(process_chunks(path, processing=options, rows=60, joints=2))
+    assert str(chunks.value) == str(whole.value)
+
+
+@pytest.mark.parametrize("missing", ["refuse", "fill"])
+def test_a_time_that_is_missing_is_not_said_to_be_filled(
+    log: Columns, write: Callable[..., Path], missing: str
+) -> None:
+    path = write({**log, "t": np.where(np.arange(300) == 100, np.nan, log["t"])})
+    columns, said = {"missing": missing}, r"line 102 \(missing or NaN\); .*times are not filled"
+    with pytest.raises(InputError, match=said):
+        Recording.read(path, columns)
+    with pytest.raises(InputError, match=said):
+        list(process_chunks(path, columns, joints=2))

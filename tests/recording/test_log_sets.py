@@ -23,11 +23,15 @@ import pytest
 from scipy.io import savemat
 
 import steelyard as sy
+from steelyard.excitation import design
 from steelyard.files import file_hash
+from steelyard.identification import saved_result
 from steelyard.identification.given import given_logs
 from steelyard.recording.formats import content_hash, hashed_log, remote, standard_input
 from steelyard.recording.formats.log_sets import is_log_set, logs_in
 from steelyard.recording.formats.registry import LogFiles
+from steelyard.report import fleet_results, results
+from steelyard.report.simulation import SIMULATION_FILES
 
 LOG = "t,q1,tau1\n" + "".join(f"{k / 100},{np.sin(k / 20)},{np.cos(k / 20)}\n" for k in range(60))
 
@@ -110,6 +114,41 @@ def test_a_set_without_logs_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "notes" / "read.me").write_text("")
     with pytest.raises(sy.InputError, match="stands for no log"):
         logs_in(str(tmp_path / text))
+
+
+@pytest.mark.parametrize("text", ["logs", "logs/**", "logs/**/*.*"])
+def test_results_among_the_logs_are_no_logs(tmp_path: Path, text: str) -> None:
+    """So that `steelyard identify robot.urdf . --output result` can be run twice."""
+    tables = {
+        f"logs/result/{saved_result.RECORD}": (results.TABLE,),
+        "logs/simulation/simulation.json": SIMULATION_FILES,
+        f"logs/motion/{design.RECORD}": design.MOTION_FILES,
+        f"logs/{fleet_results.RECORD}": fleet_results.FLEET_FILES,
+    }
+    for record, names in tables.items():
+        (tmp_path / record).parent.mkdir(parents=True, exist_ok=True)
+        for name in (record, *(os.path.join(os.path.dirname(record), name) for name in names)):
+            (tmp_path / name).write_text("{}")
+    own = [tmp_path / "logs" / name for name in ("mine/parameters.csv", "result/run.csv")]
+    for path in own:
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(LOG)
+    assert logs_in(str(tmp_path / text)) == list(map(str, own))
+    (asked_for,) = logs_in(str(tmp_path / "**" / SIMULATION_FILES[0]))
+    assert asked_for == str(tmp_path / "logs" / "simulation" / SIMULATION_FILES[0])
+
+
+def test_installed_packages_are_looked_through_once_for_all_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It takes some milliseconds: for each of 100 000 files that would be minutes."""
+    asked = []
+    monkeypatch.setattr("steelyard.extensions.entry_points", lambda **options: asked.append(options) or ())
+    for number in range(20):
+        (tmp_path / f"run{number}.csv").write_text(LOG)
+        (tmp_path / f"picture{number}.png").write_text("")
+    assert len(logs_in(str(tmp_path))) == 20
+    assert len(asked) == 1
 
 
 @pytest.mark.parametrize("text", ["bags", "bags/**", "bags/**/*"])
@@ -395,6 +434,22 @@ def test_the_standard_input_is_read_once_by_all_threads(monkeypatch: pytest.Monk
         thread.join()
     assert found[0] == found[1]
     assert found[0].read_text() == LOG
+
+
+def test_the_name_of_the_standard_input_is_read_like_its_sign(monkeypatch: pytest.MonkeyPatch) -> None:
+    stream = SimpleNamespace(buffer=io.BytesIO(LOG.encode()), closed=False, isatty=lambda: False)
+    monkeypatch.setattr(sys, "stdin", stream)
+    monkeypatch.setattr(standard_input._Spool, "path", None)
+    assert sy.Recording.read("/dev/stdin").count == 60
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes in folders")
+@pytest.mark.parametrize("name", ["pipe", "pipe.csv"])
+def test_a_pipe_is_refused_with_the_way_to_read_it(tmp_path: Path, name: str) -> None:
+    """A shell names one for the output of another command, as in `identify robot.urdf <(zcat run.gz)`."""
+    os.mkfifo(tmp_path / name)
+    with pytest.raises(sy.InputError, match=r"is a pipe, .* pipe it into the command and give -"):
+        sy.Recording.read(tmp_path / name)
 
 
 def test_addresses_without_fsspec_say_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,8 +6,10 @@ import platform
 import sys
 import tempfile
 import traceback
+from collections.abc import Sequence
 from contextlib import suppress
 from difflib import get_close_matches
+from itertools import pairwise
 from typing import Any, NoReturn
 
 import typer
@@ -161,6 +163,7 @@ def main() -> None:
     with guarded():
         try:
             _require_addresses()
+            _require_places(sys.argv[1:])
             try:
                 app()
             finally:  # a short answer may not have been written yet; a reader may go away before the end
@@ -199,6 +202,13 @@ def _require_addresses() -> None:
                 f"This shell allows a process {allowed >> 20} MiB of addresses, and the libraries need "
                 f"{LEAST_ADDRESSES >> 20} MiB; raise the limit by `ulimit -v {LEAST_ADDRESSES >> 10}` or more."
             )
+
+
+def _require_places(line: Sequence[str]) -> None:
+    """Refuse an empty place for results, which a variable that is not set leaves: it would be the current folder."""
+    given = line[: line.index("--")] if "--" in line else line
+    if "--output=" in given or any(name in ("-o", "--output") and not place for name, place in pairwise(given)):
+        raise InputError("--output is empty, as a variable of the shell that is not set leaves it; give a place.")
 
 
 _INTERRUPTED = 130  # by Ctrl-C, as shells say it

@@ -343,7 +343,8 @@ class _Silence:
     """Keeps what a panic prints from the terminal: Rust writes it to the file of standard error itself.
 
     There is one such file for all threads, so that the first to be silent closes it and the last opens it again. What
-    is written meanwhile appears then, unless reading failed: other threads may have something to say, too.
+    is written meanwhile appears then, unless reading failed: other threads may have something to say, too, such as the
+    main one that the user interrupted it.
     """
 
     def __init__(self) -> None:
@@ -368,7 +369,7 @@ class _Silence:
 
     def __exit__(self, _: object, error: BaseException | None, __: object) -> None:
         with self._lock:
-            self._failed |= error is not None
+            self._failed |= error is not None and not isinstance(error, KeyboardInterrupt)
             self._count -= 1
             if self._count or self._kept < 0:
                 return

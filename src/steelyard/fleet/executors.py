@@ -391,6 +391,8 @@ class Cluster:
                 kind = apart.submit(answer).result()
             except TimeoutError as error:
                 raise OSError(str(error) or f"no answer of Dask within {self.TIMEOUT:g} s") from None
+            except MemoryError:  # for as many bytes as the words "HTTP/1.1" are, read as a number
+                raise OSError("what answers there is not Dask; its dashboard has an address of its own") from None
         if kind != "Scheduler":
             raise OSError(f"a {kind.lower()} of Dask is there")
 

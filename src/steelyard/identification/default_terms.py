@@ -205,7 +205,8 @@ def _near_the_description(
     # are compared, since a stretch with a calm motion gains as surely as one with a fast motion, but less.
     k = after.validation.chosen_index
     losses = after.validation.losses[:, k]
-    gain = np.log(before.validation.losses[:, k] / np.maximum(losses, 1e-300))
+    # Stretches of which no row is used lose nothing.
+    gain = np.log(np.maximum(before.validation.losses[:, k], 1e-300) / np.maximum(losses, 1e-300))
     error = max(float(gain.std(ddof=1)) / np.sqrt(len(gain)), 1e-12)
     least = before.validation.losses[:, before.validation.chosen_index].sum()
     sure = bool((gain > 0.0).all()) and float(gain.mean()) > SURE_GAIN * error

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Hashable, Iterable, Iterator, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
@@ -32,6 +32,7 @@ from steelyard.recording import (
 )
 from steelyard.recording.automatic import DECISION_ROWS
 from steelyard.recording.diagnosis import DETECTORS, faulty_rows
+from steelyard.recording.formats import require_unwritten, written_states
 from steelyard.recording.recognition import Layout
 from steelyard.recording.samples import regrouped
 from steelyard.recording.survey import LogSurvey
@@ -258,7 +259,7 @@ class LogReader:
     def __init__(self, file: RobotFile, model: Model, chunk_rows: int = chunks.CHUNK_ROWS) -> None:
         self.file = file
         self.model = model
-        self.chunk_rows = chunk_rows
+        self.chunk_rows = chunks.positive_rows(chunk_rows, "chunk_rows")
         columns = LogColumns.from_dict(file.section("log"), f"{file.path}, [log]")
         self.columns = columns.of_joints(model.robot.position_units)
         self.stated = Processing.from_dict(file.section("processing"), f"{file.path}, [processing]")
@@ -270,6 +271,7 @@ class LogReader:
         self.cutoff_choices: list[tuple[str, CutoffChoice]] = []
         self.layouts: dict[str, Layout] = {}
         self._streams: dict[str | int, chunks.LogStream] = {}
+        self._written: dict[str, Hashable] = {}  # see `written_states`
 
     def require_torques(self) -> None:
         """Refuse logs of currents whose gains are to be found."""
@@ -291,7 +293,7 @@ class LogReader:
         say(f"choosing the filter by {count} log{'s' * (count > 1)}")
         recordings = []
         for log in chosen:
-            with _told_where(log):
+            with self._reading(log):
                 recordings.append(chunks.middle_of(self._open(log), self.stated, rows))
         if not any(one.torque.size and one.facts["torque"].ranges.any() for one in recordings):
             raise InputError(
@@ -315,7 +317,7 @@ class LogReader:
         """Reduce a log by itself in a model's base parameters, with its batch means; nothing is noted here."""
         log = self.opened(task, model)
         if log is None:
-            with _told_where(task.log):
+            with self._reading(task.log):
                 return self._reduced_whole(task, model)
         joined = JoinedSections(log, model)
         with contextlib.closing(self._sections(log, model)) as sections:
@@ -382,7 +384,7 @@ class LogReader:
         if isinstance(task.log, GivenSamples) or self.processing.needs_whole_log:
             return None
         own = self.unwritten()
-        with _told_where(task.log):
+        with self._reading(task.log):
             opened = chunks.OpenedLog(self._open(task.log), self.processing, model, partial(own._look, task.log))
         return SectionedLog(task, opened, tuple(own.remarks), next(iter(own.layouts.values()), None))
 
@@ -400,7 +402,7 @@ class LogReader:
         # The errors of what is predicted are those of its rows; estimates move by 1e-4 standard errors at most.
         exact = FEWEST_EXACT if section or task.fitted else None
         stream = _until(stop, opened.samples(section, seen, lead))
-        with _told_where(task.log):
+        with self._reading(task.log):
             motion = MotionSums() if task.fitted and section == 0 else None  # which tells how it goes on
             kept = _kept_of(stream, task, model, thinned, motion, opened.sections, behind - before, exact, lead)
         if opened.sections > 1:
@@ -467,7 +469,7 @@ class LogReader:
     def _watched(self, log: GivenLog, model: Model) -> Iterator[Samples]:
         """Read a log; note what is seen of it."""
         if isinstance(log, GivenSamples):
-            self._require_joints(log)
+            self._require_samples(log)
             self.remarks.extend(f"{log}: {remark}" for remark in log.samples.remarks)
             yield from regrouped([_with_channels(log.samples, model, str(log))], self.chunk_rows)
             return
@@ -478,13 +480,15 @@ class LogReader:
         self.remarks.extend(f"{log}: {remark}" for remark in against_limits(survey, self.model.robot))
         self.units_are_suspect |= bool(survey.unit_remarks())
 
-    def _require_joints(self, given: GivenSamples) -> None:
+    def _require_samples(self, given: GivenSamples) -> None:
         robot, count = self.model.robot, given.samples.joint_count
         if count != robot.dof:
             raise InputError(
                 f"{given} has samples of {count} joints, but {robot.name} has {robot.dof} "
                 f"({listed(robot.joint_names)}); give one column for each of them, in this order."
             )
+        if not given.samples.used_rows.any():
+            raise InputError(f"{given} has samples of which `mask` leaves none to use; give some that are.")
 
     def middle(self, log: GivenLog, rows: int) -> Recording | Samples:
         """Return so many rows in the middle of a log; of one that was given as samples these."""
@@ -492,6 +496,19 @@ class LogReader:
             start = max(0, (log.samples.count - rows) // 2)
             return log.samples.rows(start, start + rows)
         return chunks.middle_of(self._open(log), self.processing, rows)
+
+    @contextlib.contextmanager
+    def _reading(self, log: GivenLog) -> Iterator[None]:
+        """Name the path of a log in what is wrong with it; where it was written since it was read, tell that alone."""
+        if isinstance(log, str) and log not in self._written:
+            self._written.update(written_states([log]))
+        try:
+            with _told_where(log):
+                yield
+        except Exception:  # rows of two contents may be any fault
+            with _told_where(log):
+                require_unwritten({name: state for name, state in self._written.items() if name == log})
+            raise
 
     def _open(self, log: str | Path | LogFile) -> chunks.LogStream:
         """Open a log whose rows are counted and timed, once for all that is read of it; the last few stay open."""
@@ -694,7 +711,8 @@ class JoinedSections:
         name, opened, information = str(self.log.task.log), self.log.opened, self._information[0]
         # What the first section told of, and the motion goes on.
         returning = tuple(one.over([f.count for f in information.factors]) for one in information.returning)
-        ending = opened.ending(self._seen)
+        with _told_where(self.log.task.log):
+            ending = opened.ending(self._seen, any(factor.count for factor in information.factors))
         limits = against_limits(self._seen.survey, self.model.robot)
         remarks = (f"{name}: {remark}" for remark in (*opened.remarks, *ending, *limits))
         return ReducedLog(

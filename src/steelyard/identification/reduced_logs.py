@@ -39,6 +39,7 @@ __all__ = [
     "ReducedLogs",
     "change_in_log",
     "copies_among",
+    "overlaps_among",
     "reduced_logs",
     "require_once",
     "told_by_rows",
@@ -47,6 +48,8 @@ __all__ = [
 SHORTEST_DRIFT = 60.0
 """s of a log below which no drift of friction is looked for: gears warm up in minutes, and what changes in seconds is
 the motion."""
+_MOVING, _SAME_POSITION, _FEWEST_SHARED = 0.05, 1e-6, 10
+"""Shares of the greatest speed and of the travel, and rows; see `overlaps_among`."""
 _TRACE_POINTS = 1200  # points of the curves of a log: about as many as a figure of the report has pixels
 _ALL_POINTS = 24_000  # of all the logs of a role together, so that thousands of them do not fill the memory
 
@@ -150,7 +153,7 @@ def reduced_logs(
         [(log.name, log.role, log.information) for log in kept]
         + [(name, "identification", one) for name, one in informations]
     )
-    reader.remarks.extend(copies.values())
+    reader.remarks.extend((*copies.values(), *overlaps_among([log for k, log in enumerate(kept) if k not in copies])))
     for name, one in informations:
         reader.remarks.append(f"{name}: {one.count} rows that were reduced before are in the fit, and not looked at.")
     fitted = [log.information for log in kept if log.fitted]
@@ -204,6 +207,52 @@ def copies_among(
             harm = "twice, so that intervals are too narrow" if role == "identification" else "once"
             found[index] = f"{name}: {same} were given twice, and count {harm}."
     return found
+
+
+def overlaps_among(logs: Sequence[ReducedLog]) -> tuple[str, ...]:
+    """Find logs that share some rows, as parts of one recording may, and say of each pair what that does to the answer.
+
+    It is told by the rows that are kept to be drawn: all of short logs, the extremes of long ones. Two are the same row
+    where they have the same time, exactly the same torques and, up to what filters make of the ends of a part, the same
+    positions, while the robot moves. Two runs of one motion have that by chance alone, in few rows, however coarse the
+    steps of their torques are.
+    """
+    known = [(log, samples) for log in logs for samples in (log.drawn.samples,) if samples.t is not None]
+    sums, numbers, places = [np.empty(0)], [np.empty(0, dtype=np.intp)], [np.empty(0, dtype=np.intp)]
+    for index, (_, samples) in enumerate(known):
+        speed = np.abs(samples.dq).max(axis=1, initial=0.0)
+        moving = np.flatnonzero(speed > _MOVING * speed.max(initial=0.0))
+        assert samples.t is not None
+        own = samples.t[moving]
+        for joint in range(samples.joint_count):  # a product of matrices would round rows by where they stand
+            own += np.sqrt(joint + 2.0) * samples.torque[moving, joint]
+        sums.append(own)
+        numbers.append(np.full(len(moving), index))
+        places.append(moving)
+    mixed, number, place = np.concatenate(sums), np.concatenate(numbers), np.concatenate(places)
+    order = np.argsort(mixed, kind="stable")
+    same = np.flatnonzero((np.diff(mixed[order]) == 0.0) & (np.diff(number[order]) != 0))
+    rows, others = order[same], order[same + 1]
+    told = []
+    for first, second in np.unique(np.column_stack([number[rows], number[others]]), axis=0):
+        (log, one), (other_log, other) = known[first], known[second]
+        pair = (number[rows] == first) & (number[others] == second)
+        here, there = place[rows[pair]], place[others[pair]]
+        assert one.t is not None
+        assert other.t is not None
+        equal = (one.t[here] == other.t[there]) & (one.torque[here] == other.torque[there]).all(axis=1)
+        near = np.abs(one.q[here] - other.q[there]) <= _SAME_POSITION * np.ptp(one.q, axis=0)
+        t = one.t[here][equal & near.all(axis=1)]
+        if len(t) < _FEWEST_SHARED:
+            continue
+        if log.role != other_log.role:
+            harm = "were used in the fit, so that its error is no test of a prediction there"
+        else:
+            harm = f"count twice{', so that intervals are too narrow' * log.fitted}; leave them out of one of the two"
+        told.append(
+            f"{other_log.name}: rows from t = {t.min():.6g} to {t.max():.6g} s are rows of {log.name}, too, and {harm}."
+        )
+    return tuple(told)
 
 
 def require_once(logs: Iterable[GivenLog], informations: Iterable[tuple[str, Information]]) -> tuple[str, ...]:

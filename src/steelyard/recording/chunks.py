@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
+from steelyard.files import shown
 from steelyard.files.advance import ahead
+from steelyard.files.reading import LARGEST_INTEGER
 
 from .automatic import DECISION_ROWS, decide, settle
 from .clock import CLOCK_ROWS, FEWEST_ROWS, ClockStatistics, clock_of, steady_clock, with_evidence
@@ -28,13 +30,23 @@ from .options import Processing
 from .plan import KnownBristles
 from .recognition import Joints, names_of
 from .recording import Recording
-from .samples import Samples, masking_remarks, regrouped
+from .samples import Samples, masking_remarks, nothing_left, regrouped
 from .survey import LogSurvey
 
 if TYPE_CHECKING:
     from steelyard.dynamics import Model
 
-__all__ = ["Chunk", "LogStream", "OpenedLog", "SeenRows", "middle_of", "process_chunks", "read_chunks", "read_middle"]
+__all__ = [
+    "Chunk",
+    "LogStream",
+    "OpenedLog",
+    "SeenRows",
+    "middle_of",
+    "positive_rows",
+    "process_chunks",
+    "read_chunks",
+    "read_middle",
+]
 
 CHUNK_ROWS = 200_000
 """Rows of a chunk where none are stated."""
@@ -123,7 +135,7 @@ class LogStream:
         """Yield the stamps in s, block by block."""
         names, first = self.layout.stamps, 0
         for block in self.files.blocks(names, CLOCK_ROWS):
-            require_numbers(block, names, self._where(first), self.files.name)
+            require_numbers(block, names, self._where(first), self.files.name, names)
             yield self.layout.seconds(block)
             first += len(block[names[0]])
 
@@ -233,7 +245,7 @@ def read_chunks(
     InputError
         As in `Recording.read`. Remarks on the log stand in the last chunk.
     """
-    rows = _positive_rows(rows)
+    rows = positive_rows(rows)
     if not padding_seconds >= 0.0:
         raise InputError(f"`padding_seconds` is {padding_seconds!r}; it must be a time in s, not negative.")
     stream = LogStream(source, columns, joints)
@@ -281,7 +293,7 @@ def read_middle(
 def middle_of(stream: LogStream, processing: Processing, rows: int) -> Recording:
     """Return what `read_middle` reads, of a log that is open."""
     check_period(stream.clock.period, stream.files.name)
-    return stream.middle(stream.even(processing), _positive_rows(rows))
+    return stream.middle(stream.even(processing), positive_rows(rows))
 
 
 def process_chunks(
@@ -323,9 +335,9 @@ def process_chunks(
     ------
     InputError
         As in `Recording.read` and `Recording.process`; and for the filter "fourier" and `average`, which need the log
-        whole. That a torque is stuck or that nothing moves is only known, and said, at the end.
+        whole. That a torque is stuck, that nothing moves or that no row is left is only known, and said, at the end.
     """
-    rows = _positive_rows(rows)
+    rows = positive_rows(rows)
     processing = Processing() if processing is None else processing
     if model is not None and processing.filters_torque:
         rows = min(rows, PIECE_ROWS)  # samples with their regressors take ten times the memory
@@ -340,12 +352,14 @@ def process_chunks(
     # Pieces are filtered while others are read, and those before them are used.
     pieces = ahead(itertools.chain.from_iterable(_sections(opened, seen)), 1)
     last: Samples | None = None
+    used = False
     for chunk in regrouped(pieces, max(1, rows // processing.step)):
         if last is not None:
             yield last
         last = chunk
+        used = used or chunk.mask is None or bool(chunk.mask.any())
     if last is not None:
-        yield replace(last, remarks=(*last.remarks, *opened.ending(seen)))
+        yield replace(last, remarks=(*last.remarks, *opened.ending(seen, used)))
 
 
 def _sections(opened: OpenedLog, seen: SeenRows) -> Iterator[Iterator[Samples]]:
@@ -539,15 +553,21 @@ class OpenedLog:
             state, weight = state + weight * found.state, weight * found.weight
         return known if before == number else KnownBristles(known.row, state, weight)
 
-    def ending(self, seen: SeenRows) -> tuple[str, ...]:
-        """Return what is only known after the last row.
+    def ending(self, seen: SeenRows, used: bool) -> tuple[str, ...]:
+        """Return what is only known after the last row, and whether any of them is used.
 
         Raises
         ------
         InputError
-            Where a torque is stuck, or nothing moves.
+            Where none is, a torque is stuck, or nothing moves.
         """
         survey = seen.survey
+        if not used:
+            rows, duration = (
+                sum(part.count for part in self.even.parts),
+                float(np.ptp(self.stream.clock.ticks[[0, -1]])),
+            )
+            raise nothing_left(self.stream.files.name, rows, duration, seen.masked, survey.first_row.joint_names)
         remarks = *survey.remarks(), *masking_remarks(seen.masked, survey.first_row.joint_names)
         low, high = survey.torque
         self.processing.check_torques(survey.first_row, low, high, survey.travel)
@@ -586,7 +606,8 @@ class Piece:
         return min(self.part.count, self.kept[1] + self.outer)
 
 
-def _positive_rows(rows: int) -> int:
-    if not isinstance(rows, int) or isinstance(rows, bool) or rows < 1:
-        raise InputError(f"`rows` is {rows!r}; it must be a whole number from 1.")
+def positive_rows(rows: int, name: str = "rows") -> int:
+    """Return a number of rows, which records can hold as 64 bits; refuse any other."""
+    if not isinstance(rows, int) or isinstance(rows, bool) or not 1 <= rows < LARGEST_INTEGER:
+        raise InputError(f"`{name}` is {shown(rows)}; it must be a whole number from 1.")
     return rows

@@ -63,7 +63,7 @@ def checked_columns(
             for name, values in raw.items()
         }
     spare = {"velocity": layout.velocity, "acceleration": layout.acceleration}
-    require_numbers(raw, needed, where, source, spare, layout.torque)
+    require_numbers(raw, needed, where, source, layout.stamps, spare, layout.torque)
     return raw
 
 
@@ -102,12 +102,14 @@ def require_numbers(
     names: Sequence[str],
     where: Callable[[int], str],
     source: str,
+    stamps: Sequence[str],
     spare: Mapping[str, Sequence[str] | None] | None = None,
     torque: Sequence[str] = (),
 ) -> None:
     """Refuse values of the columns `names` that are missing, NaN or infinite.
 
-    Those of `spare` can be left out, and joints of which no torque is there, of the columns `torque`, be excluded.
+    Those of `stamps` cannot be filled, those of `spare` can be left out, and joints of which no torque is there, of the
+    columns `torque`, be excluded.
     """
     doubtful = [name for name in names if not is_finite(raw[name])]
     bad = {name: flags for name, flags in ((name, ~np.isfinite(raw[name])) for name in doubtful) if flags.any()}
@@ -118,6 +120,8 @@ def require_numbers(
     name = next(name for name, flags in bad.items() if flags[first])
     others = f" and {len(bad) - 1} other column{'s' * (len(bad) > 2)}" if len(bad) > 1 else ""
     remedy = 'remove those rows, split the log there, or state `missing = "fill"` in [log].'
+    if not bad.keys().isdisjoint(stamps):
+        remedy = "remove those rows, or split the log there: times are not filled."
     kind = next((kind for kind, own in (spare or {}).items() if bad.keys() <= set(own or ())), None)
     empty = [column for column in torque if column in bad and bad[column].all()]
     if empty and len(empty) == len(bad) < len(torque):  # drivers that report no torque of a joint

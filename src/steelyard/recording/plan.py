@@ -28,7 +28,7 @@ from .filters.zero_phase import (
 )
 from .measurements import Measurements
 from .options import Processing
-from .samples import FORGOTTEN, TOO_EARLY, Samples, cut_channels, masking_remarks
+from .samples import FORGOTTEN, TOO_EARLY, Samples, cut_channels, masking_remarks, nothing_left
 
 if TYPE_CHECKING:
     from steelyard.dynamics import Model
@@ -181,16 +181,8 @@ class Plan:
                 counts[name] = counts.get(name, np.zeros(recording.joint_count, np.intp)) + flagged.sum(axis=0)
         joined = done[0] if len(done) == 1 else Samples.joined(done)
         if joined.mask is not None and not joined.mask.any():
-            raise InputError(
-                " ".join(
-                    (
-                        f"{source} has {sum(part.count for part in parts)} rows in "
-                        f"{parts[-1].t[-1] - parts[0].t[0]:.6g} s, of which [processing] leaves none to use; check "
-                        "delay, velocity_threshold, exclude_joints and the other options that leave rows out.",
-                        *masking_remarks(counts, parts[0].joint_names),
-                    )
-                )
-            )
+            rows, duration = sum(part.count for part in parts), parts[-1].t[-1] - parts[0].t[0]
+            raise nothing_left(source, rows, duration, counts, parts[0].joint_names)
         return replace(joined, remarks=(*notes, *masking_remarks(counts, parts[0].joint_names)))
 
     def held_remarks(self, recording: Measurements) -> tuple[str, ...]:

@@ -314,6 +314,17 @@ def masking_remarks(
     return tuple(sentences)
 
 
+def nothing_left(
+    source: str, rows: int, duration: float, counts: dict[str, NDArray[np.intp]], joint_names: Sequence[str] | None
+) -> InputError:
+    """Return what is said of a log of which no row is left for any joint."""
+    said = (
+        f"{source} has {rows} rows in {duration:.6g} s, of which [processing] leaves none to use; check delay, "
+        "velocity_threshold, exclude_joints and the other options that leave rows out."
+    )
+    return InputError(" ".join((said, *masking_remarks(counts, joint_names))))
+
+
 def regrouped(parts: Iterable[Samples], count: int) -> Iterator[Samples]:
     """Cut and join a stream of samples so that each holds `count` rows, and the last one the rest.
 

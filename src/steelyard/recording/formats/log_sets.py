@@ -5,7 +5,7 @@ from __future__ import annotations
 import glob
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from pathlib import Path
 
 from steelyard.errors import InputError
@@ -21,6 +21,14 @@ _MAGIC = re.compile(r"[*?\[]")
 _DEEP = re.compile(rf"(?:^|(?<=[{re.escape('/' + os.sep)}]))\*\*(?:[{re.escape('/' + os.sep)}]+|$)")
 _ABOUT, _INFO = "meta", "info.json"
 """Where LeRobot describes a data set, in tables that are no logs."""
+_RESULTS = {
+    "parameters.csv": "run.json",
+    "simulation.csv": "simulation.json",
+    **dict.fromkeys(("trajectory.csv", "trajectory.parquet"), "excite.json"),
+    **dict.fromkeys(("findings.parquet", "parameters.parquet", "robots.parquet"), "fleet.json"),
+}
+"""Tables that `identify`, `simulate`, `excite` and `fleet` write, and what stands beside each then: results may lie
+among the logs, and a simulation of the robot that was found would confirm it."""
 MOST = 1_000_000
 """Logs of a set; a pattern that finds more was not meant."""
 
@@ -47,8 +55,9 @@ def logs_in(text: str) -> list[str]:
 
     Numbers in names count as numbers, so that ``run2.csv`` stands before ``run10.csv``. Files whose names, or whose
     folders, begin with a dot or an underscore are no logs, as in partitioned data sets
-    (``robot=7/date=2026-11-22/part-0.parquet``), and neither are files whose suffix no format of logs has, nor what
-    stands in the folder in which LeRobot describes a data set.
+    (``robot=7/date=2026-11-22/part-0.parquet``), and neither are files whose suffix no format of logs has, what stands
+    in the folder in which LeRobot describes a data set, nor the tables of earlier results unless the pattern ends with
+    their name.
 
     Parameters
     ----------
@@ -70,7 +79,9 @@ def logs_in(text: str) -> list[str]:
     >>> [Path(log).name for log in logs_in(str(folder))]
     ['run2.csv', 'run10.csv']
     """
-    found = _objects_in(text) if _ADDRESS.match(text) else _files_in(text)
+    suffixes = frozenset(LOG_FORMATS.names())  # asked for once: it takes milliseconds, see `Extensions`
+    files = _objects_in(text, suffixes) if _ADDRESS.match(text) else _files_in(text, suffixes)
+    found = [name for name in files if os.path.basename(name) == os.path.basename(text) or not _is_result(name)]
     if len(found) > MOST:
         raise InputError(f"{text} stands for {len(found)} files; give a narrower pattern.")
     if not found:
@@ -87,9 +98,9 @@ def place_of(log: str) -> str:
     return os.path.realpath(place.removeprefix("file://")) if place.startswith("file:///") else place
 
 
-def _files_in(text: str) -> list[str]:
+def _files_in(text: str, suffixes: Collection[str]) -> list[str]:
     if os.path.isdir(text):
-        return [name for place, names in _folders(text) for name in _logs_at(place, names)]
+        return [name for place, names in _folders(text) for name in _logs_at(place, names, suffixes)]
     found: list[str] = []
     own = _named_like_a_pattern(text)
     rest = text[len(own) :]
@@ -98,7 +109,7 @@ def _files_in(text: str) -> list[str]:
         if os.path.isdir(name) and not _is_bag(name):
             # `logs/*` means what is in a folder; `logs/**` finds each folder, and the files in it, by itself.
             continue
-        if _is_log(name, below):
+        if _is_log(name, suffixes, below):
             found.append(name)
     bags = {name for name in found if os.path.isdir(name)}
     return [name for name in found if os.path.dirname(name) not in bags]
@@ -158,14 +169,14 @@ def _folders(top: str) -> Iterator[tuple[str, list[str]]]:
         yield place, names
 
 
-def _logs_at(place: str, names: Sequence[str]) -> list[str]:
+def _logs_at(place: str, names: Sequence[str], suffixes: Collection[str]) -> list[str]:
     """Return the logs right in a folder, which may be one itself."""
     if _is_bag(place):
         return [str(Path(place))]
-    return [str(Path(place, name)) for name in names if _is_log(name)]
+    return [str(Path(place, name)) for name in names if _is_log(name, suffixes)]
 
 
-def _objects_in(text: str) -> list[str]:
+def _objects_in(text: str, suffixes: Collection[str]) -> list[str]:
     system, path = object_store(text)
     try:
         if _MAGIC.search(path) and not system.exists(path):
@@ -183,7 +194,7 @@ def _objects_in(text: str) -> list[str]:
         reason = " ".join(str(error).split())[:200] or type(error).__name__
         raise InputError(f"{text} cannot be listed ({reason}); check the address and who may read it.") from None
     about = tuple(f"{os.path.dirname(name)}/" for name in map(str, names) if name.endswith(f"/{_ABOUT}/{_INFO}"))
-    logs = (str(name) for name in names if _is_log(str(name), below) and not str(name).startswith(about))
+    logs = (str(name) for name in names if _is_log(str(name), suffixes, below) and not str(name).startswith(about))
     return [object_address(system, name, text) for name in logs]
 
 
@@ -193,7 +204,7 @@ def _fixed(pattern: str) -> str:
     return pattern[: magic.start()] if magic else pattern
 
 
-def _is_log(name: str, below: str = "") -> bool:
+def _is_log(name: str, known: Collection[str], below: str = "") -> bool:
     parts = Path(name[len(below) :] if name.startswith(below) else name).parts
     if any(part.startswith((".", "_")) and part not in (".", "..") for part in parts):
         return False
@@ -202,7 +213,12 @@ def _is_log(name: str, below: str = "") -> bool:
         return os.path.isdir(name) and _is_bag(name)
     if suffixes[-1] in COMPRESSED:  # of compressed files only texts are read
         return len(suffixes) > 1 and suffixes[-2] in TEXTS
-    return suffixes[-1] in LOG_FORMATS.names() or os.path.isdir(name)
+    return suffixes[-1] in known or os.path.isdir(name)
+
+
+def _is_result(name: str) -> bool:
+    folder, own = os.path.split(name)
+    return own in _RESULTS and os.path.isfile(os.path.join(folder, _RESULTS[own]))
 
 
 def _is_bag(folder: str) -> bool:

@@ -41,7 +41,7 @@ _LOOKED_AT = 5000  # rows at a time of a column of which mostly the first is wan
 MOST_COLUMNS = 5000  # a humanoid's log has some hundreds; a file with far more is no log
 REMEDY = "give the path of a log, such as a CSV, a bag or an NPZ file"
 STANDARD_INPUT = "-"
-"""What stands for the standard input in the place of a path."""
+"""What stands for the standard input in the place of a path, as ``/dev/stdin`` does."""
 _SPOOLED: dict[Path, str] = {}
 """Copies of the standard input and of objects, and what they are called in messages."""
 TEXTS = ("csv", "txt", "tsv", "dat", "log")
@@ -294,6 +294,8 @@ def split_source(source: Source, holder: object = None) -> list[Path | LogFile]:
         return [source]
     if isinstance(source, (str, os.PathLike)):
         text = os.fspath(source)
+        if text == "/dev/stdin":
+            return [Path(STANDARD_INPUT)]
         if "://" in text:
             from .remote import local_copy  # what is not asked for is not loaded
 
@@ -379,6 +381,11 @@ def open_log(path: Path, columns: LogColumns | None = None) -> LogFile:
         raise InputError(f"{path} does not exist{_neighbour(path)}; {REMEDY}.") from None
     except OSError:
         require_file(path, REMEDY)  # says why
+    if path.is_fifo():
+        raise InputError(
+            f"{path} is a pipe, which can be read only once; pipe it into the command and give {STANDARD_INPUT} in the "
+            "place of its path."
+        )
     is_bag = path.is_dir() and (path / "metadata.yaml").is_file()
     if path.is_dir() and not is_bag:
         raise InputError(f"{path} is a folder, and no bag of ROS 2 (no metadata.yaml); give the log file itself.")
