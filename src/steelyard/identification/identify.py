@@ -47,6 +47,7 @@ from .log_reader import LogReader, LogReduction, Progress, ReducedLog
 from .near_standstill import standstill_errors
 from .parameter_table import parameter_table
 from .prediction_verdict import FewRows, few_rows_of, prediction_verdict
+from .preflight import remark_on_base
 from .reduced_logs import reduced_logs, require_once
 from .result import Identification, Prediction, Trace
 
@@ -370,6 +371,8 @@ def identify(
     if not doubts.of_log and not reader.units_are_suspect and table is not None:
         remarks.update(dict.fromkeys(heavy_ends(model, table, doubts.prediction).values()))
     remarks.update(dict.fromkeys(model.robot.remarks))
+    if of_base := remark_on_base(model.robot):
+        remarks[of_base] = None
     missed = None
     if model.robot.source is not None:
         from .missed_terms import missed_terms  # there is no description otherwise

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import permutations
 from pathlib import Path
 
@@ -13,12 +13,13 @@ from numpy.typing import NDArray
 
 from steelyard.errors import InputError
 from steelyard.estimators.physical_prior import DENSITIES, reference_bodies
+from steelyard.files import listed
 from steelyard.robot import Drives, Robot
 from steelyard.robot.described_inertia import DescribedBody, described_bodies, possible_body
 from steelyard.robot.description import URDF, description_format
 from steelyard.robot.inertia import Inertia
 
-__all__ = ["LinkReport", "Preflight", "preflight"]
+__all__ = ["LinkReport", "Preflight", "preflight", "remark_on_base"]
 
 Array = NDArray[np.float64]
 
@@ -148,7 +149,7 @@ class Preflight:
     Attributes
     ----------
     links : tuple of LinkReport
-        Every link of the description with an inertia, but for those fixed to the base.
+        Every link of the description with an inertia; of the base and what is fixed to it those that no body can be.
     """
 
     robot: Robot
@@ -178,7 +179,10 @@ class Preflight:
         kind = description_format(robot.source, robot.xacro_arguments or None) or URDF
         if refusal := kind.refusal(robot):
             raise InputError(refusal)
-        kind.write(robot, self.repaired(), Drives.unknown(robot.dof), robot.source, target)
+        still = {part.name for part in _standing_still(robot)}
+        mended = {one.link: one.mended for one in self.links if one.link in still and one.mended is not None}
+        written = replace(robot, base_mended=mended)
+        kind.write(written, self.repaired(), Drives.unknown(robot.dof), robot.source, target)
         return tuple((one.link, one.change) for one in self.links if one.mended is not None)
 
     def repaired(self) -> Array:
@@ -196,6 +200,35 @@ class Preflight:
                     total += inertia.moved(part.placement).parameters
             parameters[start : start + 10] = total
         return parameters
+
+
+def _standing_still(robot: Robot) -> list[DescribedBody]:
+    """The base, and what is fixed to it, where moments of inertia are such as no body has."""
+    own = DescribedBody(robot.base_link, np.eye(4), robot.base_inertia)
+    parts = [own, *(DescribedBody(one.name, one.placement, one.inertia) for one in robot.base_attachments)]
+    found = []
+    for part in parts:
+        if part.inertia is not None and part.inertia.mass > 0.0:
+            values = np.linalg.eigvalsh(_Body(part.inertia.mass, part.inertia.com, part.inertia.about_com).covariance)
+            if values[0] < ROUNDING * max(values[-1], 0.0):
+                found.append(part)
+    return found
+
+
+def remark_on_base(robot: Robot) -> str:
+    """Say that simulators refuse the description for a body that stands still, and what mends it; else nothing.
+
+    What is identified says nothing of such a body, and leaves it as it is.
+    """
+    names = [part.name for part in _standing_still(robot)]
+    if not names or robot.source is None:
+        return ""
+    has = "stands still and has" if len(names) == 1 else "stand still and have"
+    return (
+        f"{listed(names)} {has} moments of inertia that no body has, in the description and in what is written: the "
+        "motion tells nothing of them, but simulators such as MuJoCo refuse the file. Mend it by: steelyard inspect "
+        f"{robot.source} --repair --output REPAIRED{robot.source.suffix}"
+    )
 
 
 def _listed(values: NDArray[np.floating]) -> str:
@@ -218,9 +251,10 @@ def preflight(robot: Robot) -> Preflight:
     >>> preflight(arm).links[0].possible, preflight(arm).links[0].sentence.partition("; ")[2]
     (False, 'probably decimal slip of ixx')
     """
+    still = [_standing(part) for part in _standing_still(robot)]
     bodies = described_bodies(robot)
     if all(part.inertia is None for parts in bodies for part in parts):
-        return Preflight(robot, ())
+        return Preflight(robot, tuple(still))
     # Without numbers for its lengths a robot has no size to compare with.
     references = [{} for _ in robot.links] if robot.lengths else reference_bodies(robot)
     frames = _axes_of_base(robot)
@@ -263,7 +297,13 @@ def preflight(robot: Robot) -> Preflight:
         density = None if kinds[index] is None else float(np.median(others)) if others else math.log(500.0)
         alike = [found[other][0].name for other in np.flatnonzero(copies[index])]
         reports.append(_judged(part, body, reference, axes, density, alike))
-    return Preflight(robot, tuple(reports))
+    return Preflight(robot, (*reports, *still))
+
+
+def _standing(part: DescribedBody) -> LinkReport:
+    assert part.inertia is not None
+    body = _Body(part.inertia.mass, part.inertia.com, part.inertia.about_com)
+    return _judged(part, body, None, np.eye(3), None, [])
 
 
 def _judged(
