@@ -7,8 +7,9 @@ import pytest
 from planted_defects import DEFECTS, ROBOTS, installed, named, planted
 
 import steelyard as sy
-from steelyard.identification.preflight import preflight, remark_on_base
+from steelyard.identification.preflight import preflight
 from steelyard.robot import Inertia, Robot
+from steelyard.robot.described_inertia import remark_on_base
 
 pytestmark = pytest.mark.usefixtures("meshes_in_this_process", "installed_shapes_once")
 NEEDED = pytest.mark.skipif(not (installed() / ROBOTS[0]).exists(), reason="example-robot-data is not installed")

@@ -27,6 +27,7 @@ from steelyard.recording.formats import require_unwritten, written_states
 from steelyard.regression import Estimate, Information, least_squares
 from steelyard.regression.reduction import errors_of, residuals
 from steelyard.regression.time_blocks import FOLDS
+from steelyard.robot.described_inertia import remark_on_base
 
 from .default_terms import RotorDecision, decide_rotors
 from .doubts import doubts_of, heavy_ends
@@ -47,7 +48,6 @@ from .log_reader import LogReader, LogReduction, Progress, ReducedLog
 from .near_standstill import standstill_errors
 from .parameter_table import parameter_table
 from .prediction_verdict import FewRows, few_rows_of, prediction_verdict
-from .preflight import remark_on_base
 from .reduced_logs import reduced_logs, require_once
 from .result import Identification, Prediction, Trace
 

@@ -13,13 +13,12 @@ from numpy.typing import NDArray
 
 from steelyard.errors import InputError
 from steelyard.estimators.physical_prior import DENSITIES, reference_bodies
-from steelyard.files import listed
 from steelyard.robot import Drives, Robot
-from steelyard.robot.described_inertia import DescribedBody, described_bodies, possible_body
+from steelyard.robot.described_inertia import ROUNDING, DescribedBody, described_bodies, possible_body, standing_bodies
 from steelyard.robot.description import URDF, description_format
 from steelyard.robot.inertia import Inertia
 
-__all__ = ["LinkReport", "Preflight", "preflight", "remark_on_base"]
+__all__ = ["LinkReport", "Preflight", "preflight"]
 
 Array = NDArray[np.float64]
 
@@ -51,7 +50,6 @@ REMEDIES = {
 
 SAME = 1e-9
 TINY = 1e-3  # kg; frames and sensors have masses that mean nothing
-ROUNDING = -1e-9  # of the largest second moment: what few digits do
 
 
 @dataclass(frozen=True)
@@ -179,7 +177,7 @@ class Preflight:
         kind = description_format(robot.source, robot.xacro_arguments or None) or URDF
         if refusal := kind.refusal(robot):
             raise InputError(refusal)
-        still = {part.name for part in _standing_still(robot)}
+        still = {part.name for part in standing_bodies(robot)}
         mended = {one.link: one.mended for one in self.links if one.link in still and one.mended is not None}
         written = replace(robot, base_mended=mended)
         kind.write(written, self.repaired(), Drives.unknown(robot.dof), robot.source, target)
@@ -202,35 +200,6 @@ class Preflight:
         return parameters
 
 
-def _standing_still(robot: Robot) -> list[DescribedBody]:
-    """The base, and what is fixed to it, where moments of inertia are such as no body has."""
-    own = DescribedBody(robot.base_link, np.eye(4), robot.base_inertia)
-    parts = [own, *(DescribedBody(one.name, one.placement, one.inertia) for one in robot.base_attachments)]
-    found = []
-    for part in parts:
-        if part.inertia is not None and part.inertia.mass > 0.0:
-            values = np.linalg.eigvalsh(_Body(part.inertia.mass, part.inertia.com, part.inertia.about_com).covariance)
-            if values[0] < ROUNDING * max(values[-1], 0.0):
-                found.append(part)
-    return found
-
-
-def remark_on_base(robot: Robot) -> str:
-    """Say that simulators refuse the description for a body that stands still, and what mends it; else nothing.
-
-    What is identified says nothing of such a body, and leaves it as it is.
-    """
-    names = [part.name for part in _standing_still(robot)]
-    if not names or robot.source is None:
-        return ""
-    has = "stands still and has" if len(names) == 1 else "stand still and have"
-    return (
-        f"{listed(names)} {has} moments of inertia that no body has, in the description and in what is written: the "
-        "motion tells nothing of them, but simulators such as MuJoCo refuse the file. Mend it by: steelyard inspect "
-        f"{robot.source} --repair --output REPAIRED{robot.source.suffix}"
-    )
-
-
 def _listed(values: NDArray[np.floating]) -> str:
     return f"({', '.join(f'{value:.3g}' for value in values)})"
 
@@ -251,7 +220,7 @@ def preflight(robot: Robot) -> Preflight:
     >>> preflight(arm).links[0].possible, preflight(arm).links[0].sentence.partition("; ")[2]
     (False, 'probably decimal slip of ixx')
     """
-    still = [_standing(part) for part in _standing_still(robot)]
+    still = [_standing(part) for part in standing_bodies(robot)]
     bodies = described_bodies(robot)
     if all(part.inertia is None for parts in bodies for part in parts):
         return Preflight(robot, tuple(still))
