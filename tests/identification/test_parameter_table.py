@@ -153,6 +153,9 @@ def test_no_value_is_silently_outside_its_interval(seed) -> None:
         named = re.findall(r"\w+", table.conflict.partition(" (")[0].partition(" and ")[0].partition(" lie")[0])
         assert named == outside[: len(named)]
         assert len(outside) == (len(named) + int(count[1] or 0) if count else 0)
+        by_chance = 0.05 * len(rows)  # of intervals of 95 %
+        assert ("by chance" in table.conflict) == (0 < len(outside) <= by_chance)
+        assert ("--prior-weight" in table.conflict) == (len(outside) > by_chance)
         assert [", outside" in line for line in str(table).splitlines()[1:]].count(True) == len(outside)
         links = [link for link in (1, 2, 3) if re.search(rf"m{link}|c[xyz]{link}", " ".join(outside))]
         _, shown = table.link_table()

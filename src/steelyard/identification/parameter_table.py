@@ -607,6 +607,10 @@ def _conflict(rows: Sequence[ParameterRow], about: Sequence[_About], links: Sequ
     lie = "lies outside its interval" if len(drawn) == 1 else "lie outside their intervals"
     own = [links[link] for link in sorted({*drawn.values()} - {-1})]
     of = f" ({listed(own, MOST_SENTENCES)})" if own else ""
+    by_chance = int((1.0 - CONFIDENCE) * len(rows))
+    if len(drawn) <= by_chance:
+        few = f"of {len(rows)} intervals some {by_chance} miss the truth by chance"
+        return f"{listed(drawn, MOST_SENTENCES)}{of} {lie}, to which the prior draws the answer; {few}."
     check = f"check the description of {listed(own, MOST_SENTENCES)}, " if own else ""
     return (
         f"{listed(drawn, MOST_SENTENCES)}{of} {lie}: the prior draws the answer that far away from the data, and one "
