@@ -35,9 +35,9 @@ CAD, on three sets of logs."""
 FIRMER, LARGE, FALL = 3.0, 1.0, 0.2
 """By what factor the prior must count more with the counterbalance; its torque relative to the root mean square of that
 of its joint, since it is there to hold weights; and the part of the squared error of this joint, on stretches left out,
-that it must take away from fits as near to what is known. The KR300 has 3 to 32, 2.7 to 3.2, and 0.25 to 0.72. Of 84
-simulated logs of seven arms without one (36 with a tool of 15 % of the mass, 18 with friction near standstill that is
-eight times as large as usual, 30 without CAD) three have 3 to 3000, 0.5 to 1.04 and 0.28 to 0.6: two of them have no
+that it must take away from fits as near to what is known. The KR300 has 3 to 32, 2.7 to 3.2, and 0.25 to 0.72. Of 72
+simulated logs of six arms without one (30 with a tool of 15 % of the mass, 18 with friction near standstill that is
+eight times as large as usual, 24 without CAD) three have 3 to 3000, 0.5 to 1.04 and 0.28 to 0.6: two of them have no
 CAD, and two are predicted worse with it where the data alone choose how near links stay to what is known."""
 
 MOST_TRIED = 2
