@@ -11,6 +11,8 @@ import pytest
 from scipy.signal import lfilter
 
 import steelyard as sy
+from steelyard.dynamics import Counterbalance
+from steelyard.identification.counterbalanced_joint import counterbalanced_joint
 from steelyard.identification.error_causes import error_causes
 from steelyard.identification.mistakes import Hypothesis
 from steelyard.identification.next_steps import next_steps
@@ -240,3 +242,47 @@ def test_logs_of_one_robot_do_not_differ(robot, seed, held_out):
 def test_logs_that_are_too_short_are_not_tried(robot):
     log = {name: column[:180] for name, column in recorded("friction").items()}
     assert error_causes(sy.identify(robot, log)) is None
+
+
+def cylinder(q, force=100.0, fixed=0.8, moving=0.15, aligned=0.2):
+    """Torque of a cylinder that pulls with one force, by the change of its length with the position."""
+    length = np.sqrt(fixed**2 + moving**2 - 2.0 * fixed * moving * np.cos(q - aligned))
+    return force * fixed * moving * np.sin(q - aligned) / length
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_counterbalance_that_the_model_lacks_is_named(monkeypatch, tmp_path, seed):
+    """Pinocchio says what the links weigh, NumPy what a cylinder does; with it stated the links weigh what they do.
+
+    The second axis is beside the first one, so that joint 1 feels a weight that is none.
+    """
+    for link, place in (("l2", "0.3 0 0.3"), ("l3", "0 0.4 0")):
+        beside = f'<child link="{link}"/><origin xyz='
+        monkeypatch.setitem(globals(), "URDF", URDF.replace(f'{beside}"0 0 0.3"', f'{beside}"{place}"'))
+    path = tmp_path / "arm.urdf"
+    path.write_text(URDF)
+    terms = sy.Viscous(), sy.Coulomb(), sy.Offset()
+    log = recorded("", seed, noise=0.03, lasting=0.03)
+    log["tau2"] = log["tau2"] + cylinder(log["q2"])
+    robot = sy.Robot.from_urdf(path)
+    masses = np.array([link.inertia.mass for link in robot.links])
+    result = sy.identify(robot.with_terms(*terms), log)
+    found = counterbalanced_joint(result)
+    assert found.joint == 1
+    assert found.known == masses[found.link]
+    assert abs(np.log(found.found / found.known)) > np.log(1.6)
+    assert found.with_term == pytest.approx(found.known, rel=0.2)
+    assert found.aligned == pytest.approx(0.2, abs=0.2)
+    (step,) = [one for one in next_steps(result) if one.action.startswith("State the counterbalance of j2")]
+    assert f"l{found.link + 1} comes out at {found.found:.3g} kg where {found.known:.3g} kg are known" in step.reason
+    code = step.code.replace("FIXED", "0.8").replace("MOVING", "0.15").replace("ALIGNED", "0.2")
+    (stated,) = tomllib.loads(code)["terms"]
+    assert stated.pop("kind") == "counterbalance"
+    mended = sy.identify(robot.with_terms(*terms, Counterbalance(**stated)), log)
+    assert mended.parameters[f"m{found.link + 1}"].value == pytest.approx(found.known, rel=0.3)
+    assert counterbalanced_joint(mended) is None
+
+
+@pytest.mark.parametrize("cause", ["", "payload", "gravity", "oscillation", "drift"])
+def test_no_counterbalance_is_named_where_none_is(robot, cause):
+    assert counterbalanced_joint(sy.identify(robot, recorded(cause, 3))) is None

@@ -125,13 +125,43 @@ def test_what_the_prior_draws_out_of_its_interval_is_not_measured(found) -> None
     far = [row for row in table if row.name in value and abs(row.value - value[row.name]) > 6.0 * error[row.name]]
     assert len(far) >= 3
     assert "measured" not in {row.basis for row in far}
-    (told,) = (one for one in table.sentences if "the prior draws the answer that far away from the data" in one)
-    assert "lie outside their intervals" in told
+    told = table.conflict
+    assert re.search(r"\(link1.*\) lie outside their intervals: the prior draws the answer that far away", told)
+    assert "check the description of link1" in told
     truth = true_values(arm, table)
     assert all(not row.lower <= row.value <= row.upper for row in far)
     assert all(row.interval.startswith("outside its interval of ") for row in far)
     assert np.mean([row.lower <= truth[row.name] <= row.upper for row in far]) >= 0.9
     assert np.mean([table[name].lower <= one <= table[name].upper for name, one in truth.items()]) >= 0.93
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_no_value_is_silently_outside_its_interval(seed) -> None:
+    """Whatever the prior says, and however much it counts, short logs of random arms too."""
+    arm = simulated_arm(seed, seconds=(2.0, 10.0)[seed % 2])
+    feasible_set = FeasibleSet(arm.model, constraints=[TotalMass(maximum=(11.6, 60.0)[seed % 2])])
+    random = np.random.default_rng(seed)
+    prior = EntropicPrior(np.exp(random.normal()) * blurred(arm, seed))
+    unconstrained = sy.least_squares(arm.information)
+    said = []
+    for weight in (1e-2, 1e2, 1e6):
+        estimate = sy.fit(arm.information, feasible_set, prior=prior, prior_weight=weight)
+        table = parameter_table(arm.information, feasible_set, estimate, unconstrained)
+        rows = list(csv.DictReader(io.StringIO(table.to_csv())))
+        outside = [row["name"] for row in rows if not float(row["lower"]) <= float(row["value"]) <= float(row["upper"])]
+        count = re.match(r"\w+(?:, \w+)*(?: and (\d+) more)?", table.conflict)
+        named = re.findall(r"\w+", table.conflict.partition(" (")[0].partition(" and ")[0].partition(" lie")[0])
+        assert named == outside[: len(named)]
+        assert len(outside) == (len(named) + int(count[1] or 0) if count else 0)
+        by_chance = 0.05 * len(rows)  # of intervals of 95 %
+        assert ("by chance" in table.conflict) == (0 < len(outside) <= by_chance)
+        assert ("--prior-weight" in table.conflict) == (len(outside) > by_chance)
+        assert [", outside" in line for line in str(table).splitlines()[1:]].count(True) == len(outside)
+        links = [link for link in (1, 2, 3) if re.search(rf"m{link}|c[xyz]{link}", " ".join(outside))]
+        _, shown = table.link_table()
+        assert all(any("outside" in cell for cell in shown[link - 1]) for link in links)
+        said.append(len(outside))
+    assert said[0] <= said[-1]
 
 
 def test_table_as_text_and_data(found) -> None:

@@ -1,11 +1,15 @@
 """Defects of descriptions that are named before anything moves."""
 
+import re
+
 import numpy as np
 import pytest
 from planted_defects import DEFECTS, ROBOTS, installed, named, planted
 
+import steelyard as sy
 from steelyard.identification.preflight import preflight
 from steelyard.robot import Inertia, Robot
+from steelyard.robot.described_inertia import remark_on_base
 
 pytestmark = pytest.mark.usefixtures("meshes_in_this_process", "installed_shapes_once")
 NEEDED = pytest.mark.skipif(not (installed() / ROBOTS[0]).exists(), reason="example-robot-data is not installed")
@@ -135,3 +139,72 @@ def test_legs_that_are_alike_are_no_copies_where_one_has_no_shape(tmp_path):
     path = tmp_path / "legs.urdf"
     path.write_text(f'<robot name="legs">{links}{joints}</robot>')
     assert preflight(Robot.from_urdf(path)).findings == ()
+
+
+BODY = """<inertial><origin xyz="0 0 0.08"/><mass value="1.5"/>
+<inertia ixx="0.0046" iyy="0.0048" izz="{}" ixy="0" ixz="0" iyz="0.0014"/></inertial>"""
+POSSIBLE, IMPOSSIBLE = BODY.format(0.007), BODY.format(0.0722)
+STANDING_URDF = """<robot name="standing">
+<link name="root">{root}</link><link name="plate">{plate}</link><link name="arm">{arm}</link>
+<joint name="fixed" type="fixed"><parent link="root"/><child link="plate"/></joint>
+<joint name="hinge" type="revolute"><parent link="plate"/><child link="arm"/><axis xyz="0 1 0"/>
+<limit lower="-1" upper="1" effort="9" velocity="3"/></joint></robot>
+"""
+
+
+@pytest.mark.parametrize("standing", [("root",), ("plate",), ("root", "plate")])
+def test_what_stands_still_and_no_body_can_be_is_mended(standing, tmp_path) -> None:
+    """MuJoCo is the judge: it refuses the description, and takes what is mended, which is all else the same."""
+    mujoco = pytest.importorskip("mujoco")
+    texts = {name: IMPOSSIBLE if name in standing else POSSIBLE for name in ("root", "plate", "arm")}
+    source, target = tmp_path / "standing.urdf", tmp_path / "mended.urdf"
+    source.write_text(STANDING_URDF.format(**texts))
+    with pytest.raises(ValueError, match=r"A \+ B >= C"):
+        mujoco.MjModel.from_xml_path(str(source))
+    robot = Robot.from_urdf(source)
+    found = preflight(robot)
+    assert [one.link for one in found.findings] == list(standing)
+    assert remark_on_base(robot).startswith(f"{', '.join(standing)} stand")
+    assert [link for link, _ in found.write(target)] == list(standing)
+    mujoco.MjModel.from_xml_path(str(target))
+    mended = Robot.from_urdf(target)
+    assert not preflight(mended).findings
+    assert not remark_on_base(mended)
+    np.testing.assert_array_equal(mended.parameters, robot.parameters)
+    rest = re.compile(f'<link name="({"|".join(standing)})">.*?</link>', re.DOTALL)
+    assert rest.sub("", target.read_text()) == rest.sub("", source.read_text())
+    (body, *_) = [one for one in found.links if one.link in standing]
+    assert body.mended.mass == body.described.mass
+    np.testing.assert_allclose(body.mended.com, body.described.com)
+
+
+def test_what_stands_still_in_an_sdf_is_mended(tmp_path) -> None:
+    moments = "<inertia><ixx>0.0046</ixx><iyy>0.0048</iyy><izz>{}</izz></inertia>"
+    link = '<link name="{}"><inertial><mass>1.5</mass>' + moments + "</inertial></link>"
+    links = link.format("plate", 0.0722) + link.format("arm", 0.007)
+    anchor = '<joint name="held" type="fixed"><parent>world</parent><child>plate</child></joint>'
+    hinge = '<joint name="hinge" type="revolute"><parent>plate</parent><child>arm</child><axis><xyz>0 1 0</xyz></axis>'
+    source, target = tmp_path / "standing.sdf", tmp_path / "mended.sdf"
+    source.write_text(f'<sdf version="1.9"><model name="standing">{links}{anchor}{hinge}</joint></model></sdf>')
+    found = preflight(Robot.from_sdf(source))
+    assert [link for link, _ in found.write(target)] == ["plate"]
+    izz = [float(text) for text in re.findall("<izz>(.*?)</izz>", target.read_text())]
+    ixx = [float(text) for text in re.findall("<ixx>(.*?)</ixx>", target.read_text())]
+    iyy = [float(text) for text in re.findall("<iyy>(.*?)</iyy>", target.read_text())]
+    assert izz[0] < ixx[0] + iyy[0]
+    assert izz[1] == 0.007
+    assert not preflight(Robot.from_sdf(target)).findings
+
+
+@pytest.mark.data
+def test_base_of_a_gen3(shared_data, tmp_path) -> None:
+    mujoco = pytest.importorskip("mujoco")
+    folder = shared_data / "kinova_gen3"
+    result = sy.identify(folder / "gen3.urdf", folder / "opti_traj_testing2.csv")
+    (remark,) = (one for one in result.remarks if one.startswith("base_link stands still"))
+    assert remark.endswith(f"steelyard inspect {folder / 'gen3.urdf'} --repair --output REPAIRED.urdf")
+    result.save(tmp_path / "out")
+    with pytest.raises(ValueError, match=r"A \+ B >= C"):
+        mujoco.MjModel.from_xml_path(str(tmp_path / "out" / "robot.urdf"))
+    preflight(Robot.from_urdf(tmp_path / "out" / "robot.urdf")).write(tmp_path / "mended.urdf")
+    mujoco.MjModel.from_xml_path(str(tmp_path / "mended.urdf"))

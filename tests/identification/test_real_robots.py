@@ -12,6 +12,7 @@ import pytest
 
 import steelyard as sy
 from steelyard.cli import main
+from steelyard.identification.counterbalanced_joint import counterbalanced_joint
 from steelyard.identification.error_causes import error_causes
 from steelyard.identification.next_steps import found, next_steps
 
@@ -191,11 +192,16 @@ def test_numbers_of_a_kinova_gen3_rest_on_a_model_that_misses_its_wrist(shared_d
     assert re.search(r"joint_7 \(\d+%\) on the validation log", result.caveat)
     first, second, *_ = found(result)
     total = result.parameters["total mass"]
-    # The prior draws the answer below all that the data allow, which is no end of the interval.
     assert total.lower < 8.2 - 1.5 + 0.9 < total.upper
-    assert total.value < total.lower
-    assert f"(assumed, outside its interval of {total.lower:.4g} to {total.upper:.4g} kg)" in first
-    assert second == result.caveat
+    assert f"(assumed, {total.lower:.4g} to {total.upper:.4g} kg)" in first
+    assert second == result.caveat == result.to_dict()["caveat"]
+    # No motion of this length tells moments of inertia of some kg m² from those of CAD, a hundredth of them.
+    outside = [row.name for row in result.parameters if not row.lower <= row.value <= row.upper]
+    assert "J3_2" in outside
+    assert f"and {len(outside) - 3} more (half_arm_1_link, half_arm_2_link) lie outside their intervals" in second
+    assert "check the description of half_arm_1_link, half_arm_2_link, record a longer log" in second
+    with_both = sy.identify(folder / "gen3.urdf", logs)  # three times as long
+    assert not with_both.parameters.conflict
     (heavy,) = (remark for remark in result.remarks if remark.startswith("bracelet_link comes out at"))
     assert "bounded by a model that does not predict well" in heavy
 
@@ -240,6 +246,48 @@ def test_friction_is_not_said_to_help_a_kr300(shared_data):
     first, *others = next_steps(result)
     assert first.action == "Record a motion that shows more."
     assert not [step for step in (first, *others) if "friction" in step.code]
+
+
+def with_cad(told):
+    """The robot of the file of a KR300, with the inertials of its CAD; that of link 6 is not told."""
+    inertias = {}
+    for number in "12345":
+        body = told["links_from_CAD"][number]
+        xx, yy, zz, xy, yz, xz = body["inertia"]
+        about = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+        inertias[f"link{number}"] = sy.Inertia.from_com(body["mass"], body["com"], about)
+    return sy.Robot.from_dh(told["rows"], gravity=told["gravity_base_frame"], inertias=inertias)
+
+
+@pytest.mark.parametrize("logs", ["A", "B", "AB"])
+def test_counterbalance_of_a_kr300(shared_data, logs):
+    """By CAD link 2 weighs 339 kg. The cylinder of the source has 632 N·m at q2 = 0, five degrees beside its zero."""
+    told = json.loads((shared_data / "kuka_kr300" / "robot.json").read_text())
+    terms = sy.Viscous(), sy.Coulomb(), sy.Offset(), sy.RotorInertia()
+    columns = {"torque": "tau_m{}", "gain": told["gear_ratio"]}
+    paths = [shared_data / "kuka_kr300" / f"{log}.csv" for log in logs]
+    result = sy.identify(with_cad(told).with_terms(*terms), paths, columns=columns)
+    found = counterbalanced_joint(result)
+    assert found.joint == 1
+    assert result.parameters["m2"].value > 2 * 339
+    assert found.with_term == pytest.approx(339, rel=0.4)
+    assert found.torque == pytest.approx(632 / np.sin(np.deg2rad(5)), rel=0.25)
+    assert found.aligned == pytest.approx(np.deg2rad(-5), abs=0.35)
+    assert any(step.action.startswith("State the counterbalance of joint2") for step in next_steps(result))
+
+
+@pytest.mark.parametrize(
+    ("robot", "log"),
+    [
+        ("ur10.toml", "ur10_unisa/exciting.csv"),
+        ("kinova_gen3.toml", "kinova_gen3/opti_traj_testing1.csv"),
+        ("kinova_gen3.toml", "kinova_gen3/opti_traj_testing2.csv"),
+        ("staubli_tx40.toml", None),
+    ],
+)
+def test_no_counterbalance_is_named_of_arms_without_one(shared_data, robot, log):
+    data = tx40_logs(shared_data) if log is None else shared_data / log
+    assert counterbalanced_joint(sy.identify(EXAMPLES / robot, [data])) is None
 
 
 def test_a_dead_torque_sensor_is_found(shared_data):

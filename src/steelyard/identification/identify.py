@@ -27,6 +27,7 @@ from steelyard.recording.formats import require_unwritten, written_states
 from steelyard.regression import Estimate, Information, least_squares
 from steelyard.regression.reduction import errors_of, residuals
 from steelyard.regression.time_blocks import FOLDS
+from steelyard.robot.described_inertia import remark_on_base
 
 from .default_terms import RotorDecision, decide_rotors
 from .doubts import doubts_of, heavy_ends
@@ -370,6 +371,8 @@ def identify(
     if not doubts.of_log and not reader.units_are_suspect and table is not None:
         remarks.update(dict.fromkeys(heavy_ends(model, table, doubts.prediction).values()))
     remarks.update(dict.fromkeys(model.robot.remarks))
+    if of_base := remark_on_base(model.robot):
+        remarks[of_base] = None
     missed = None
     if model.robot.source is not None:
         from .missed_terms import missed_terms  # there is no description otherwise

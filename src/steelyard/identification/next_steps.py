@@ -19,6 +19,7 @@ from steelyard.recording.diagnosis import remedy_of
 from steelyard.recording.survey import JUMPED
 from steelyard.regression import Information, least_squares
 
+from .counterbalanced_joint import counterbalanced_joint
 from .doubts import heavy_ends
 from .error_causes import FRICTION, LEAST, LOGS, MOTION, OSCILLATION, RIPPLE, ZERO, ErrorCause, error_causes
 from .mistakes import Hypothesis
@@ -165,6 +166,7 @@ def _steps(identification: Identification) -> Iterator[NextStep]:
             yield from _remaining(identification, [], doubtful)
             yield _doctor(identification)
         return  # what the motion shows, and what is assumed, means nothing of a wrong model, or of none
+    yield from _counterbalance(identification)
     weak = list(_weak(identification))
     yield from _remaining(identification, weak, doubtful)
     yield from _intervals(identification)
@@ -574,6 +576,30 @@ def _unexplained(identification: Identification, causes: Sequence[ErrorCause]) -
         "console",
     )
     return [(float(shares[worst]), step)]
+
+
+def _counterbalance(identification: Identification) -> Iterator[NextStep]:
+    """A counterbalance that a link took on as a weight."""
+    found = counterbalanced_joint(identification)
+    if found is None:
+        return
+    robot = identification.model.robot
+    joint, link = robot.joint_names[found.joint], robot.link_names[found.link]
+    yield NextStep(
+        f"State the counterbalance of {joint}, if it has one.",
+        f"{link} comes out at {found.found:.3g} kg where {found.known:.3g} kg are known beforehand. With a torque at "
+        f"{joint} that goes as the sine of its position, up to {found.torque:.2g} N·m, as a spring, a gas spring or a "
+        f"hydraulic counterbalance has it, {link} would weigh {found.with_term:.3g} kg. Fits with links that near to "
+        f"what is known would leave {found.share:.0%} less of the squared error of {joint} with it than without, on "
+        "stretches of the logs that are left out in turn. Where robot.toml states no terms yet, state viscous, coulomb "
+        "and offset beside it.",
+        f'[[terms]]\nkind = "counterbalance"\njoints = [{found.joint + 1}]\n'
+        f"fixed = FIXED # m from the axis of {joint} to one of its ends\n"
+        f"moving = MOVING # m from there to its other end\n"
+        f"aligned = ALIGNED # rad, where its ends are nearest to each other; by these logs near {found.aligned:.1f}"
+        " if it pulls",
+        "toml",
+    )
 
 
 def _carried(identification: Identification) -> Iterator[NextStep]:

@@ -113,11 +113,20 @@ class ParameterRow:
         return round(self.value, 5 - math.floor(math.log10(width))) + 0.0
 
     @property
+    def is_outside(self) -> bool:
+        """Whether the prior draws the value out of its interval."""
+        return self.value < self.lower or self.value > self.upper
+
+    @property
     def interval(self) -> str:
         """The interval in words, to follow what the value rests on."""
         ends = f"{few_digits(self.lower)} to {few_digits(self.upper)} {self.unit}"
-        outside = self.value < self.lower or self.value > self.upper
-        return f"outside its interval of {ends}" if outside else ends
+        return f"outside its interval of {ends}" if self.is_outside else ends
+
+    @property
+    def rests_on(self) -> str:
+        """The basis as tables show it, where a value outside its interval is marked."""
+        return f"{self.basis}, outside" if self.is_outside else self.basis
 
     def __repr__(self) -> str:
         lower, upper = outward(self.lower, self.upper) if np.isfinite(self.lower) else ("?", "?")
@@ -151,6 +160,10 @@ def weakest(rows: Iterable[ParameterRow]) -> Basis:
     return max((row.basis for row in rows), key=BASES.index)
 
 
+def _rest_on(rows: Sequence[ParameterRow]) -> str:
+    return f"{weakest(rows)}, outside" if any(row.is_outside for row in rows) else weakest(rows)
+
+
 @dataclass(frozen=True, eq=False)
 class ParameterTable:
     """All numbers of an answer; ``table["m3"]`` is one of them.
@@ -161,11 +174,14 @@ class ParameterTable:
         Which numbers are known only together.
     covariance : ParameterCovariance or None
         Of the base parameters, with all the errors on which the intervals rest; None where not known.
+    conflict : str
+        Which values lie outside their intervals, why, and what would settle it; empty where none does.
     """
 
     rows: tuple[ParameterRow, ...]
     sentences: tuple[str, ...] = field(default=(), repr=False)
     covariance: ParameterCovariance | None = field(default=None, repr=False, compare=False)
+    conflict: str = field(default="", repr=False)
 
     @property
     def confidence(self) -> float | None:
@@ -227,11 +243,11 @@ class ParameterTable:
         shown = (True, True, told, told, described, told, True, told)
         rows = []
         for link in links:
-            _, value, lower, upper, cad, _, basis, _ = _written(link.mass)
+            _, value, lower, upper, cad, _, rests_on, _ = _written(link.mass)
             center = ", ".join(
                 "-" if np.isnan(row.value) else f"{round(row.value, 3) + 0.0:.3f}" for row in link.center
             )
-            rows.append((link.name, value, lower, upper, cad, basis, center, weakest(link.center)))
+            rows.append((link.name, value, lower, upper, cad, rests_on, center, _rest_on(link.center)))
 
         return tuple(compress(heads, shown)), [tuple(compress(row, shown)) for row in rows]
 
@@ -329,7 +345,7 @@ def _written(row: ParameterRow) -> tuple[str, ...]:
         number(row.upper),
         number(row.cad),
         row.unit,
-        row.basis,
+        row.rests_on,
         row.meaning,
     )
 
@@ -402,7 +418,7 @@ def parameter_table(
     for drift in drifts:
         for name, times in drift.changes.items():
             changes.setdefault(name, []).extend(1.0 + times * (end - 1.0) for end in (drift.first, drift.last))
-    rows, drawn, of_rotors = [], [], []
+    rows, of_rotors = [], []
     for index, quantity in enumerate(asked):
         low, high, basis = np.nan, np.nan, "unknown"
         if told is not None:
@@ -412,7 +428,6 @@ def parameter_table(
             half = 0.5 * (high - low)
             is_drawn = max(told[0][index] - values[index], values[index] - told[1][index]) > DRAWN * half
             if is_drawn and quantity.name not in changes:  # data and physics tell another value
-                drawn.append(quantity.name)
                 low, high = told[0][index], told[1][index]
             widest = (1.0 if quantity.name in changes else 2.0) * MEASURED * scales[index]
             if not is_drawn and alone[index] <= MEASURED * scales[index] and half <= widest:
@@ -448,12 +463,6 @@ def parameter_table(
     assumed = {row.name for row in rows if row.basis == "assumed"}
     noise, rotors = covariance.standard_error, (shares, rotor_names)
     sentences = _known_together(info, feasible_set, unconstrained, noise, assumed, rotors)
-    if drawn:
-        lie = "lies outside its interval" if len(drawn) == 1 else "lie outside their intervals"
-        shown = listed(drawn, MOST_SENTENCES)
-        # Of 88 such numbers in 72 simulated experiments of which the truth is known, 17 intervals held it.
-        conflict = "the prior draws the answer that far away from the data, and one of the two misleads there"
-        sentences.append(f"{shown} {lie}: {conflict}.")
     if changes and told is not None:
         hold = "changes in the course of a log; its interval holds it from its begin to its end"
         if len(changes) > 1:
@@ -480,7 +489,8 @@ def parameter_table(
         sentences += _without_rotors([row for row, of in kinds if of.kind == "principal" or row.name[:3] in DIAGONAL])
     if told is not None and feasible_set.parameter_count > MANY_PARAMETERS:
         sentences.insert(0, TOO_MANY)
-    return ParameterTable(tuple(rows), tuple(sentences), covariance)
+    conflict = _conflict(rows, about, feasible_set.model.robot.link_names)
+    return ParameterTable(tuple(rows), tuple(sentences), covariance, conflict)
 
 
 def _shares_of_rotors(feasible_set: FeasibleSet) -> tuple[Array, list[str]]:
@@ -583,6 +593,30 @@ def _covariance(
         covariance = covariance.with_independent_errors(standstill)
         wider = np.isfinite(by_noise) & (covariance.standard_error > WIDER * by_noise)
     return covariance, list(compress(unconstrained.base_names, wider)), returns
+
+
+def _conflict(rows: Sequence[ParameterRow], about: Sequence[_About], links: Sequence[str]) -> str:
+    """Say which numbers the prior draws out of their intervals, of which links, and what would settle it; or nothing.
+
+    In 51 simulated experiments of four arms, of which the truth is known, there are 30 such numbers among 5187, and the
+    intervals of 8 hold it.
+    """
+    drawn = {row.name: of.link for row, of in zip(rows, about, strict=True) if row.is_outside}
+    if not drawn:
+        return ""
+    lie = "lies outside its interval" if len(drawn) == 1 else "lie outside their intervals"
+    own = [links[link] for link in sorted({*drawn.values()} - {-1})]
+    of = f" ({listed(own, MOST_SENTENCES)})" if own else ""
+    by_chance = int((1.0 - CONFIDENCE) * len(rows))
+    if len(drawn) <= by_chance:
+        few = f"of {len(rows)} intervals some {by_chance} miss the truth by chance"
+        return f"{listed(drawn, MOST_SENTENCES)}{of} {lie}, to which the prior draws the answer; {few}."
+    check = f"check the description of {listed(own, MOST_SENTENCES)}, " if own else ""
+    return (
+        f"{listed(drawn, MOST_SENTENCES)}{of} {lie}: the prior draws the answer that far away from the data, and one "
+        f"of the two misleads there; {check}record a longer log, or give the data more weight by a smaller "
+        "--prior-weight."
+    )
 
 
 def _within_total_mass(rows: Sequence[ParameterRow], about: Sequence[_About]) -> list[ParameterRow]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import permutations
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from steelyard.errors import InputError
 from steelyard.estimators.physical_prior import DENSITIES, reference_bodies
 from steelyard.robot import Drives, Robot
-from steelyard.robot.described_inertia import DescribedBody, described_bodies, possible_body
+from steelyard.robot.described_inertia import ROUNDING, DescribedBody, described_bodies, possible_body, standing_bodies
 from steelyard.robot.description import URDF, description_format
 from steelyard.robot.inertia import Inertia
 
@@ -50,7 +50,6 @@ REMEDIES = {
 
 SAME = 1e-9
 TINY = 1e-3  # kg; frames and sensors have masses that mean nothing
-ROUNDING = -1e-9  # of the largest second moment: what few digits do
 
 
 @dataclass(frozen=True)
@@ -148,7 +147,7 @@ class Preflight:
     Attributes
     ----------
     links : tuple of LinkReport
-        Every link of the description with an inertia, but for those fixed to the base.
+        Every link of the description with an inertia; of the base and what is fixed to it those that no body can be.
     """
 
     robot: Robot
@@ -178,7 +177,10 @@ class Preflight:
         kind = description_format(robot.source, robot.xacro_arguments or None) or URDF
         if refusal := kind.refusal(robot):
             raise InputError(refusal)
-        kind.write(robot, self.repaired(), Drives.unknown(robot.dof), robot.source, target)
+        still = {part.name for part in standing_bodies(robot)}
+        mended = {one.link: one.mended for one in self.links if one.link in still and one.mended is not None}
+        written = replace(robot, base_mended=mended)
+        kind.write(written, self.repaired(), Drives.unknown(robot.dof), robot.source, target)
         return tuple((one.link, one.change) for one in self.links if one.mended is not None)
 
     def repaired(self) -> Array:
@@ -218,9 +220,10 @@ def preflight(robot: Robot) -> Preflight:
     >>> preflight(arm).links[0].possible, preflight(arm).links[0].sentence.partition("; ")[2]
     (False, 'probably decimal slip of ixx')
     """
+    still = [_standing(part) for part in standing_bodies(robot)]
     bodies = described_bodies(robot)
     if all(part.inertia is None for parts in bodies for part in parts):
-        return Preflight(robot, ())
+        return Preflight(robot, tuple(still))
     # Without numbers for its lengths a robot has no size to compare with.
     references = [{} for _ in robot.links] if robot.lengths else reference_bodies(robot)
     frames = _axes_of_base(robot)
@@ -263,7 +266,13 @@ def preflight(robot: Robot) -> Preflight:
         density = None if kinds[index] is None else float(np.median(others)) if others else math.log(500.0)
         alike = [found[other][0].name for other in np.flatnonzero(copies[index])]
         reports.append(_judged(part, body, reference, axes, density, alike))
-    return Preflight(robot, tuple(reports))
+    return Preflight(robot, (*reports, *still))
+
+
+def _standing(part: DescribedBody) -> LinkReport:
+    assert part.inertia is not None
+    body = _Body(part.inertia.mass, part.inertia.com, part.inertia.about_com)
+    return _judged(part, body, None, np.eye(3), None, [])
 
 
 def _judged(

@@ -315,13 +315,17 @@ class Identification:
 
     @property
     def caveat(self) -> str:
-        """What is to be known beside "measured" and "bounded" where the model does not predict; else empty."""
+        """What is to be known beside the numbers where the model misses torques, or the prior contradicts the data."""
         table, missed = self.parameters, self.prediction.missed
-        if not missed or table is None or not table.count("measured") + table.count("bounded"):
+        if table is None:
             return ""
-        return (
-            f"The words measured and bounded, and all intervals, hold under this model alone, and it misses {missed}."
-        )
+        words = ""
+        if missed and table.count("measured") + table.count("bounded"):
+            words = (
+                "The words measured and bounded, and all intervals, hold under this model alone, and it misses "
+                f"{missed}."
+            )
+        return f"{words} {table.conflict}".strip()
 
     def columns(self) -> list[tuple[Layout, tuple[str, ...]]]:
         """Return what columns were understood to be, once for all the logs with the same columns, which are named."""

@@ -321,7 +321,7 @@ def beside_truth(table: ParameterTable, symbols: str = "mtcFI") -> tuple[str, st
         if row.name[0] in symbols and row.name[:2] != "Fo" and mass >= HEAVY * truth["total mass"]:
             numbers = (true, row.cad, row.value, row.lower, row.upper)
             cells = ("" if np.isnan(v) else "open" if np.isinf(v) else f"{v:.3g}" for v in numbers)
-            shown.append((row.name, *cells, row.unit, row.basis, "" if holds else "missed"))
+            shown.append((row.name, *cells, row.unit, row.rests_on, "" if holds else "missed"))
     heads = ("name", "truth", "CAD", "identified", "from", "to", "unit", "rests on", "")
     sentence = f"The truth lies in {len(told) - len(outside)} of {len(told)} intervals"
     missed = f", not in those of {', '.join(outside)}" if outside else ""

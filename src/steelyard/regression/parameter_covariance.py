@@ -170,6 +170,11 @@ class ParameterCovariance:
         return np.inf if self.correlation is None else float(np.min(self.correlation.independent_degrees))
 
     @property
+    def noise_degrees(self) -> float:
+        """Degrees of freedom of the noise of all joints together, by which the size of this covariance is known."""
+        return np.inf if self.correlation is None else float(np.sum(self.correlation.independent_degrees))
+
+    @property
     def error_correlation(self) -> Array:
         """(n_b (n_b - 1) / 2,) of the errors with one another, the lower triangle row by row; zero where unknown."""
         sizes = self.standard_error

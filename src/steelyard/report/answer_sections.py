@@ -197,7 +197,7 @@ def _group(
 
 
 def _badge(row: ParameterRow) -> Markup:
-    return Markup(f'<span class="basis {row.basis}">{row.basis}</span>')
+    return Markup(f'<span class="basis {row.basis}">{row.rests_on}</span>')
 
 
 def _scale(rows: Sequence[ParameterRow], *, at_zero: bool = False, with_zero: bool = False) -> tuple[float, float]:

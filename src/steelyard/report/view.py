@@ -581,7 +581,7 @@ class Viewer:
         for known in self.viewed.known:
             mass = known.mass
             span = "" if np.isnan(mass.lower) else f"{number(mass.lower, 3)} to {number(mass.upper, 3)}"
-            cells = (known.name, number(mass.value, 3), span, number(mass.cad, 3), mass.basis)
+            cells = (known.name, number(mass.value, 3), span, number(mass.cad, 3), mass.rests_on)
             color = BASIS_COLORS[mass.basis]
             tags = "".join(f'<td style="padding:.1em .5em .1em 0">{escape(cell)}</td>' for cell in cells)
             rows.append(f'<tr style="border-left:4px solid rgb{color}">{tags}</tr>')

@@ -8,10 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from steelyard.files import listed
+
 from .inertia import Inertia, parameters_of_pseudo_inertia, pseudo_inertia
 from .robot import Robot
 
-__all__ = ["DescribedBody", "described_bodies", "possible_body"]
+__all__ = ["ROUNDING", "DescribedBody", "described_bodies", "possible_body", "remark_on_base", "standing_bodies"]
 
 Array = NDArray[np.float64]
 
@@ -23,6 +25,8 @@ LEAST_GYRATION = 1e-3
 
 ALIKE = 3
 """So many links of one arm, all with the same inertial about their frame's origin, were never weighed."""
+
+ROUNDING = -1e-9  # of the largest second moment: what few digits do
 
 _EQUAL = 1e-9
 
@@ -87,6 +91,36 @@ def described_bodies(robot: Robot) -> list[list[DescribedBody]]:
             bodies[0] = replace(bodies[0], problem=f"is the same for {len(robot.links)} links")
         found.append(bodies)
     return found
+
+
+def standing_bodies(robot: Robot) -> list[DescribedBody]:
+    """Return the base, and what is fixed to it, where moments of inertia are such as no body has."""
+    parts = [DescribedBody(robot.base_link, np.eye(4), robot.base_inertia)]
+    parts += [DescribedBody(one.name, one.placement, one.inertia) for one in robot.base_attachments]
+    found = []
+    for part in parts:
+        if part.inertia is not None and part.inertia.mass > 0.0:
+            tensor = part.inertia.about_com
+            values = np.linalg.eigvalsh(0.5 * np.trace(tensor) * np.eye(3) - tensor)
+            if values[0] < ROUNDING * max(values[-1], 0.0):
+                found.append(part)
+    return found
+
+
+def remark_on_base(robot: Robot) -> str:
+    """Say that simulators refuse the description for a body that stands still, and what mends it; else nothing.
+
+    What is identified says nothing of such a body, and leaves it as it is.
+    """
+    names = [part.name for part in standing_bodies(robot)]
+    if not names or robot.source is None:
+        return ""
+    has = "stands still and has" if len(names) == 1 else "stand still and have"
+    return (
+        f"{listed(names)} {has} moments of inertia that no body has, in the description and in what is written: the "
+        "motion tells nothing of them, but simulators such as MuJoCo refuse the file. Mend it by: steelyard inspect "
+        f"{robot.source} --repair --output REPAIRED{robot.source.suffix}"
+    )
 
 
 def _adds_up(total: Inertia | None, parts: Sequence[tuple[str, Array, Inertia | None]]) -> bool:

@@ -288,6 +288,7 @@ class _Assembly:
             "described_joints": tuple(self.described_joints) if self.positions else (),
             "base_link": root,
             "base_attachments": tuple(self.attachments[-1]),
+            "base_inertia": self.tree.links[root].inertia,
             "source": self.tree.source,
             "remarks": self.tree.remarks,
         }

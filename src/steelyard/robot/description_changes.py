@@ -67,7 +67,7 @@ def description_changes(robot: Robot, parameters: ArrayLike, drives: Mapping[str
         is no possible body, or a value of a joint is negative.
     """
     values = _vector(parameters, len(robot.parameter_names), "parameters")
-    inertias: dict[str, Inertia] = {}
+    inertias: dict[str, Inertia] = dict(robot.base_mended)
     emptied: list[str] = []
     for link, start in zip(robot.links, robot.link_starts, strict=True):
         if link.inertia is None or not is_same(link.inertia.parameters, values[start : start + 10]):

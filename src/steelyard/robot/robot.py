@@ -247,6 +247,10 @@ class Robot:
         Name of the link that does not move.
     base_attachments : tuple of Attachment
         Links of the source that are fixed to the base.
+    base_inertia : Inertia or None
+        CAD inertia of `base_link` alone, of which no motion tells anything.
+    base_mended : mapping of str to Inertia
+        Other inertias for the base and links fixed to it, each in its own frame, that writers take.
     source : Path or None
         The description that the robot was read from.
     remarks : tuple of str
@@ -283,6 +287,8 @@ class Robot:
     terms: tuple[Term, ...] = ()
     base_link: str = "base"
     base_attachments: tuple[Attachment, ...] = ()
+    base_inertia: Inertia | None = None
+    base_mended: Mapping[str, Inertia] = field(default_factory=dict)
     source: Path | None = None
     remarks: tuple[str, ...] = ()
     read_with: Mapping[str, Any] = field(default_factory=dict)

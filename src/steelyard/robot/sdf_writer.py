@@ -80,6 +80,8 @@ def write_sdf(robot: Robot, parameters: ArrayLike, drives: Drives, source: str |
         if link.name in changes.inertias:
             for name, inertia in _shared(link, changes.inertias[link.name]).items():
                 _set_inertial(edit, links[name], inertia)
+    for name, inertia in robot.base_mended.items():
+        _set_inertial(edit, links[name], inertia)
     for name, known in changes.drives.items():
         _set_dynamics(edit, joints[name], {key: number_text(known[key]) for key in FRICTION if key in known})
     write_extension(edit, model, robot, drives, changes.drives)

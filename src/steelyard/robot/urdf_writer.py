@@ -43,11 +43,11 @@ def write_urdf(
 
     The whole inertia of a moving link is written into that link; links that are fixed to it lose their `<inertial>`, so
     that the total is the estimate. Links that hang on *locked* joints keep theirs, which is taken from the estimate.
-    Links fixed to the base do not change. Friction goes into `<dynamics>`, and into `<gazebo reference="joint">` and
-    `<ros2_control>` where these state damping or friction a second time; what the format has no place for, as rotor
-    inertia, offsets and springs, into `<steelyard:drives>`. A xacro is written as the URDF that it describes. Where the
-    target is in another folder, relative paths of files that are there are made absolute. The target is written beside
-    and renamed, so it is whole or not there.
+    Links fixed to the base do not change, but for `base_mended` of the robot. Friction goes into `<dynamics>`, and
+    into `<gazebo reference="joint">` and `<ros2_control>` where these state damping or friction a second time; what
+    the format has no place for, as rotor inertia, offsets and springs, into `<steelyard:drives>`. A xacro is
+    written as the URDF that it describes. Where the target is in another folder, relative paths of files that are
+    there are made absolute. The target is written beside and renamed, so it is whole or not there.
 
     Parameters
     ----------
