@@ -219,7 +219,15 @@ def test_all_that_a_batch_has_in_common_is_told_each_beside_the_others(tmp_path:
     assert found.differs == ()
 
 
-@pytest.mark.parametrize("fault", [("joint3", 1.6), ("link2", 1.2), ("payload", 1.0), ("gain2", 1.2)])
+@pytest.mark.parametrize(
+    "fault",
+    [
+        pytest.param(("joint3", 1.6), marks=pytest.mark.slow),
+        pytest.param(("link2", 1.2), marks=pytest.mark.slow),
+        ("payload", 1.0),
+        ("gain2", 1.2),
+    ],
+)
 def test_what_one_batch_has_makes_no_other(fault: tuple[str, float], tmp_path: Path) -> None:
     """What a torque's gain does was found with it; without it, half of the others had another gain, or friction."""
     for count, step in ((24, 4), (60, 10)):

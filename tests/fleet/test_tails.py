@@ -123,6 +123,7 @@ def test_faults_of_normal_fleets_are_found(count: int, fleets: int, size: float,
     assert found >= least * fleets * len(faults)
 
 
+@pytest.mark.slow
 def test_robots_with_the_change_that_is_said_to_be_found_are_found_half_of_the_time() -> None:
     """Of twenty robots the one that has it widens what is usual, so it is a quarter; before, it was one in forty."""
     found, covariances = 0, np.broadcast_to(0.01 * np.eye(PARTS), (20, PARTS, PARTS))
@@ -149,21 +150,21 @@ def test_half_of_the_fleet_out_of_order_and_one_enormous_outlier(law: str) -> No
     assert found.differs == fleet(law, 40, 6, {**faults, 1: 1e5}).differs
 
 
+@pytest.mark.parametrize("freedom", [3.0, pytest.param(None, marks=pytest.mark.slow)])
 def test_heavy_tails_are_told_in_a_sentence(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    freedom: float | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """In the page, the file and on the terminal; of a normal fleet nothing is said."""
-    for freedom in (3.0, None):
-        heavy, arms = freedom is not None, Arms(tmp_path, freedom=freedom)
-        for number in range(100):
-            arms.information(number, duration=6.0).save(tmp_path / f"{number}.json")
-        manifest = arms.manifest([f"R{k},,{k}.json" for k in range(100)])
-        monkeypatch.setattr("sys.argv", ["steelyard", "fleet", str(manifest), "-o", str(tmp_path / "result")])
-        with pytest.raises(SystemExit):
-            main()
-        told = [
-            capsys.readouterr().out,
-            " ".join(json.loads((tmp_path / "result" / "fleet.json").read_text(encoding="utf-8"))["remarks"]),
-            (tmp_path / "result" / "fleet.html").read_text(encoding="utf-8"),
-        ]
-        assert ["heavier tails than a normal distribution" in one for one in told] == [heavy] * 3
+    heavy, arms = freedom is not None, Arms(tmp_path, freedom=freedom)
+    for number in range(100):
+        arms.information(number, duration=6.0).save(tmp_path / f"{number}.json")
+    manifest = arms.manifest([f"R{k},,{k}.json" for k in range(100)])
+    monkeypatch.setattr("sys.argv", ["steelyard", "fleet", str(manifest), "-o", str(tmp_path / "result")])
+    with pytest.raises(SystemExit):
+        main()
+    told = [
+        capsys.readouterr().out,
+        " ".join(json.loads((tmp_path / "result" / "fleet.json").read_text(encoding="utf-8"))["remarks"]),
+        (tmp_path / "result" / "fleet.html").read_text(encoding="utf-8"),
+    ]
+    assert ["heavier tails than a normal distribution" in one for one in told] == [heavy] * 3

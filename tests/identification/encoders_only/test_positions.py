@@ -617,6 +617,7 @@ def test_results_do_not_replace_the_description_that_was_read(arm, tmp_path, run
         assert f"{option[0]} belongs to identification from torques" in error
 
 
+@pytest.mark.slow
 def test_a_log_of_the_fit_is_not_held_out(arm):
     """Given again it tests nothing, nor does it tell anything twice."""
     t = np.arange(300) * 0.005
