@@ -152,6 +152,19 @@ def test_robots_of_which_each_has_its_own_heavier_link_are_no_batch() -> None:
     assert {one.robot: one.cause.name for one in found.deviations} == {robot: f"m{link}" for robot, link in odd.items()}
 
 
+def test_what_taking_off_does_not_change_is_told_once() -> None:
+    """A quarter of the robots is a million times off, beside which the rest is rounding: the search ends."""
+    causes = tuple(
+        Cause(f"gain{k}", "gain", f"joint{k}", "torque gain", "", 1.0, 100.0 ** (k - 1) * np.eye(3)[:, [k]])
+        for k in range(3)
+    )
+    bases = np.random.default_rng(1).normal(size=(29, 3))
+    bases[:7] += 1e6 * np.array([1.0, -2.0, 0.5])
+    found = compare_siblings(bases, np.broadcast_to(1e-6 * np.eye(3), (29, 3, 3)), causes, np.eye(3))
+    told = [(one.robots, one.deviation.cause.name) for one in found.batches]
+    assert len(told) == len(set(told))
+
+
 def compared(arms: Arms, count: int, faults: dict[int, tuple[str, float]]) -> SiblingComparison:
     """Hold arms beside each other, of which some have faults; what others have is what friction is a part of."""
     told = []

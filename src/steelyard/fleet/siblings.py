@@ -378,6 +378,8 @@ def compare_siblings(
     # What has changed is told robot by robot, and as the change of all.
     while before is None and len(heaps) < MOST_BATCHES and (split := tests.heap()) is not None:
         parts = heaps.setdefault(tuple(map(int, split[0].robots)), [])
+        if any(one.cause == split[0].cause for one, _ in parts):  # which taking it off does not change
+            break
         part: tuple[Heap, SiblingVariation] | None = split
         while part is not None:
             parts.append(part)
