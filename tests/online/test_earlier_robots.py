@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from arm_at_work import NOISE, RATE, Work, deviations
+from arm_at_work import NOISE, RATE, Work, deviations, never_and_often_stopped
 from two_joint_arm import unstated_arm, unstated_parameters
 
 import steelyard as sy
@@ -162,17 +162,9 @@ def test_a_robot_of_which_nothing_is_known_is_not_kept(model: sy.Model) -> None:
 @pytest.mark.parametrize("seed", [1, 2])
 def test_earlier_robots_go_on_after_a_night(model: sy.Model, tmp_path: Path, seed: int) -> None:
     """At any time, also within the second in which one is known again: files are the same to the last byte."""
-    work, random = Work(model, [(7.0, 0.0), *[(2.5, 1.0), (2.5, 0.0)] * 3]), np.random.default_rng(seed)
-    never, stopped = (sy.OnlineEstimator(model, rate=RATE, detect_changes=True) for _ in range(2))
-    path, last = tmp_path / "arm.npz", 0.0
-    for end in (*np.sort(random.uniform(0.0, 22.0, 40)), 22.0):
-        for estimator in (never, stopped):
-            work.feed(estimator, last, end)
-        stopped.save(path)
-        stopped, last = sy.OnlineEstimator.load(path, model), end
-    stopped.save(path)
-    never.save(tmp_path / "never.npz")
-    assert path.read_bytes() == (tmp_path / "never.npz").read_bytes()
+    work = Work(model, [(7.0, 0.0), *[(2.5, 1.0), (2.5, 0.0)] * 3])
+    stops = np.append(np.sort(np.random.default_rng(seed).uniform(0.0, 22.0, 40)), 22.0)
+    never, stopped = never_and_often_stopped(model, work, stops, tmp_path / "arm.npz")
     assert stopped.remarks == never.remarks
     assert {change.robots[1] for change in stopped.changes[1::2]} == {0}
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from arm_at_work import NOISE, RATE, Work, deviations
+from arm_at_work import NOISE, RATE, Work, deviations, never_and_often_stopped
 from two_joint_arm import BODY, HELD, unstated_arm, unstated_parameters
 
 import steelyard as sy
@@ -178,16 +178,7 @@ def test_a_robot_that_its_model_describes_in_part_did_not_change(shared_data: Pa
 
 def test_an_early_change_goes_on_after_a_night(model: sy.Model, tmp_path: Path) -> None:
     """At any time: files are the same to the last byte."""
-    work, random = Work(model, [(2.5, 0.0), (8.0, 1.0)]), np.random.default_rng(1)
-    never, stopped = (sy.OnlineEstimator(model, rate=RATE, detect_changes=True) for _ in range(2))
-    path, last = tmp_path / "arm.npz", 0.0
-    for end in (*np.sort(random.uniform(0.0, 10.5, 20)), 10.5):
-        for estimator in (never, stopped):
-            work.feed(estimator, last, end)
-        stopped.save(path)
-        stopped, last = sy.OnlineEstimator.load(path, model), end
-    stopped.save(path)
-    never.save(tmp_path / "never.npz")
-    assert path.read_bytes() == (tmp_path / "never.npz").read_bytes()
+    work, stops = Work(model, [(2.5, 0.0), (8.0, 1.0)]), np.random.default_rng(1).uniform(0.0, 10.5, 20)
+    _, stopped = never_and_often_stopped(model, work, np.append(np.sort(stops), 10.5), tmp_path / "arm.npz")
     assert [change.robots for change in stopped.changes] == [(0, 1)]
     assert stopped.is_of_one_robot

@@ -1,5 +1,7 @@
 """An arm of two joints that picks things up and puts them down, and how far estimates of it are from the truth."""
 
+from pathlib import Path
+
 import numpy as np
 from numpy.typing import NDArray
 from two_joint_arm import unstated_parameters
@@ -46,6 +48,23 @@ class Work:
     def feed(self, estimator: sy.OnlineEstimator, begin: float = 0.0, end: float = np.inf) -> None:
         rows = (self.t >= begin) & (self.t < end)
         estimator.update(self.t[rows], self.motion[0][rows], self.torque[rows])
+
+
+def never_and_often_stopped(
+    model: sy.Model, work: Work, stops: Array, path: Path
+) -> tuple[sy.OnlineEstimator, sy.OnlineEstimator]:
+    """Two estimators at the same work, of which one is saved and loaded at each stop; both leave the same file."""
+    never, stopped = (sy.OnlineEstimator(model, rate=RATE, detect_changes=True) for _ in range(2))
+    last = 0.0
+    for end in stops:
+        for estimator in (never, stopped):
+            work.feed(estimator, last, end)
+        stopped.save(path)
+        stopped, last = sy.OnlineEstimator.load(path, model), end
+    stopped.save(path)
+    never.save(path.with_stem("never"))
+    assert path.read_bytes() == path.with_stem("never").read_bytes()
+    return never, stopped
 
 
 def deviations(estimator: sy.OnlineEstimator, true: Array) -> Array:

@@ -285,10 +285,11 @@ def _each_its_own(variation: SiblingVariation, heap: Heap, causes: Sequence[Caus
         told = np.maximum(np.einsum("ri,rij,rj->r", along, inverses, along), 1e-300)
         return np.asarray(np.einsum("ri,ri->r", along, seen) ** 2 / told)
 
-    left = away - heap.change
-    together = np.einsum("ri,ri->r", away, seen) - np.einsum("ri,rij,rj->r", left, inverses, left)
     if len(heap.amplitudes) == 1:  # of which each may have its own amount
         together = explained(heap.cause)
+    else:
+        left = away - heap.change
+        together = np.einsum("ri,ri->r", away, seen) - np.einsum("ri,rij,rj->r", left, inverses, left)
     others = [k for k, one in enumerate(causes) if k != heap.cause and one.directions.shape[1] == 1]
     if causes[heap.cause].kind in OF_DRIVES:  # more friction varies by more, and in the cold all joints have more
         others = [k for k in others if causes[k].kind not in OF_DRIVES]

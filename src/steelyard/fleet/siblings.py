@@ -372,10 +372,10 @@ def compare_siblings(
         earlier = np.asarray(before, dtype=float)
         was = np.where(shown, earlier - median_of_shown(earlier, shown), 0.0) / scale
     tests = _Tests(problem, causes, scaled, each, of_robot, scale, rate, was)
-    problem.settle(problem.bases, {})
-    tests.measure()
     heaps: dict[tuple[int, ...], list[tuple[Heap, SiblingVariation]]] = {}
-    # What has changed is told robot by robot, and as the change of all.
+    if before is None:  # what has changed is told robot by robot, and as the change of all
+        problem.settle(problem.bases, {})
+        tests.measure()
     while before is None and len(heaps) < MOST_BATCHES and (split := tests.heap()) is not None:
         parts = heaps.setdefault(tuple(map(int, split[0].robots)), [])
         if any(one.cause == split[0].cause for one, _ in parts):  # which taking it off does not change

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Generator, Hashable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Hashable, Iterable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
@@ -271,7 +271,7 @@ class LogReader:
         self.cutoff_choices: list[tuple[str, CutoffChoice]] = []
         self.layouts: dict[str, Layout] = {}
         self._streams: dict[str | int, chunks.LogStream] = {}
-        self._written: dict[str, Hashable] = {}  # see `written_states`
+        self._written: dict[str, Mapping[str, Hashable]] = {}  # of each log, see `written_states`
 
     def require_torques(self) -> None:
         """Refuse logs of currents whose gains are to be found."""
@@ -500,14 +500,14 @@ class LogReader:
     @contextlib.contextmanager
     def _reading(self, log: GivenLog) -> Iterator[None]:
         """Name the path of a log in what is wrong with it; where it was written since it was read, tell that alone."""
-        if isinstance(log, str) and log not in self._written:
-            self._written.update(written_states([log]))
+        if str(log) not in self._written:
+            self._written[str(log)] = written_states([log])
         try:
             with _told_where(log):
                 yield
         except Exception:  # rows of two contents may be any fault
             with _told_where(log):
-                require_unwritten({name: state for name, state in self._written.items() if name == log})
+                require_unwritten(self._written[str(log)])
             raise
 
     def _open(self, log: str | Path | LogFile) -> chunks.LogStream:

@@ -563,10 +563,8 @@ class OpenedLog:
         """
         survey = seen.survey
         if not used:
-            rows, duration = (
-                sum(part.count for part in self.even.parts),
-                float(np.ptp(self.stream.clock.ticks[[0, -1]])),
-            )
+            rows = sum(part.count for part in self.even.parts)
+            duration = float(np.ptp(self.stream.clock.ticks[[0, -1]]))
             raise nothing_left(self.stream.files.name, rows, duration, seen.masked, survey.first_row.joint_names)
         remarks = *survey.remarks(), *masking_remarks(seen.masked, survey.first_row.joint_names)
         low, high = survey.torque
