@@ -178,6 +178,7 @@ def test_a_prior_that_the_data_contradict_slows_no_fit() -> None:
     assert ours == pytest.approx(theirs.relative_error, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_accelerations_that_are_a_million_times_too_great_leave_no_fit_and_are_told(tmp_path) -> None:
     """As of times in s that are taken for ms. Whether rounding leaves a fit depends on how much too great they are."""
     link = """<link name="l{k}"><inertial><origin xyz="0.1 0.01 0.03"/><mass value="{m}"/>

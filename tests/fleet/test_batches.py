@@ -210,7 +210,7 @@ def test_what_a_batch_has_in_common_is_named(fault: str, factor: float, name: st
     assert len(set(surest) & set(robots)) <= 1  # nearly none of a batch is named for what all of it has
 
 
-@pytest.mark.parametrize(("factor", "more"), [(1.2, 0.0), (-1.0, 0.0), (0.8, 1.5)])
+@pytest.mark.parametrize(("factor", "more"), [(1.2, 0.0), pytest.param(-1.0, 0.0, marks=pytest.mark.slow), (0.8, 1.5)])
 def test_torques_of_a_batch_may_be_in_another_unit(factor: float, more: float, tmp_path: Path) -> None:
     """The joints were told one after the other, and the rest in batches of other robots."""
     robots = tuple(range(0, 30, 3))
@@ -242,7 +242,7 @@ def test_all_that_a_batch_has_in_common_is_told_each_beside_the_others(tmp_path:
     [
         pytest.param(("joint3", 1.6), marks=pytest.mark.slow),
         pytest.param(("link2", 1.2), marks=pytest.mark.slow),
-        ("payload", 1.0),
+        pytest.param(("payload", 1.0), marks=pytest.mark.slow),
         ("gain2", 1.2),
     ],
 )
@@ -277,6 +277,7 @@ def test_the_heap_is_told_whose_torque_reads_wrong(tmp_path: Path) -> None:
     assert batch.deviation.lower < 0.1 < batch.deviation.upper
 
 
+@pytest.mark.slow
 def test_the_smaller_heap_is_told_beside_robots_that_show_it_poorly(tmp_path: Path) -> None:
     """Of the twelve whose last joint moves, eight have more friction; Coulomb's is seen in the trembling of the others.
 
@@ -354,6 +355,7 @@ def test_a_batch_is_one_finding_of_the_fleet(
     assert ", ".join(batch) in page
 
 
+@pytest.mark.slow
 def test_the_picture_leaves_out_robots_whose_logs_do_not_show_the_part(folder: Path) -> None:
     fleet = identify_fleet(folder / "fleet.toml")
     [group] = fleet.groups
@@ -366,6 +368,7 @@ def test_the_picture_leaves_out_robots_whose_logs_do_not_show_the_part(folder: P
     assert ">5 others</text>" in sy.report.fleet_html(hidden)
 
 
+@pytest.mark.slow
 def test_no_number_depends_on_the_order_of_the_manifest(folder: Path) -> None:
     told = []
     for order in (range(40), np.random.default_rng(1).permutation(40)):
@@ -378,6 +381,7 @@ def test_no_number_depends_on_the_order_of_the_manifest(folder: Path) -> None:
     assert told[0][0]["findings"][0]["robots"][:6] in ([f"R{k}" for k in range(n, 12 + n, 2)] for n in (0, 1))
 
 
+@pytest.mark.slow
 def test_a_batch_within_a_batch_is_told_beside_what_both_share(tmp_path: Path) -> None:
     """Three heaps of the same friction: of fifteen robots that have more, four have more than the others of these."""
     arms, most = Arms(tmp_path), tuple(f"R{k}" for k in (1, 15, 22, 29))

@@ -150,7 +150,8 @@ def test_half_of_the_fleet_out_of_order_and_one_enormous_outlier(law: str) -> No
     assert found.differs == fleet(law, 40, 6, {**faults, 1: 1e5}).differs
 
 
-@pytest.mark.parametrize("freedom", [3.0, pytest.param(None, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("freedom", [3.0, None])
+@pytest.mark.slow
 def test_heavy_tails_are_told_in_a_sentence(
     freedom: float | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -36,6 +36,7 @@ def test_shared_rows_are_told(elbow, simulation, role, periods):
     assert overlaps(path, parts) == []
 
 
+@pytest.mark.slow
 def test_runs_of_one_motion_share_no_rows(elbow, simulation):
     """Encoders and torques with coarse steps, the same stamps, and rests with equal numbers in both."""
     path, model, folder = elbow

@@ -425,9 +425,12 @@ def test_a_body_that_is_picked_up_within_a_log_is_told_before_all_else(arm, simu
     assert again.estimate.relative_error < 0.5 * result.estimate.relative_error
 
 
-@pytest.mark.parametrize(("rate", "told"), [(50.0, True), (400.0, False)])
+@pytest.mark.parametrize(("rate", "told"), [(15.0, True), (25.0, False)])
 def test_few_samples_for_a_motion_are_told_by_what_differences_take_off(rate: float, told: bool) -> None:
-    """What they take is that of the differences of a sine, whose derivatives are known."""
+    """What they take is that of the differences of a sine, whose derivatives are known, and viscous friction is right.
+
+    Differences of second order left it 15 and 6 standard errors wrong.
+    """
     robot = sy.Robot.from_dh([(0, 0.3, 0, "q")], gravity=(0, -9.81, 0), name="pendulum")
     model = sy.Model(robot.with_terms(sy.Viscous(), sy.Coulomb()))
     t, w = np.arange(0.0, 30.0, 1.0 / rate)[:, None], 2.0 * np.pi * 0.7
@@ -435,12 +438,13 @@ def test_few_samples_for_a_motion_are_told_by_what_differences_take_off(rate: fl
     link = sy.Inertia.from_com(2.0, [-0.1, 0.0, 0.0], 0.02 * np.eye(3)).parameters
     torque = model.inverse_dynamics(q, dq, ddq, [*link, 0.3, 0.4])
     torque += 0.01 * np.random.default_rng(1).normal(size=q.shape)
-    log = sy.Recording(t=t[:, 0], q=q, torque=torque)
-    twice = np.gradient(np.gradient(q[:, 0], 1.0 / rate), 1.0 / rate)[5:-5]
-    taken = 1.0 - np.std(twice) / np.std(ddq[5:-5])
-    said = [remark for remark in sy.identify(model, log).remarks if "samples a second are few" in remark]
+    result = sy.identify(model, sy.Recording(t=t[:, 0], q=q, torque=torque))
+    viscous = result.estimate.base_names.index("Fvj1")
+    deviation = np.sqrt(result.unconstrained.covariance[viscous, viscous])
+    assert abs(result.unconstrained.base[viscous] - 0.3) < 3.0 * deviation
+    said = [remark for remark in result.remarks if "samples a second are few" in remark]
     assert len(said) == told
     if told:
+        step = w / rate
+        taken = 1.0 - ((8.0 * np.sin(step) - np.sin(2.0 * step)) / (6.0 * step)) ** 2
         assert float(re.search(r"take ([\d.]+)% off", said[0]).group(1)) == pytest.approx(100.0 * taken, rel=0.1)
-        finer = sy.identify(model, log, processing={"filter": "savitzky_golay"})
-        assert not any("samples a second" in remark for remark in finer.remarks)

@@ -159,7 +159,7 @@ def test_a_robot_of_which_nothing_is_known_is_not_kept(model: sy.Model) -> None:
     assert estimator.first_robot.count > 0
 
 
-@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_earlier_robots_go_on_after_a_night(model: sy.Model, tmp_path: Path, seed: int) -> None:
     """At any time, also within the second in which one is known again: files are the same to the last byte."""
     work = Work(model, [(7.0, 0.0), *[(2.5, 1.0), (2.5, 0.0)] * 3])

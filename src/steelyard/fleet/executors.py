@@ -11,13 +11,16 @@ import signal
 import socket
 import threading
 import time
+import traceback
+from collections import Counter
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, ThreadPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import CancelledError, ThreadPoolExecutor
 from itertools import islice
+from multiprocessing import resource_tracker
+from multiprocessing.connection import Connection
 from multiprocessing.connection import wait as wait_for
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, cast
 
 from steelyard import __version__
 from steelyard.dynamics.threads import in_one_thread, serial
@@ -30,10 +33,11 @@ Leaf = Callable[[Any, Any], bytes]
 Combine = Callable[[Any, Sequence[bytes]], bytes]
 Task = Any
 Results = Generator[tuple[int, bytes], None, None]
+_Place = tuple[int, int]  # a group, and a task in it
 _ATTEMPTS = 5
 """How often a task is tried whose process dies; one that needs more memory than there is dies every time."""
 _IN_FLIGHT = 4
-"""Tasks that wait for each worker: enough that none is idle, and few enough that results do not pile up."""
+"""Tasks that wait for each worker of a cluster: enough that none is idle, few enough that no results pile up."""
 
 
 class Executor(Protocol):
@@ -119,42 +123,92 @@ class Workers:
         """See `Executor.run`."""
         results: list[list[bytes | None]] = [[None] * len(group) for group in groups]
         waiting = [(number, place) for number, group in enumerate(groups) for place in range(len(group))][::-1]
-        attempts = 0
-        while waiting:
-            # Each process begins anew: one that is forked from threads of BLAS and Polars may wait for ever.
-            context = multiprocessing.get_context("spawn")
-            workers = min(self.count, len(waiting))
-            pool = ProcessPoolExecutor(workers, context, _begin, (leaf, common))
-            running: dict[Future[bytes], tuple[int, int]] = {}
-            try:
-                while waiting or running:
-                    while waiting and len(running) < _IN_FLIGHT * workers:
-                        number, place = waiting.pop()
-                        with _begun_deaf():
-                            running[pool.submit(_do, groups[number][place])] = number, place
-                    for done in wait(running, return_when=FIRST_COMPLETED).done:
-                        number, place = running[done]
-                        results[number][place] = done.result()
-                        del running[done]
-                        attempts = 0
-                        found = [one for one in results[number] if one is not None]
-                        if len(found) == len(groups[number]):
-                            results[number] = []
-                            yield number, _combined(combine, common, *found)
-            except BrokenProcessPool:
-                attempts += 1
-                if attempts == _ATTEMPTS:
-                    raise InputError(
-                        f"A process of the {self.count} workers ended by itself {attempts} times in a row, as the "
-                        "system ends those that take too much memory; give fewer workers, or smaller --chunk-rows."
-                    ) from None
-                waiting += sorted(running.values(), reverse=True)
-            finally:
-                # An interrupt, or an error of a task, does not wait for the tasks that run.
-                processes = [] if not waiting and not running else list((pool._processes or {}).values())
-                pool.shutdown(wait=not processes, cancel_futures=True)
-                for process in processes:
-                    process.kill()
+        attempts: Counter[_Place] = Counter()
+        running: list[_Process] = []
+        try:
+            while waiting or any(one.place for one in running):
+                begun = [_Process() for _ in range(min(self.count - len(running), len(waiting)))]
+                for one in begun:  # when all of them load their modules
+                    one.send((leaf, common))
+                running += begun
+                for one in running:
+                    if waiting and one.place is None:
+                        one.place = waiting.pop()
+                        one.send(groups[one.place[0]][one.place[1]])
+                found: list[tuple[_Place, bytes]] = []
+                for one in _answering(running):
+                    place, one.place = one.place, None
+                    assert place is not None
+                    try:
+                        result = one.receive()
+                    except (EOFError, OSError):  # it died, perhaps in the midst of what it sent
+                        running.remove(one)
+                        one.end()
+                        attempts[place] += 1
+                        if attempts[place] == _ATTEMPTS:
+                            raise InputError(
+                                f"A process of the {self.count} workers ended by itself {_ATTEMPTS} times at the same "
+                                "log, as the system ends those that take too much memory; give fewer workers, or "
+                                "smaller --chunk-rows."
+                            ) from None
+                        waiting.append(place)
+                        continue
+                    if isinstance(result, BaseException):
+                        raise result
+                    found.append((place, result))
+                    if waiting:  # before its result is used, so that it does not wait for that
+                        one.place = waiting.pop()
+                        one.send(groups[one.place[0]][one.place[1]])
+                for (number, index), result in found:
+                    results[number][index] = result
+                    whole = [each for each in results[number] if each is not None]
+                    if len(whole) == len(groups[number]):
+                        results[number] = []
+                        yield number, _combined(combine, common, *whole)
+        finally:
+            for one in running:
+                one.end()
+
+
+class _Process:
+    """A process of this machine that does one task after the other, at the other end of a pipe of its own.
+
+    Those of `concurrent.futures.ProcessPoolExecutor` share a pipe and its lock: where one is killed in the midst of a
+    result, as a system that lacks memory does, that reads for the rest of it for ever.
+
+    Attributes
+    ----------
+    place : tuple of int, optional
+        The group, and the place in it, of the task that it does.
+    """
+
+    place: _Place | None = None
+
+    def __init__(self) -> None:
+        # Each process begins anew: one that is forked from threads of BLAS and Polars may wait for ever.
+        context = multiprocessing.get_context("spawn")
+        self.connection, its_end = context.Pipe()
+        with its_end, _begun_deaf():
+            self._process = context.Process(target=_work, args=(its_end,), daemon=True)
+            self._process.start()
+
+    def send(self, what: Any) -> None:
+        with contextlib.suppress(OSError):  # where it is dead, receiving says so
+            self.connection.send(what)
+
+    def receive(self) -> bytes | BaseException:
+        return cast("bytes | BaseException", self.connection.recv())
+
+    def end(self) -> None:
+        self.connection.close()
+        self._process.kill()
+        self._process.join()
+
+
+def _answering(running: Sequence[_Process]) -> list[_Process]:
+    """Wait for results, or for ends, of processes that have a task."""
+    ready = wait_for([one.connection for one in running if one.place is not None])
+    return [one for one in running if one.connection in ready]
 
 
 @contextlib.contextmanager
@@ -163,6 +217,7 @@ def _begun_deaf() -> Iterator[None]:
     if os.name != "posix":
         yield
         return
+    resource_tracker.ensure_running()  # which lets signals through once it has begun
     before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
     try:
         yield
@@ -170,28 +225,30 @@ def _begun_deaf() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-class _Here:
-    """The data that a process of `Workers` was given when it began."""
-
-    leaf: Leaf
-    common: Any
-
-
-def _begin(leaf: Leaf, common: Any) -> None:
+def _work(connection: Connection) -> None:
+    """Do the tasks that come through the connection, until it is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # which the parent sees to
     parent = multiprocessing.parent_process()
     assert parent is not None
     threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
-    _Here.leaf, _Here.common = leaf, common
+    with contextlib.suppress(EOFError, OSError):
+        leaf, common = connection.recv()
+        while True:
+            connection.send(_done(leaf, common, connection.recv()))
+
+
+def _done(leaf: Leaf, common: Any, task: Task) -> bytes | Exception:
+    try:
+        return _leaf_of_many(leaf, common, task)
+    except (SteelyardError, OSError, MemoryError) as error:
+        return error
+    except Exception:  # which may not stand being sent
+        return RuntimeError("In a process of the workers:\n" + traceback.format_exc())
 
 
 def _end_with(sentinel: int) -> None:
     wait_for([sentinel])
     os._exit(1)
-
-
-def _do(task: Task) -> bytes:
-    return _leaf_of_many(_Here.leaf, _Here.common, task)
 
 
 class Cluster:

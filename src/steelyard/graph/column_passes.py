@@ -114,23 +114,28 @@ def side_by_side(parts: Sequence[Sequence[Array]]) -> Array:
     return table
 
 
-def central_differences(values: Array, span: float, out: Array) -> None:
-    """Write ``(values[2:] - values[:-2]) / span`` of a table (S, N) into `out`, (S - 2, N), to the last bit.
+def central_differences(values: Array, step: float, out: Array) -> None:
+    """Write central differences of fourth order of a table (S, N) into `out`, (S - 4, N).
+
+    They are ``(8 (values[3:-1] - values[1:-3]) - (values[4:] - values[:-4])) / (12 step)`` to the last bit: derivatives
+    of polynomials of degree four are exact.
 
     Examples
     --------
-    >>> out = np.empty((2, 1))
-    >>> central_differences(np.array([[1.0], [2.0], [5.0], [6.0]]), 2.0, out)
+    >>> out = np.empty((1, 1))
+    >>> central_differences(np.array([[0.0], [1.0], [8.0], [27.0], [64.0]]), 1.0, out)
     >>> out.tolist()
-    [[2.0], [2.0]]
+    [[12.0]]
     """
-    arrays = values, out
+    arrays, span = (values, out), 12.0 * step
     if out.size < FEW or not all(one.flags.c_contiguous and one.dtype == np.float64 for one in arrays):
-        np.subtract(values[2:], values[:-2], out=out)
+        np.subtract(values[3:-1], values[1:-3], out=out)
+        out *= 8.0
+        out -= values[4:] - values[:-4]
         out /= span
         return
-    if out.shape != (len(values) - 2, values.shape[1]):
-        raise ValueError("differences over two rows need an array of as many rows less two")
+    if out.shape != (len(values) - 4, values.shape[1]):
+        raise ValueError("differences over four rows need an array of as many rows less four")
     from .machine import address_of
 
     over = np.array([span])  # which must live until it is read
@@ -183,10 +188,13 @@ def _differences() -> Callable[..., None]:
     def write(code: Code) -> None:
         with code.function("differences", "values", "span", "out", integers="count width") as given:
             values, span, out, count, width = given
-            over, later = span.shared(0), values.shared_at(width * 2)
+            over = span.shared(0)
+            first, second, fourth, fifth = (values.shared_at(width * row) for row in (0, 1, 3, 4))
             for index in code.range(count, step=code.lanes):
                 at = index.below(count - code.lanes)  # the last numbers are those up to the end
-                out.shared_at(at)[0] = (later.shared_at(at)[0] - values.shared_at(at)[0]) / over
+                near = fourth.shared_at(at)[0] - second.shared_at(at)[0]
+                far = fifth.shared_at(at)[0] - first.shared_at(at)[0]
+                out.shared_at(at)[0] = (near * 8.0 - far) / over
 
     code = host_machine(batch_lanes()).load_code(write, ("differences",))
     return code.function("differences", *[ctypes.c_void_p] * 3, *[ctypes.c_int64] * 2)

@@ -509,7 +509,7 @@ def _dear(unconstrained: Estimate, estimate: Estimate) -> tuple[str, ...]:
 def _coarse(processing: Processing, predictions: Sequence[Prediction], error: float) -> tuple[str, ...]:
     """Warn where central differences take so much off the motion that inertias come out wrong, and no interval says so.
 
-    Of a simulated arm that moves at 0.7 Hz an inertia was 14 standard errors wrong at 50 Hz, and 2 at 200 Hz.
+    Where the rate is below 27 times the frequency of the motion, in an answer with little error.
     """
     if processing.filter.kind != Butterworth.kind or processing.decimate:
         return ()
@@ -533,8 +533,8 @@ def _coarse(processing: Processing, predictions: Sequence[Prediction], error: fl
     lost, rate, name = max(told)
     return (
         f"{name}: {rate:.4g} samples a second are few for this motion: central differences take {lost:.2%} off its "
-        'accelerations, and inertias come out wrong by about as much. State `filter = "savitzky_golay"` in '
-        "[processing], or record more samples a second.",
+        "accelerations, and inertias come out wrong by about as much. Record more samples a second, or move "
+        "more slowly.",
     )
 
 

@@ -158,6 +158,7 @@ def test_drives_that_hold_their_torques_are_told_from_those_of_which_the_law_act
     assert any("rotor inertia of turn by 0.00075 kg·m² and" in remark for remark in found.remarks) is (stated is None)
 
 
+@pytest.mark.slow
 def test_steps_of_the_simulation_move_no_value_of_a_precise_log(tmp_path):
     """With steps of 0.625 ms both values are off by more than their intervals."""
     path = tmp_path / "table.xml"

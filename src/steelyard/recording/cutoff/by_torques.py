@@ -29,8 +29,8 @@ ENDS = 2.2
 RATIO = 1.4
 """From one candidate to the next; between them the residual is interpolated."""
 HIGHEST = 0.2
-"""The highest cutoff that is tried, as a share of the sample rate: beyond it, central differences take more than a
-third off the accelerations."""
+"""The highest cutoff that is tried, as a share of the sample rate: beyond it, central differences take more than an
+eighth off the accelerations."""
 TOLERANCE = 0.01
 """The highest cutoff is taken whose residual is at most this part above the least. What a filter takes off the motion
 is in step with it and biases every parameter; noise in the accelerations is not, averages out over the rows, and biases

@@ -16,10 +16,11 @@ __all__ = ["Butterworth"]
 
 @dataclass(frozen=True)
 class Butterworth(MotionFilter):
-    """Butterworth filter forwards and backwards, then central differences (thesis section 4.3.3).
+    """Butterworth filter forwards and backwards, then central differences of fourth order (thesis section 4.3.3).
 
     Its response is flat to the order 2n and falls without ripples. The differences make velocities too small by
-    the factor sin(w h) / (w h), accelerations by its square: 1.6e-6 at 0.5 Hz and 1 kHz.
+    the factor (8 sin(w h) - sin(2 w h)) / (6 w h), about 1 - (w h)^4 / 30, accelerations by its square: at 0.5 Hz by
+    6.5e-12 of them at 1 kHz, and by 1.0e-6 at 50 Hz.
 
     Parameters
     ----------
@@ -72,18 +73,19 @@ class Butterworth(MotionFilter):
         if self.cutoff is not None:
             ratio = np.tan(np.pi * np.minimum(f / rate, 0.5)) / np.tan(np.pi * self.cutoff / rate)
             gain = 1.0 / (1.0 + ratio ** (2 * (self.order or 3)))
-        difference = np.sinc(2.0 * f / rate)
+        # (8 sin x - sin 2x) / 6x at x = 2 pi f / rate, by sinc(y) = sin(pi y) / (pi y).
+        difference = (4.0 * np.sinc(2.0 * f / rate) - np.sinc(4.0 * f / rate)) / 3.0
         return Response(gain, gain * difference, gain * difference**2)
 
     def padding(self, rate: float) -> int:
         """See `MotionFilter.padding`."""
         if self.cutoff is None or self.cutoff >= rate / 2.0:
-            return 4
-        return filter_padding(rate, self.cutoff, self.order or 3) + 4
+            return 8
+        return filter_padding(rate, self.cutoff, self.order or 3) + 8
 
     def settling(self, rate: float) -> float:
-        """See `MotionFilter.settling`: until a thousandth of the transient is left, and the one-sided differences."""
-        differences = 2.0 / rate
+        """See `MotionFilter.settling`: until a thousandth of the transient is left; then two differences."""
+        differences = 4.0 / rate
         if self.cutoff is None or self.cutoff >= rate / 2.0:
             return differences
         return filter_settling(rate, self.cutoff, self.order or 3) + differences

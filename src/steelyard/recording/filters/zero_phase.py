@@ -135,12 +135,18 @@ def edge_rows(order: int) -> int:
 
 
 def first_derivative(values: NDArray[np.float64], rate: float) -> NDArray[np.float64]:
-    """Differentiate the columns by central differences; the ends by one-sided ones of second order too."""
+    """Differentiate the columns by central differences of fourth order; two rows at each end by those of second order.
+
+    Of fourth order, since those of second order take (w h)^2 / 3 off accelerations: of a simulated arm that moves at
+    0.7 Hz an inertia was 14 standard errors wrong at 50 Hz, and no interval counted it.
+    """
     from steelyard.graph.column_passes import central_differences
 
     step = 1.0 / rate
     derived = np.empty_like(values, order="C")
-    central_differences(values, 2.0 * step, derived[1:-1])
+    central_differences(values, step, derived[2:-2])
+    derived[1] = (values[2] - values[0]) / (2.0 * step)
+    derived[-2] = (values[-1] - values[-3]) / (2.0 * step)
     derived[0] = (-1.5 * values[0] + 2.0 * values[1] - 0.5 * values[2]) / step
     derived[-1] = (0.5 * values[-3] - 2.0 * values[-2] + 1.5 * values[-1]) / step
     return derived
