@@ -19,8 +19,9 @@ from steelyard.identification.given import (
     wider_model,
     without_informations,
 )
-from steelyard.identification.log_reader import LogError, LogReader, LogTask, ReducedGroup, ReducedLog, drawn_rows
+from steelyard.identification.log_reader import LogReader, LogTask, ReducedGroup, ReducedLog, drawn_rows
 from steelyard.identification.reduced_logs import copies_among, require_once
+from steelyard.identification.unusable_logs import UnusableLogsError
 from steelyard.recording import Samples
 from steelyard.recording.formats import contents_of, require_unwritten, unchanged, written_states
 from steelyard.recording.formats.hashes import LogContent
@@ -166,12 +167,11 @@ def reduced_logs(
     kept: list[ReducedLog] = []
     windows: list[Samples] = []  # of several logs, which may hold one motion
     for log in logs:
-        try:
+        if log in reader.unusable:
+            continue
+        with reader.unusable.noting(log, len(logs)):
             found = reader.reduced(LogTask(log, FEW, drawn, len(logs), True), model)
-        except InputError as error:
-            if left_out is None or len(logs) == 1:
-                raise
-            left_out[str(log)] = str(error)
+        if log in reader.unusable or (reader.unusable and left_out is None):
             continue
         ((one,), means) = ReducedGroup.of([found])
         used.append(log)
@@ -182,9 +182,12 @@ def reduced_logs(
         blocks.append(TimeBlocks.of_held(blocks.empty, one.blocks))
         parts.append(one.information)
         windows += one.drawn.windows if len(logs) > 1 else ()
-    if logs and not used:
-        assert left_out is not None
-        raise InputError(f"none of {len(logs)} logs can be used; of the last: {list(left_out.values())[-1]}")
+    if left_out is None:
+        reader.unusable.refuse(logs)
+    elif logs and not used:
+        raise _nothing_left(reader, logs)
+    else:
+        left_out.update(reader.unusable.reasons)
     if len(used) < len(logs):  # those that were left out took part in the choice of the filter
         return reduced_logs(file, model, used, each, informations, left_out)
     require_unwritten(written)
@@ -208,16 +211,21 @@ def reduced_logs(
 
 def _that_open(reader: LogReader, logs: Sequence[GivenLog], left_out: dict[str, str] | None) -> Sequence[GivenLog]:
     """Decide how logs are processed; return those that can be opened, as far as the decision has to know."""
-    while True:
-        try:
-            reader.decide(logs, lambda _: None)
-        except LogError as error:
-            if left_out is None or len(logs) == 1:
-                raise
-            left_out[str(error.log)] = str(error)
-            logs = [log for log in logs if log is not error.log]
-        else:
-            return logs
+    if left_out is None:
+        reader.decide(logs, lambda _: None)
+        return logs
+    try:
+        reader.decide(logs, lambda _: None, leave_out=True)
+    except UnusableLogsError:
+        raise _nothing_left(reader, logs) from None
+    left_out.update(reader.unusable.reasons)
+    return [log for log in logs if log not in reader.unusable]
+
+
+def _nothing_left(reader: LogReader, logs: Sequence[GivenLog]) -> InputError:
+    """Return what is said of a robot without a log that can be used, in one line of a table."""
+    last = list(reader.unusable.reasons.values())[-1]
+    return InputError(f"none of {len(logs)} logs can be used; of the last: {last}")
 
 
 def _reduced(common: Any, task: _Task) -> bytes:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -52,6 +53,7 @@ from .parameter_table import parameter_table
 from .prediction_verdict import FewRows, few_rows_of, prediction_verdict
 from .reduced_logs import reduced_logs, require_once
 from .result import Identification, Prediction, Trace
+from .unusable_logs import UnusableLogsError
 
 if TYPE_CHECKING:
     from .chosen_friction import FrictionChoice
@@ -241,10 +243,11 @@ def identify(
     if friction == "auto":
         from .chosen_friction import choose_friction  # what is not asked for is not loaded
 
-        friction_choice = choose_friction(reader, logs, model, wider_model(file, model) or model, say)
-        if friction_choice.selection.chosen:
-            model = reader.model = Model(model.robot.with_terms(*friction_choice.terms))
-        reader.remarks.extend(friction_choice.remarks)
+        with suppress(UnusableLogsError):  # which are told with the others, once all were read
+            friction_choice = choose_friction(reader, logs, model, wider_model(file, model) or model, say)
+            if friction_choice.selection.chosen:
+                model = reader.model = Model(model.robot.with_terms(*friction_choice.terms))
+            reader.remarks.extend(friction_choice.remarks)
     feasible_set = FeasibleSet(model, consistency, limits)
     wider = wider_model(file, model)
     for path, one in informations:

@@ -45,6 +45,7 @@ from steelyard.regression.time_blocks import FOLDS, MOST, TimeBlocks
 from steelyard.robot import Robot, RobotFile
 
 from .given import GivenLog, GivenSamples, wider_model
+from .unusable_logs import UnusableLogs
 
 if TYPE_CHECKING:
     from steelyard.dynamics.bristles import Bristles
@@ -54,7 +55,6 @@ __all__ = [
     "DrawnLog",
     "DrawnRows",
     "JoinedSections",
-    "LogError",
     "LogReader",
     "LogReduction",
     "LogTask",
@@ -96,19 +96,6 @@ _ALL_DRAWN_ROWS = 120_000  # of many logs together
 def drawn_rows(count: int, least: int) -> int:
     """Return how many rows of each of so many logs are kept to be drawn, at least these few."""
     return min(max(_ALL_DRAWN_ROWS // count, least), DRAWN_ROWS)
-
-
-class LogError(InputError):
-    """A log that cannot be used, and why.
-
-    Attributes
-    ----------
-    log : str, Path, LogFile or GivenSamples
-    """
-
-    def __init__(self, log: GivenLog, reason: str) -> None:
-        super().__init__(reason)
-        self.log = log
 
 
 class LogTask(NamedTuple):
@@ -240,7 +227,13 @@ class LogReduction(Protocol):
     def __call__(
         self, reader: LogReader, tasks: Sequence[LogTask], model: Model, say: Progress
     ) -> Iterator[ReducedGroup]:
-        """Yield groups of 1, 2, 4 ... reduced logs in the order of the tasks; only the last group may be smaller."""
+        """Yield groups of 1, 2, 4 ... reduced logs in the order of the tasks; only the last group may be smaller.
+
+        Raises
+        ------
+        UnusableLogsError
+            After the last, with all that cannot be used; `reader.unusable` may name some already.
+        """
         ...
 
 
@@ -250,7 +243,13 @@ def one_by_one(reader: LogReader, tasks: Sequence[LogTask], model: Model, say: P
         # One line for each of thousands of logs would push everything else off the screen.
         if number % max(len(tasks) // _READING_LINES, 1) == 0:
             say(f"reading {task.log}{f' ({number + 1} of {len(tasks)})' if len(tasks) > 1 else ''}")
-        yield ReducedGroup.of([reader.reduced(task, model)])
+        if task.log in reader.unusable:  # as the choice of the filter found out
+            continue
+        with reader.unusable.noting(task.log, len(tasks), say):
+            reduced = reader.reduced(task, model)
+        if not reader.unusable:  # nothing comes of the set any more; the others are looked through
+            yield ReducedGroup.of([reduced])
+    reader.unusable.refuse([task.log for task in tasks])
 
 
 class LogReader:
@@ -267,6 +266,7 @@ class LogReader:
         self.decided: dict[str, object] = {}
         self.reasons: dict[str, str] = {}
         self.remarks: list[str] = []
+        self.unusable = UnusableLogs()
         self.units_are_suspect = False
         self.cutoff_choices: list[tuple[str, CutoffChoice]] = []
         self.layouts: dict[str, Layout] = {}
@@ -282,19 +282,34 @@ class LogReader:
                 "and a payload of known mass."
             )
 
-    def decide(self, given: Sequence[GivenLog], say: Progress) -> None:
-        """Decide what [processing] leaves to the data, once for all logs, so that all have the same filter."""
+    def decide(self, given: Sequence[GivenLog], say: Progress, leave_out: bool = False) -> None:
+        """Decide what [processing] leaves to the data, once for all logs, so that all have the same filter.
+
+        Logs that cannot be used are put to `unusable`, for whoever reduces the logs to refuse them all; the others
+        decide. With `leave_out` it is as if they had not been given.
+
+        Raises
+        ------
+        InputError
+            Where no log can be used.
+        """
         logs = [log for log in given if not isinstance(log, GivenSamples)]
         if not self.stated.is_open or not logs:
             return
-        count = min(len(logs), _DECIDING_LOGS)
-        chosen = [logs[int(i)] for i in np.linspace(0, len(logs) - 1, count).round()]
-        rows = min(DECISION_ROWS, max(_FEWEST_ROWS, _DECIDING_ROWS // count))
-        say(f"choosing the filter by {count} log{'s' * (count > 1)}")
-        recordings = []
-        for log in chosen:
-            with self._reading(log):
-                recordings.append(chunks.middle_of(self._open(log), self.stated, rows))
+        recordings: list[Recording] = []
+        while not recordings:
+            usable = [log for log in logs if log not in self.unusable]
+            if not usable:
+                self.unusable.refuse(given)
+            count = min(len(usable), _DECIDING_LOGS)
+            chosen = [usable[int(i)] for i in np.linspace(0, len(usable) - 1, count).round()]
+            rows = min(DECISION_ROWS, max(_FEWEST_ROWS, _DECIDING_ROWS // count))
+            say(f"choosing the filter by {count} log{'s' * (count > 1)}")
+            for log in chosen:
+                with self.unusable.noting(log, len(given), say), self._reading(log):
+                    recordings.append(chunks.middle_of(self._open(log), self.stated, rows))
+            if leave_out and len(recordings) < count:
+                recordings = []  # another choice, of those that are left
         if not any(one.torque.size and one.facts["torque"].ranges.any() for one in recordings):
             raise InputError(
                 f"{recordings[0].source}: no torque changes within {recordings[0].count} rows; check `torque` in "
@@ -495,7 +510,8 @@ class LogReader:
         if isinstance(log, GivenSamples):
             start = max(0, (log.samples.count - rows) // 2)
             return log.samples.rows(start, start + rows)
-        return chunks.middle_of(self._open(log), self.processing, rows)
+        with self._reading(log):
+            return chunks.middle_of(self._open(log), self.processing, rows)
 
     @contextlib.contextmanager
     def _reading(self, log: GivenLog) -> Iterator[None]:
@@ -580,7 +596,7 @@ def _told_where(log: GivenLog) -> Iterator[None]:
         path, told = str(log), str(error)
         if path not in told and told.startswith(name := Path(path).name):
             told = path + told.removeprefix(name)
-        raise LogError(log, told) from None
+        raise InputError(told) from None
 
 
 def _until(stop: Event | None, stream: Iterator[Samples]) -> Iterator[Samples]:

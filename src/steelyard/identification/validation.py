@@ -317,12 +317,15 @@ def read_as_fitted(
     ):
         reader.note(one)
         if one.information.count == 0:
-            raise InputError(
-                f"{one.name}: no rows are left after processing, so that nothing can be predicted; give a longer log, "
-                "trim less or lower velocity_threshold."
-            )
+            with reader.unusable.noting(one.name, len(logs), say):
+                raise InputError(
+                    f"{one.name}: no rows are left after processing, so that nothing can be predicted; give a longer "
+                    "log, trim less or lower velocity_threshold."
+                )
+            continue
         means.add(one.information.batch_means)
         reduced.append(replace(one, information=replace(one.information, batch_means=())))
+    reader.unusable.refuse(logs)
     information = Information.total([one.information for one in reduced])
     information = replace(information, batch_means=means.total())
     return FittedLogs(reader, tuple(reduced), information, (*remarks, *reader.remarks), seen)
