@@ -15,7 +15,7 @@ import steelyard as sy
 from steelyard.cli import main
 from steelyard.fleet import Checkpoints, DataSet, LogReduction, Workers, log_reduction, reduce_data_sets
 from steelyard.identification import log_reader, validate_estimate
-from steelyard.identification.unusable_logs import UnusableLogsError
+from steelyard.identification.given import UnusableLogsError
 from steelyard.recording import chunks
 
 BAD: dict[str, Callable[[str], str]] = {

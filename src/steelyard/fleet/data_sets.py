@@ -13,6 +13,7 @@ from steelyard.errors import InputError
 from steelyard.files import listed, plain
 from steelyard.identification.given import (
     GivenLog,
+    UnusableLogsError,
     given_logs,
     given_robot,
     given_settings,
@@ -21,7 +22,6 @@ from steelyard.identification.given import (
 )
 from steelyard.identification.log_reader import LogReader, LogTask, ReducedGroup, ReducedLog, drawn_rows
 from steelyard.identification.reduced_logs import copies_among, require_once
-from steelyard.identification.unusable_logs import UnusableLogsError
 from steelyard.recording import Samples
 from steelyard.recording.formats import contents_of, require_unwritten, unchanged, written_states
 from steelyard.recording.formats.hashes import LogContent

@@ -37,6 +37,7 @@ from .given import (
     Data,
     GivenRobot,
     GivenSamples,
+    UnusableLogsError,
     describes_masses,
     digests,
     given_constraints,
@@ -53,7 +54,6 @@ from .parameter_table import parameter_table
 from .prediction_verdict import FewRows, few_rows_of, prediction_verdict
 from .reduced_logs import reduced_logs, require_once
 from .result import Identification, Prediction, Trace
-from .unusable_logs import UnusableLogsError
 
 if TYPE_CHECKING:
     from .chosen_friction import FrictionChoice

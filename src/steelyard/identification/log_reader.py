@@ -44,8 +44,7 @@ from steelyard.regression.repeated_motion import MotionSums
 from steelyard.regression.time_blocks import FOLDS, MOST, TimeBlocks
 from steelyard.robot import Robot, RobotFile
 
-from .given import GivenLog, GivenSamples, wider_model
-from .unusable_logs import UnusableLogs
+from .given import GivenLog, GivenSamples, UnusableLogs, wider_model
 
 if TYPE_CHECKING:
     from steelyard.dynamics.bristles import Bristles
@@ -175,6 +174,8 @@ class ReducedLog:
         Thinned.
     layout : Layout or None
         What its columns were understood to be; None of samples.
+    clock_origin : int
+        Where on the clock of the log the times of its samples are 0, ns.
     """
 
     name: str
@@ -186,6 +187,7 @@ class ReducedLog:
     remarks: tuple[str, ...]
     layout: Layout | None
     units_are_suspect: bool
+    clock_origin: int = 0
 
     @property
     def role(self) -> Literal["identification", "validation"]:
@@ -268,6 +270,7 @@ class LogReader:
         self.remarks: list[str] = []
         self.unusable = UnusableLogs()
         self.units_are_suspect = False
+        self.clock_origin = 0  # of the log that was read last
         self.cutoff_choices: list[tuple[str, CutoffChoice]] = []
         self.layouts: dict[str, Layout] = {}
         self._streams: dict[str | int, chunks.LogStream] = {}
@@ -436,7 +439,7 @@ class LogReader:
     def unwritten(self) -> LogReader:
         """Return a reader of the same kind, which has noted nothing yet."""
         own = copy(self)
-        own.remarks, own.layouts, own.units_are_suspect = [], {}, False
+        own.remarks, own.layouts, own.units_are_suspect, own.clock_origin = [], {}, False, 0
         return own
 
     def _reduced_whole(self, task: LogTask, model: Model) -> ReducedLog:
@@ -454,6 +457,7 @@ class LogReader:
             remarks=tuple(own.remarks),
             layout=next(iter(own.layouts.values()), None),
             units_are_suspect=own.units_are_suspect,
+            clock_origin=own.clock_origin,
         )
 
     def note(self, reduced: ReducedLog) -> None:
@@ -563,6 +567,7 @@ class LogReader:
     def _look(self, log: str | Path | LogFile, recording: Recording) -> None:
         """Look at the first rows of a log, as they were read."""
         self._note_columns(str(log), recording.layout)
+        self.clock_origin = recording.clock_origin
         handled = [option for option in DETECTORS if getattr(self.processing, option) is not False]
         part = f" (Seen in the first {recording.count} rows.)" if recording.count == chunks.CHOICE_ROWS else ""
         self.remarks.extend(f"{log}: {sentence}{part}" for sentence in faulty_rows(recording, handled))
@@ -741,6 +746,7 @@ class JoinedSections:
             remarks=(*self.log.remarks, *remarks),
             layout=self.log.layout,
             units_are_suspect=bool(self._seen.survey.unit_remarks()),
+            clock_origin=opened.stream.clock_origin,
         )
 
 

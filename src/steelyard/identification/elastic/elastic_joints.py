@@ -25,10 +25,9 @@ from steelyard.recording import Processing, Samples
 from steelyard.regression import Estimate
 from steelyard.robot import Joint, RobotFile
 
-from ..given import Data, GivenLog, GivenSamples, describes_masses, given_logs
+from ..given import Data, GivenLog, GivenSamples, UnusableLogs, describes_masses, given_logs
 from ..log_reader import Progress
 from ..result import Identification
-from ..unusable_logs import UnusableLogs
 from .elastic_model import elastic_model
 from .second_encoders import (
     SecondEncoders,

@@ -19,9 +19,8 @@ from steelyard.recording.formats import LogFiles
 from steelyard.recording.survey import LogSurvey
 from steelyard.robot import Robot, RobotFile
 
-from ..given import given_logs
+from ..given import UnusableLogs, given_logs
 from ..log_reader import against_limits
-from ..unusable_logs import UnusableLogs
 from .drive_settings import DriveSettings
 from .shooting import PositionLog
 
