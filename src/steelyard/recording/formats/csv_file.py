@@ -9,17 +9,17 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
-from typing import IO, Any, NamedTuple, Self, cast
+from typing import IO, Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.errors import InputError, require_package
+from steelyard.errors import InputError
 from steelyard.files import reading_table, shown, tell
 
 from ..columns import LogColumns
 from .decoded import DecodedColumns, decoded_once
-from .log_file import Columns, LogFile, column_length, flattened, offset_of, regrouped_columns
+from .log_file import COMPRESSED, Columns, LogFile, column_length, flattened, offset_of, regrouped_columns
 
 __all__ = ["CsvFile"]
 
@@ -95,7 +95,7 @@ class CsvFile(LogFile):
     with ``#``, ``%`` or ``//``, and what stands above the names are passed over. A comment right above the data is
     taken for the names if it has as many fields (as `numpy.savetxt` writes it), and a line of units below the names is
     joined to them, as ``q1 [rad]``. What ``ros2 topic echo --csv`` writes of a JointState is known without names. The
-    file may be compressed by gzip or zstd. The header is the names of all columns, for a file that has none.
+    file may be compressed by gzip, bzip2, xz or zstd. The header is the names of all columns, for a file that has none.
     """
 
     saved_as = ".csv"
@@ -148,7 +148,12 @@ class CsvFile(LogFile):
         return self._origins.get(name, 0)
 
     def _open(self, start: int = 0) -> IO[bytes]:
-        file = _open_compressed(self.path) if _is_compressed(self.path) else self.path.open("rb")
+        if _is_compressed(self.path):
+            from .compressed_text import open_compressed  # others need none of it
+
+            file = open_compressed(self.path)
+        else:
+            file = self.path.open("rb")
         file.seek(start)
         return file
 
@@ -374,6 +379,8 @@ class CsvFile(LogFile):
         """Parse lines; the quick way first, and line by line where that meets something unusual."""
         if not names:
             return {}
+        if data.isspace():  # compressed, they may be many
+            return dict.fromkeys(names, np.empty(0))
         for name in names:
             if self.names.count(name) > 1:
                 raise InputError(f"{self.path} has several columns named {name!r}; give each its own name.")
@@ -568,7 +575,7 @@ def _rest_of_text(file: IO[bytes]) -> bytes:
 
 
 def _is_compressed(path: Path) -> bool:
-    return path.suffix.lower() in (".gz", ".zst", ".zstd")
+    return path.suffix.lower().removeprefix(".") in COMPRESSED
 
 
 def _unpadded(data: bytes, separator: str | None) -> bytes:
@@ -659,15 +666,3 @@ def _ros_names(fields: Sequence[str]) -> list[str] | None:
         elif all(numbers[place : place + joints]):
             names += [f"{kind}[{k}]" for k in range(joints)]
     return names if len(names) == len(fields) else None
-
-
-def _open_compressed(path: Path) -> IO[bytes]:
-    """Open a file ``.gz``, ``.zst`` or ``.zstd`` as a stream, so that neither memory nor a disk holds it whole."""
-    if path.suffix.lower() == ".gz":
-        import gzip  # loaded for compressed logs alone
-
-        return cast("IO[bytes]", gzip.open(path, "rb"))
-    from .unpacking import ZSTD  # so is this
-
-    need = "Files compressed by zstd are read with the module"
-    return cast("IO[bytes]", require_package(ZSTD, need, "zstd").open(path, "rb"))

@@ -19,7 +19,9 @@ from ..recognition import label_columns
 
 __all__ = [
     "BLOCK_ROWS",
+    "COMPRESSED",
     "LARGEST_EXACT",
+    "TEXTS",
     "Columns",
     "DataFrame",
     "LogFile",
@@ -33,6 +35,9 @@ __all__ = [
 ]
 
 Columns = dict[str, NDArray[np.float64]]
+TEXTS = ("csv", "txt", "tsv", "dat", "log")
+COMPRESSED = ("gz", "bz2", "xz", "lzma", "zst", "zstd")
+"""Suffixes of texts that are compressed, behind their own as in ``run.csv.gz``."""
 LARGEST_EXACT = 2**53
 """Whole numbers beyond this are rounded by a float64: ns since 1970 to 256 of them."""
 BLOCK_ROWS = 50_000

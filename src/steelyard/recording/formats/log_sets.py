@@ -11,7 +11,8 @@ from pathlib import Path
 from steelyard.errors import InputError
 from steelyard.files.arguments import by_name
 
-from .registry import COMPRESSED, LOG_FORMATS, TEXTS
+from .log_file import COMPRESSED, TEXTS
+from .registry import LOG_FORMATS
 from .remote import object_address, object_store
 
 __all__ = ["is_log_set", "logs_in", "place_of"]

@@ -21,7 +21,7 @@ from steelyard.files.arguments import closest
 
 from ..columns import LogColumns
 from ..recognition import Joints, Layout, find_columns
-from .log_file import LARGEST_EXACT, Columns, DataFrame, LogFile, column_length
+from .log_file import COMPRESSED, LARGEST_EXACT, TEXTS, Columns, DataFrame, LogFile, column_length
 
 __all__ = [
     "LOG_FORMATS",
@@ -46,9 +46,6 @@ STANDARD_INPUT = "-"
 """What stands for the standard input in the place of a path, as ``/dev/stdin`` does."""
 _SPOOLED: dict[Path, str] = {}
 """Copies of the standard input and of objects, and what they are called in messages."""
-TEXTS = ("csv", "txt", "tsv", "dat", "log")
-COMPRESSED = ("gz", "zst", "zstd")
-"""Suffixes of texts that are compressed, behind their own as in ``run.csv.gz``."""
 
 
 def _checked_format(suffix: str, offered: object) -> type[LogFile]:
