@@ -21,7 +21,7 @@ from steelyard.identification.given import (
     without_informations,
 )
 from steelyard.identification.log_reader import LogReader, LogTask, ReducedGroup, ReducedLog, drawn_rows
-from steelyard.identification.reduced_logs import copies_among, require_once
+from steelyard.identification.reduced_logs import copies_among, overlaps_among, require_once
 from steelyard.recording import Samples
 from steelyard.recording.formats import contents_of, require_unwritten, unchanged, written_states
 from steelyard.recording.formats.hashes import LogContent
@@ -166,6 +166,7 @@ def reduced_logs(
     used: list[GivenLog] = []
     kept: list[ReducedLog] = []
     windows: list[Samples] = []  # of several logs, which may hold one motion
+    rows: list[ReducedLog] = []  # of several logs, which may share some
     for log in logs:
         if log in reader.unusable:
             continue
@@ -182,6 +183,7 @@ def reduced_logs(
         blocks.append(TimeBlocks.of_held(blocks.empty, one.blocks))
         parts.append(one.information)
         windows += one.drawn.windows if len(logs) > 1 else ()
+        rows += [replace(one, blocks=())] if len(logs) > 1 else []
     if left_out is None:
         reader.unusable.refuse(logs)
     elif logs and not used:
@@ -196,6 +198,7 @@ def reduced_logs(
     own = [replace(Information.total(parts), batch_means=tree.total())] if parts else []
     names = (*map(str, used), *(path for path, _ in informations))
     copies = copies_among([(name, "identification", one) for name, one in zip(names, [*parts, *earlier], strict=True)])
+    overlaps = overlaps_among([log for k, log in enumerate(rows) if k not in copies])
     stretches = [part for one in own for part in one.stretches(blocks)]
     if windows and not any(one.returning for one in own):
         base = least_squares(own[0]).base
@@ -204,7 +207,7 @@ def reduced_logs(
         Information.total([*own, *earlier]),
         (*stretches, *(replace(one, batch_means=()) for one in earlier)),
         names,
-        tuple(dict.fromkeys((*reader.remarks, *copies.values()))),
+        tuple(dict.fromkeys((*reader.remarks, *copies.values(), *overlaps))),
         {name: plain(value) for name, value in reader.decided.items()},
     )
 
@@ -276,21 +279,24 @@ def reduce_data_sets(
     (True, 5)
     """
     executor = Here() if executor is None else executor
-    tasks = []
+    tasks, passed_over = [], []
     for one in data_sets:
         file = given_settings(given_robot(one.robot)[0], one.columns, one.processing)
         if not one.logs:
             raise InputError("A data set has no logs; give the path of one.")
         logs, earlier = without_informations(list(one.logs))
-        tasks.append(_Task(file, given_logs(logs, None)[0], earlier, one.rotors))
+        passed_over.append(list[str]())
+        tasks.append(_Task(file, given_logs(logs, None, passed_over[-1])[0], earlier, one.rotors))
     groups, keys = [[task] for task in tasks], None
     if checkpoints is not None:
         hashes = run_in_order(_hashed, first_of, None, groups, executor)
         contents = [tuple(LogContent(*one) for one in unpacked(content)) for content in hashes]
         groups = [[replace(task, contents=told)] for task, told in zip(tasks, contents, strict=True)]
         keys = [_key(task) for (task,) in groups]
-    for content in run_in_order(_reduced, first_of, None, groups, executor, keys, checkpoints):
-        yield ReducedDataSet(*unpacked(content))
+    reduced = run_in_order(_reduced, first_of, None, groups, executor, keys, checkpoints)
+    for content, passed in zip(reduced, passed_over, strict=True):
+        found = ReducedDataSet(*unpacked(content))
+        yield replace(found, remarks=(*passed, *found.remarks))
 
 
 def _key(task: _Task) -> str:

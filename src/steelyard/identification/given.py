@@ -139,16 +139,20 @@ def given_constraints(file: RobotFile, further: Sequence[Constraint] | None = No
     return [*own, *(further or ())]
 
 
-def given_logs(data: Data, validate: Data | None) -> tuple[tuple[GivenLog, ...], tuple[GivenLog, ...]]:
+def given_logs(
+    data: Data, validate: Data | None, remarks: list[str] | None = None
+) -> tuple[tuple[GivenLog, ...], tuple[GivenLog, ...]]:
     """Return the logs of an identification and those of its validation, each under a name of its own.
+
+    `remarks` receives a sentence for each set in which files were passed over that may hold logs.
 
     Raises
     ------
     InputError
         If something is no log.
     """
-    logs = [*_listed(data, "data")]
-    validation = [] if validate is None else [*_listed(validate, "validate")]
+    logs = [*_listed(data, "data", remarks)]
+    validation = [] if validate is None else [*_listed(validate, "validate", remarks)]
     taken = Counter(name for name, _ in (*logs, *validation) if name)
     expressions = [*_expressions("data", len(logs)), *_expressions("validate", len(validation))]
     found = [
@@ -158,11 +162,11 @@ def given_logs(data: Data, validate: Data | None) -> tuple[tuple[GivenLog, ...],
     return tuple(found[: len(logs)]), tuple(found[len(logs) :])
 
 
-def _listed(data: object, name: str) -> list[tuple[str, Any]]:
+def _listed(data: object, name: str, remarks: list[str] | None) -> list[tuple[str, Any]]:
     """Return logs one by one, each with the name that it has by itself; an empty one where it has none."""
     paths = [data] if isinstance(data, (str, os.PathLike)) else data
     if isinstance(paths, (list, tuple)) and all(isinstance(one, (str, os.PathLike)) for one in paths):
-        return [("", one) for one in _expanded(paths)]
+        return [("", one) for one in _expanded(paths, remarks)]
     from steelyard.recording.formats.memory import REMEDY, is_table  # what is not asked for is not loaded
 
     if isinstance(data, Samples) or is_table(data):
@@ -224,7 +228,9 @@ def may_be_several(text: str) -> bool:
     return "://" in text or any(mark in text for mark in "*?[") or os.path.isdir(text)
 
 
-def _expanded(paths: Sequence[str | os.PathLike[str]]) -> list[str | os.PathLike[str]]:
+def _expanded(
+    paths: Sequence[str | os.PathLike[str]], remarks: list[str] | None = None
+) -> list[str | os.PathLike[str]]:
     """Return the logs that paths, folders, patterns and addresses stand for; what a set finds again counts once."""
     texts = [os.fspath(path) for path in paths]
     if not any(map(may_be_several, texts)):
@@ -232,7 +238,7 @@ def _expanded(paths: Sequence[str | os.PathLike[str]]) -> list[str | os.PathLike
     # What is not asked for is not loaded.
     from steelyard.recording.formats.log_sets import is_log_set, logs_in, place_of
 
-    sets = [logs_in(text) if is_log_set(text) else None for text in texts]
+    sets = [logs_in(text, remarks) if is_log_set(text) else None for text in texts]
     named = {place_of(text) for text, found in zip(texts, sets, strict=True) if found is None}
     result: list[str | os.PathLike[str]] = []
     for path, found in zip(paths, sets, strict=True):

@@ -175,7 +175,8 @@ def identify(
     """
     say = progress or (lambda _: None)
     data_of_logs, earlier = without_informations(data)
-    logs, validation = given_logs(data_of_logs, validate)
+    passed_over: list[str] = []
+    logs, validation = given_logs(data_of_logs, validate, passed_over)
     if not logs and not earlier:
         raise InputError(
             "At least one log is needed to identify a robot; give the path of one, such as a CSV or a bag."
@@ -235,6 +236,7 @@ def identify(
         )
     reader = LogReader(file, model, chunk_rows)
     reader.require_torques()
+    reader.remarks.extend(passed_over)
     limits = given_constraints(file, constraints)
 
     say(f"{model.robot.name}: {model.dof} joints, {model.base_parameters().count} base parameters")

@@ -195,7 +195,8 @@ def validate_estimate(
     >>> found.prediction.word
     'good'
     """
-    given, _ = given_logs(logs, None)
+    passed_over: list[str] = []
+    given, _ = given_logs(logs, None, passed_over)
     if not given:
         raise InputError(
             "At least one log is needed to validate an estimate; give the path of one, such as a CSV or a bag."
@@ -205,7 +206,7 @@ def validate_estimate(
     model = model_of_estimate(result.estimate, file, model)
     loaded = matching_estimate(model, result.path)
     read = read_as_fitted(file, model, result, given, chunk_rows, progress)
-    remarks = [*read.remarks]
+    remarks = [*passed_over, *read.remarks]
     longest = max(factor.count for factor in read.information.factors)
     if longest < FEWEST_ROWS:
         raise InputError(
