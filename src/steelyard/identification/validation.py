@@ -318,11 +318,13 @@ def read_as_fitted(
     ):
         reader.note(one)
         if one.information.count == 0:
-            with reader.unusable.noting(one.name, len(logs), say):
-                raise InputError(
-                    f"{one.name}: no rows are left after processing, so that nothing can be predicted; give a longer "
-                    "log, trim less or lower velocity_threshold."
-                )
+            reason = (
+                f"{one.name}: no rows are left after processing, so that nothing can be predicted; give a longer log, "
+                "trim less or lower velocity_threshold."
+            )
+            if len(logs) == 1:
+                raise InputError(reason)
+            reader.unusable.note(one.name, reason, say)
             continue
         means.add(one.information.batch_means)
         reduced.append(replace(one, information=replace(one.information, batch_means=())))
