@@ -102,6 +102,7 @@ def test_a_place_in_front_is_found_again(suffix: str, tmp_path: Path) -> None:
             assert file.read(50) == TEXT[place : place + 50]
 
 
+@pytest.mark.parametrize("suffix", [suffix for suffix in COMPRESS if suffix != "gz"])  # which makes 1032 bytes of one
 def test_a_few_bytes_do_not_stand_for_gigabytes(suffix: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(unpacking, "LEAST", 2**20)
     monkeypatch.setattr(compressed_text, "RATIO", 10)
