@@ -11,7 +11,7 @@ import unicodedata
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 __all__ = [
     "InputError",
@@ -64,8 +64,16 @@ class SteelyardError(Exception):
     253
     """
 
+    longest: ClassVar[int] = LONGEST_MESSAGE
+    """Characters of the longest message; one that lists several sentences may have more."""
+
     def __init__(self, *arguments: object) -> None:
-        super().__init__(*(_sentence(one) if isinstance(one, str) else one for one in arguments))
+        super().__init__(*(_sentence(one, self.longest) if isinstance(one, str) else one for one in arguments))
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """The message, in the lines in which it is printed: one, unless it lists several faults."""
+        return (str(self),)
 
 
 class InputError(SteelyardError, ValueError):
@@ -80,13 +88,13 @@ class SolverError(SteelyardError, RuntimeError):
     """A numerical solver ended without a usable answer; the message says with which status."""
 
 
-def _sentence(message: str) -> str:
+def _sentence(message: str, longest: int) -> str:
     """Return a message with control characters written out, without the middle of what makes it too long."""
     message = printable(message)
-    if len(message) > LONGEST_MESSAGE:
+    if len(message) > longest:
         long_word = rf"\S{{{LONGEST_WORD + 1},}}"
         message = re.sub(long_word, lambda found: _without_middle(found[0], LONGEST_WORD), message)
-    return _without_middle(message, LONGEST_MESSAGE)
+    return _without_middle(message, longest)
 
 
 def _without_middle(text: str, longest: int) -> str:

@@ -1,6 +1,7 @@
 """What is finished is kept whole, found again by what it follows from, and belongs to one run at a time."""
 
 import errno
+import itertools
 import os
 import subprocess
 import sys
@@ -13,7 +14,8 @@ from typer.core import TyperCommand
 
 import steelyard as sy
 from steelyard.cli.results_folder import require_results_folder
-from steelyard.files.writing import beside, locked
+from steelyard.errors import InputError
+from steelyard.files.writing import beside, locked, replaced_file, replaced_folder
 from steelyard.fleet import robot_estimate
 from steelyard.fleet.executors import Here
 from steelyard.fleet.log_reduction import run_in_order
@@ -256,3 +258,25 @@ def test_zeros_below_a_diagonal_are_not_packed() -> None:
         assert again.dtype == array.dtype
         assert again.tobytes() == array.tobytes()
         assert not again.flags.writeable
+
+
+@posix
+def test_a_file_system_that_knows_nothing_again_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The folder seemed to be another one each time that it was locked, and the run never began, nor ended."""
+    monkeypatch.setattr(os.path, "samestat", lambda one, other: False)
+    with pytest.raises(InputError, match=r"out: cannot be written \(it is another one as soon as it is made, .*; give"):
+        sy.fleet.Checkpoints(tmp_path / "out").__enter__()
+    fstat, count = os.fstat, itertools.count()
+
+    def another(handle: int) -> os.stat_result:
+        found = list(fstat(handle))
+        found[1], found[3] = found[1] + 1 + next(count), 0  # st_ino and st_nlink
+        return os.stat_result(found)
+
+    monkeypatch.setattr(os, "fstat", another)
+    with pytest.raises(InputError, match="another one as soon as it is made"), replaced_file(tmp_path / "a.json"):
+        pass
+    with pytest.raises(InputError, match="another one as soon as it is made"), replaced_folder(tmp_path / "b"):
+        pass
+    monkeypatch.undo()
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]

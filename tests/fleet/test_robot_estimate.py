@@ -2,13 +2,14 @@
 
 import json
 from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from steelyard.fleet import Checkpoints, Fleet, Here, identify_fleet
+from steelyard.fleet import Checkpoints, DataSet, Fleet, Here, identify_fleet, reduce_data_sets
 from steelyard.recording.formats import hashes, log_sets
 
 
@@ -27,9 +28,9 @@ def test_a_store_is_asked_once_what_a_pattern_stands_for(place: Path, monkeypatc
         system.pipe(f"/A/run{number}.csv", (place / "logs" / f"run{number}.csv").read_bytes())
     found_in = log_sets._objects_in
 
-    def counted(text: str, suffixes: Any) -> Any:
+    def counted(text: str, *others: Any) -> Any:
         asked[text] += 1
-        return found_in(text, suffixes)
+        return found_in(text, *others)
 
     monkeypatch.setattr(log_sets, "_objects_in", counted)
     patterns = ["memory://A/run[12].csv", "memory://A/run[23].csv", "memory://B/*.csv"]
@@ -99,3 +100,36 @@ def test_a_log_whose_time_is_in_another_unit_is_told_beside_what_differs(place: 
     assert not fleet.failed
     [told] = [remark for remark in fleet.remarks if "seem to be in other units" in remark]
     assert "the logs of B seem" in told
+
+
+def test_logs_that_share_rows_are_told(place: Path) -> None:
+    """By a fleet and by the sums of a day, as `identify` tells it: parts of one recording that overlap."""
+    rows = (place / "logs" / "run1.csv").read_text().splitlines(keepends=True)
+    for name, first, stop in (("a", 1, 401), ("b", 251, 601), ("c", 401, 601)):
+        (place / "logs" / f"part-{name}.csv").write_text("".join([rows[0], *rows[first:stop]]))
+
+    def told(remarks: Sequence[str]) -> list[str]:
+        return [remark for remark in remarks if "are rows of" in remark]
+
+    def of_fleet(*parts: str, **options: Any) -> list[str]:
+        [row] = fleet_of(place, logs=[f"logs/part-{name}.csv" for name in parts], **options).rows
+        return told(row.values["remarks"])
+
+    (remark,) = of_fleet("a", "b")
+    assert "part-b.csv: rows from t = 1.2" in remark
+    assert "part-a.csv, too, and count twice, so that intervals are too narrow" in remark
+    assert of_fleet("a", "c") == []
+    (remark,) = of_fleet("a", validate=["logs/part-b.csv"])
+    assert "part-a.csv, too, and were used in the fit" in remark
+    for names, count in ((("a", "b"), 1), (("a", "c"), 0)):
+        logs = [place / "logs" / f"part-{name}.csv" for name in names]
+        [reduced] = reduce_data_sets([DataSet(place / "robot.toml", logs)])
+        assert len(told(reduced.remarks)) == count
+
+
+def test_what_a_folder_holds_beside_logs_is_told(place: Path) -> None:
+    (place / "logs" / "run9.csv.7z").write_bytes(b"7z")
+    [row] = fleet_of(place, logs=["logs"]).rows
+    [reduced] = reduce_data_sets([DataSet(place / "robot.toml", [place / "logs"])])
+    for remarks in (row.values["remarks"], reduced.remarks):
+        assert sum("run9.csv.7z was passed over" in remark for remark in remarks) == 1

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import bz2
 import copy
 import gzip
 import hashlib
 import json
+import lzma
 import math
 import random
 import re
@@ -338,7 +340,8 @@ def is_readable(kind: str) -> bool:
 
 
 def _write_other_logs(folder: Path, arrays: dict[str, np.ndarray]) -> None:
-    (folder / "log.csv.gz").write_bytes(gzip.compress((folder / "log.csv").read_bytes()))
+    for suffix, library in (("gz", gzip), ("bz2", bz2), ("xz", lzma)):
+        (folder / f"log.csv.{suffix}").write_bytes(library.compress((folder / "log.csv").read_bytes()))
     savemat(folder / "log.mat", _flat(arrays), do_compression=True)
     if is_readable("log.csv.zst"):
         from backports import zstd
@@ -557,6 +560,8 @@ READERS: dict[str, tuple[Callable[..., None], ...]] = {
     "log.parquet": (_read_log, _read_torque),
     "log.feather": (_read_log,),
     "log.csv.gz": (_read_log,),
+    "log.csv.bz2": (_read_log,),
+    "log.csv.xz": (_read_log,),
     "log.csv.zst": (_read_log,),
     "log.mat": (_read_log,),
     "new.mat": (_read_log,),
@@ -608,8 +613,8 @@ VALUES: list[Any] = [
 
 
 BINARY = (
-    ".npz", ".parquet", ".npy", ".stl", ".feather", ".gz", ".zst", ".zstd", ".mat", ".h5", ".bag", ".mcap", ".db3",
-    ".checkpoint",
+    ".npz", ".parquet", ".npy", ".stl", ".feather", ".gz", ".bz2", ".xz", ".zst", ".zstd", ".mat", ".h5", ".bag",
+    ".mcap", ".db3", ".checkpoint",
 )  # fmt: skip
 
 

@@ -477,3 +477,37 @@ def test_copies_of_a_killed_process_go_with_the_next_one(tmp_path: Path) -> None
     assert len(list(tmp_path.iterdir())) == 1
     subprocess.run([sys.executable, "-c", read, LOG, "0"], env=environment, check=True, capture_output=True)
     assert list(tmp_path.iterdir()) == []
+
+
+PACKED = ("run1.csv.7z", "run2.mat.gz", "run3.csv.Z", "day.zip", "day.tar")
+
+
+@pytest.mark.parametrize("text", ["", "*", "**/*"])
+def test_what_may_hold_logs_and_is_passed_over_is_told(tmp_path: Path, text: str) -> None:
+    for name in (
+        "run.csv",
+        "run.csv.xz",
+        "readme.md",
+        "robot.urdf",
+        "_old.zip",
+        "notes.txt.md",
+        "plot.png",
+        "meta.json.gz",
+    ):
+        (tmp_path / name).write_text(LOG)
+    told: list[str] = []
+    assert [Path(log).name for log in logs_in(str(tmp_path / text), told)] == ["run.csv", "run.csv.xz"]
+    assert told == []
+    for name in PACKED:
+        (tmp_path / name).write_text(LOG)
+    assert len(logs_in(str(tmp_path / text), told)) == 2
+    (sentence,) = told
+    assert all(name in sentence for name in PACKED)
+    assert (
+        "were passed over, since of compressed logs only texts are read (.gz, .bz2, .xz, .lzma, .zst, .zstd)"
+        in sentence
+    )
+    for name in ("run.csv", "run.csv.xz", *PACKED[1:]):
+        (tmp_path / name).unlink()
+    with pytest.raises(sy.InputError, match=r"for no log; \S*run1\.csv\.7z was passed over, .*; unpack it where"):
+        logs_in(str(tmp_path / text))

@@ -176,7 +176,7 @@ def main() -> None:
                 _end(ended.code, _ENDED[ended.code])
             raise
         except SteelyardError as error:
-            _end(2, sentence(lines_told(str(error), sys.argv[1:])))
+            _end(2, "\n".join(sentence(lines_told(line, sys.argv[1:])) for line in error.lines))
         except KeyboardInterrupt:
             _end(_INTERRUPTED, "interrupted")
         except OSError as error:

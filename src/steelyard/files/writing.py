@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import errno
 import json
 import math
 import os
@@ -27,6 +28,9 @@ if os.name == "posix":
     import fcntl
 
 SUFFIX = ".part"
+TRIES = 100
+"""How often a file or a folder is made anew that is gone, or another one, once it is locked. Another process removes it
+between the two calls at most; on a file system that tells another number of it each time, this would never end."""
 
 
 @contextlib.contextmanager
@@ -251,6 +255,11 @@ def leftovers(target: Path) -> list[Path]:
     return []
 
 
+def lost(path: Path) -> OSError:
+    """Return what is raised of a file or folder that is gone, or another one, each time that it was made and locked."""
+    return OSError(errno.ESTALE, "it is another one as soon as it is made, as on a network file system", str(path))
+
+
 def locked(handle: int) -> bool:
     """Lock an open file or folder until it is closed or the process ends; tell whether nobody else has."""
     if os.name != "posix":
@@ -308,7 +317,7 @@ def synchronise(folder: Path) -> None:
 
 def _created(target: Path) -> tuple[Path, BinaryIO]:
     flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_NOFOLLOW", 0)
-    while True:
+    for _ in range(TRIES):
         part = beside(target)
         # The system takes the user's mask from these permissions.
         handle = os.open(part, flags | getattr(os, "O_BINARY", 0), 0o666)
@@ -317,6 +326,9 @@ def _created(target: Path) -> tuple[Path, BinaryIO]:
         if os.fstat(handle).st_nlink or os.name != "posix":
             return part, open(handle, "w+b")
         os.close(handle)
+        with contextlib.suppress(OSError):
+            part.unlink()
+    raise lost(part)
 
 
 def _mode_of_regular(target: Path) -> int | None:
@@ -497,7 +509,7 @@ def _unlink(folder: Path, names: Collection[str]) -> None:
 
 def _created_folder(target: Path, mode: int = 0o777) -> tuple[Path, int | None]:
     """Make a folder beside a target, locked for as long as the handle is open."""
-    while True:
+    for _ in range(TRIES):
         part = beside(target)
         os.mkdir(part, mode)
         if os.name != "posix":
@@ -509,6 +521,9 @@ def _created_folder(target: Path, mode: int = 0o777) -> tuple[Path, int | None]:
             if part.stat().st_ino == os.fstat(handle).st_ino:
                 return part, handle
         os.close(handle)
+        with contextlib.suppress(OSError):
+            part.rmdir()
+    raise lost(part)
 
 
 def _synchronise_all(folder: Path) -> None:

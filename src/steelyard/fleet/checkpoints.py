@@ -18,7 +18,7 @@ import scipy
 from steelyard import __version__
 from steelyard.errors import InputError
 from steelyard.files import plain, read_bytes, write_bytes
-from steelyard.files.writing import SUFFIX, has_locks, locked, refusal, remove_leftovers
+from steelyard.files.writing import SUFFIX, TRIES, has_locks, locked, lost, refusal, remove_leftovers
 from steelyard.robot import Robot
 
 __all__ = ["Checkpoints", "checkpoint_key", "has_checkpoints", "robot_content"]
@@ -99,8 +99,12 @@ class Checkpoints:
 
     def __enter__(self) -> Self:
         try:
-            while not self._opened():
+            for _ in range(TRIES):
+                if self._opened():
+                    break
                 self._close()
+            else:
+                raise lost(self.folder)
         except OSError as error:
             self._close()
             raise refusal(self.folder, error) from None

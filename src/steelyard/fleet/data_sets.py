@@ -13,14 +13,15 @@ from steelyard.errors import InputError
 from steelyard.files import listed, plain
 from steelyard.identification.given import (
     GivenLog,
+    UnusableLogsError,
     given_logs,
     given_robot,
     given_settings,
     wider_model,
     without_informations,
 )
-from steelyard.identification.log_reader import LogError, LogReader, LogTask, ReducedGroup, ReducedLog, drawn_rows
-from steelyard.identification.reduced_logs import copies_among, require_once
+from steelyard.identification.log_reader import LogReader, LogTask, ReducedGroup, ReducedLog, drawn_rows
+from steelyard.identification.reduced_logs import copies_among, overlaps_among, require_once
 from steelyard.recording import Samples
 from steelyard.recording.formats import contents_of, require_unwritten, unchanged, written_states
 from steelyard.recording.formats.hashes import LogContent
@@ -165,13 +166,13 @@ def reduced_logs(
     used: list[GivenLog] = []
     kept: list[ReducedLog] = []
     windows: list[Samples] = []  # of several logs, which may hold one motion
+    rows: list[ReducedLog] = []  # of several logs, which may share some
     for log in logs:
-        try:
+        if log in reader.unusable:
+            continue
+        with reader.unusable.noting(log, len(logs)):
             found = reader.reduced(LogTask(log, FEW, drawn, len(logs), True), model)
-        except InputError as error:
-            if left_out is None or len(logs) == 1:
-                raise
-            left_out[str(log)] = str(error)
+        if log in reader.unusable or (reader.unusable and left_out is None):
             continue
         ((one,), means) = ReducedGroup.of([found])
         used.append(log)
@@ -182,9 +183,13 @@ def reduced_logs(
         blocks.append(TimeBlocks.of_held(blocks.empty, one.blocks))
         parts.append(one.information)
         windows += one.drawn.windows if len(logs) > 1 else ()
-    if logs and not used:
-        assert left_out is not None
-        raise InputError(f"none of {len(logs)} logs can be used; of the last: {list(left_out.values())[-1]}")
+        rows += [replace(one, blocks=())] if len(logs) > 1 else []
+    if left_out is None:
+        reader.unusable.refuse(logs)
+    elif logs and not used:
+        raise _nothing_left(reader, logs)
+    else:
+        left_out.update(reader.unusable.reasons)
     if len(used) < len(logs):  # those that were left out took part in the choice of the filter
         return reduced_logs(file, model, used, each, informations, left_out)
     require_unwritten(written)
@@ -193,6 +198,7 @@ def reduced_logs(
     own = [replace(Information.total(parts), batch_means=tree.total())] if parts else []
     names = (*map(str, used), *(path for path, _ in informations))
     copies = copies_among([(name, "identification", one) for name, one in zip(names, [*parts, *earlier], strict=True)])
+    overlaps = overlaps_among([log for k, log in enumerate(rows) if k not in copies])
     stretches = [part for one in own for part in one.stretches(blocks)]
     if windows and not any(one.returning for one in own):
         base = least_squares(own[0]).base
@@ -201,23 +207,28 @@ def reduced_logs(
         Information.total([*own, *earlier]),
         (*stretches, *(replace(one, batch_means=()) for one in earlier)),
         names,
-        tuple(dict.fromkeys((*reader.remarks, *copies.values()))),
+        tuple(dict.fromkeys((*reader.remarks, *copies.values(), *overlaps))),
         {name: plain(value) for name, value in reader.decided.items()},
     )
 
 
 def _that_open(reader: LogReader, logs: Sequence[GivenLog], left_out: dict[str, str] | None) -> Sequence[GivenLog]:
     """Decide how logs are processed; return those that can be opened, as far as the decision has to know."""
-    while True:
-        try:
-            reader.decide(logs, lambda _: None)
-        except LogError as error:
-            if left_out is None or len(logs) == 1:
-                raise
-            left_out[str(error.log)] = str(error)
-            logs = [log for log in logs if log is not error.log]
-        else:
-            return logs
+    if left_out is None:
+        reader.decide(logs, lambda _: None)
+        return logs
+    try:
+        reader.decide(logs, lambda _: None, leave_out=True)
+    except UnusableLogsError:
+        raise _nothing_left(reader, logs) from None
+    left_out.update(reader.unusable.reasons)
+    return [log for log in logs if log not in reader.unusable]
+
+
+def _nothing_left(reader: LogReader, logs: Sequence[GivenLog]) -> InputError:
+    """Return what is said of a robot without a log that can be used, in one line of a table."""
+    last = list(reader.unusable.reasons.values())[-1]
+    return InputError(f"none of {len(logs)} logs can be used; of the last: {last}")
 
 
 def _reduced(common: Any, task: _Task) -> bytes:
@@ -268,21 +279,24 @@ def reduce_data_sets(
     (True, 5)
     """
     executor = Here() if executor is None else executor
-    tasks = []
+    tasks, passed_over = [], []
     for one in data_sets:
         file = given_settings(given_robot(one.robot)[0], one.columns, one.processing)
         if not one.logs:
             raise InputError("A data set has no logs; give the path of one.")
         logs, earlier = without_informations(list(one.logs))
-        tasks.append(_Task(file, given_logs(logs, None)[0], earlier, one.rotors))
+        passed_over.append(list[str]())
+        tasks.append(_Task(file, given_logs(logs, None, passed_over[-1])[0], earlier, one.rotors))
     groups, keys = [[task] for task in tasks], None
     if checkpoints is not None:
         hashes = run_in_order(_hashed, first_of, None, groups, executor)
         contents = [tuple(LogContent(*one) for one in unpacked(content)) for content in hashes]
         groups = [[replace(task, contents=told)] for task, told in zip(tasks, contents, strict=True)]
         keys = [_key(task) for (task,) in groups]
-    for content in run_in_order(_reduced, first_of, None, groups, executor, keys, checkpoints):
-        yield ReducedDataSet(*unpacked(content))
+    reduced = run_in_order(_reduced, first_of, None, groups, executor, keys, checkpoints)
+    for content, passed in zip(reduced, passed_over, strict=True):
+        found = ReducedDataSet(*unpacked(content))
+        yield replace(found, remarks=(*passed, *found.remarks))
 
 
 def _key(task: _Task) -> str:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from steelyard.dynamics import Model
+from steelyard.errors import InputError
 from steelyard.files import tell
 from steelyard.identification.log_reader import (
     JoinedSections,
@@ -25,7 +26,7 @@ from steelyard.recording.formats.hashes import LogContent
 from steelyard.recording.formats.registry import log_format, split_source
 
 from .checkpoints import Checkpoints, checkpoint_key, robot_content
-from .executors import Combine, Executor, Here, Leaf, Workers
+from .executors import Cluster, Combine, Executor, Here, Leaf, Workers
 from .packed import is_whole, packed, unpacked
 
 __all__ = ["LogReduction", "run_in_order"]
@@ -90,17 +91,35 @@ class HashedTask(NamedTuple):
 
 
 def reduced_log(common: _Common, task: LogTask | SectionTask | HashedTask) -> bytes:
-    """Reduce a log, or a section of one; see `LogReader`."""
-    if isinstance(task, HashedTask):
-        with unchanged([task.content]):
-            return reduced_log(common, task.given)
-    if isinstance(task, SectionTask):
-        return packed(common.reader().reduced_section(task.log, task.section, common.models[1]))
-    return packed(common.reader().reduced(task, common.models[1]))
+    """Reduce a log, or a section of one; see `LogReader`. Of a log that cannot be used it is told why."""
+    given, contents = (task.given, [task.content]) if isinstance(task, HashedTask) else (task, [])
+    try:
+        with unchanged(contents):
+            if isinstance(given, SectionTask):
+                return packed(common.reader().reduced_section(given.log, given.section, common.models[1]))
+            return packed(common.reader().reduced(given, common.models[1]))
+    except InputError as error:  # which would end the run, and leave the other logs unread
+        return _refused({str(_log_task(given).log): str(error)})
+
+
+_UNUSABLE = b"unusable\n"
+
+
+def _refused(reasons: Mapping[str, str]) -> bytes:
+    """Return in place of what came of logs why they cannot be used."""
+    return _UNUSABLE + packed(dict(reasons))
+
+
+def _reasons(content: bytes) -> dict[str, str]:
+    """Return why logs cannot be used; nothing where something came of them."""
+    return dict(unpacked(content.removeprefix(_UNUSABLE))) if content.startswith(_UNUSABLE) else {}
 
 
 def grouped(common: Any, results: Sequence[bytes]) -> bytes:
     """Join reduced logs, in order, to a group; add their batch means. A section stands alone."""
+    unusable = {log: reason for one in results for log, reason in _reasons(one).items()}
+    if unusable:
+        return _refused(unusable)
     found = [unpacked(one) for one in results]
     if isinstance(found[0], ReducedSection):
         return results[0]
@@ -167,7 +186,12 @@ class LogReduction:
         groups: list[list[LogTask | SectionTask]] = []
         least = max(LARGE, SHARED_PART * sum(_size(str(task.log)) for task in tasks if _is_path(task.log)))
         for start in range(0, len(tasks), size):
-            log = self._sectioned(reader, tasks[start], model, say, least) if size == 1 else None
+            log = None
+            if size == 1 and tasks[start].log not in reader.unusable:
+                with reader.unusable.noting(tasks[start].log, len(tasks), say):
+                    log = self._sectioned(reader, tasks[start], model, say, least)
+            if size == 1 and tasks[start].log in reader.unusable:
+                continue  # as was found out here
             if log is None:
                 groups.append(list(tasks[start : start + size]))
             else:
@@ -180,21 +204,38 @@ class LogReduction:
         say(f"reading {len(tasks)} log{'s' * (len(tasks) > 1)}")
         done, joined = 0, None
         found_groups = run_in_order(
-            reduced_log, grouped, common, hashed_groups, self.executor, keys, self.checkpoints, local
+            reduced_log, grouped, common, hashed_groups, self.executor, keys, self.checkpoints, local, _is_usable
         )
+        unusable = reader.unusable
         for (first, *_), content in zip(groups, found_groups, strict=True):
+            for name, reason in _reasons(content).items():
+                with unusable.noting(name, len(tasks), say):
+                    raise InputError(self._whose + reason)
+            if unusable:  # nothing comes of the set any more; the others are looked through, and kept
+                continue
             if isinstance(first, SectionTask):
                 joined = JoinedSections(first.log, model) if first.section == 0 or joined is None else joined
                 joined.add(unpacked(content).for_model(model))
                 if first.section + 1 < first.log.sections:
                     continue
-                found = ReducedGroup.of([joined.reduced()])
+                with unusable.noting(first.log.task.log, len(tasks), say):
+                    found = ReducedGroup.of([joined.reduced()])
+                if unusable:
+                    continue
             else:
                 logs, means = unpacked(content)
                 found = ReducedGroup(tuple(log.for_model(model) for log in logs), means)
             done += len(found.logs)
             tell("reading logs", done, len(tasks), "logs")
             yield found
+        unusable.refuse([task.log for task in tasks])
+
+    @property
+    def _whose(self) -> str:
+        """What a reason begins with, for the machines of a cluster may have other files."""
+        if isinstance(self.executor, Cluster):
+            return f"On a worker of the cluster at {self.executor.address}: "
+        return ""
 
     def _sectioned(
         self, reader: LogReader, task: LogTask, model: Model, say: Progress, least: float
@@ -244,6 +285,10 @@ class LogReduction:
             None if here else checkpoint_key(shared, [told(task) for task in group])
             for group, here in zip(groups, local, strict=True)
         ]
+
+
+def _is_usable(content: bytes) -> bool:
+    return not content.startswith(_UNUSABLE)
 
 
 def _with_content(

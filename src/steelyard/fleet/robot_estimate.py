@@ -7,7 +7,7 @@ robot beforehand are made once for all robots of one description.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -31,7 +31,7 @@ from steelyard.identification.given import (
 from steelyard.identification.log_reader import ReducedLog
 from steelyard.identification.parameter_table import parameter_table
 from steelyard.identification.prediction_verdict import few_rows_of, prediction_verdict, said_of
-from steelyard.identification.reduced_logs import copies_among
+from steelyard.identification.reduced_logs import copies_among, overlaps_among
 from steelyard.recording.formats import content_hashes, contents_of, unchanged
 from steelyard.recording.formats.hashes import LogContent
 from steelyard.recording.formats.log_sets import place_of
@@ -149,12 +149,14 @@ def task_of(entry: FleetEntry, robot: Description, intervals: str) -> dict[str, 
     What paths, folders and patterns stand for is found out here alone: an object store is asked once.
     """
     left_out: dict[str, str] = {}
+    passed_over: list[str] = []
     checks, reduced_checks = without_informations(list(entry.validate))
     return {
         "label": entry.label,
         "robot": robot,
-        "logs": _logs_of(entry.logs, left_out),
+        "logs": _logs_of(entry.logs, left_out, passed_over),
         "left_out": left_out,
+        "passed_over": passed_over,
         "informations": list(entry.files("informations")),
         "validate": [*(given_logs(checks, None)[0] if checks else ()), *reduced_checks],
         "intervals": intervals,
@@ -209,6 +211,7 @@ def _estimate(task: dict[str, Any]) -> dict[str, Any]:
     else:
         known, information, stretches, remarks, own = _reduced(robot, task["logs"], left_out)
         given = [(log.name, "identification", log.information) for log in own]
+    remarks += task["passed_over"]
     model, feasible_set = known.model, known.feasible_set
     if information.count <= information.base_count:
         raise InputError(
@@ -228,6 +231,9 @@ def _estimate(task: dict[str, Any]) -> dict[str, Any]:
     contents = {name: hashes.get(name) or content_hashes(name) for name, _, _ in given}
     copies = copies_among(given, contents)
     remarks += copies.values()
+    alike = {given[index][0] for index in copies}
+    every = (*own, *(replace(log, fitted=False) for log in others))
+    remarks += overlaps_among([log for log in every if log.name not in alike])
     validation = [part for index, (_, role, part) in enumerate(given) if role == "validation" and index not in copies]
     few = [
         rows
@@ -333,12 +339,12 @@ def _reduced(
     return known, found.information, found.stretches, [*_told_of(left_out), *found.remarks], each
 
 
-def _logs_of(paths: Sequence[str], left_out: dict[str, str]) -> list[str]:
+def _logs_of(paths: Sequence[str], left_out: dict[str, str], passed_over: list[str]) -> list[str]:
     """Return the logs that paths, folders and patterns stand for; to `left_out` goes what stands for none."""
     found: dict[str, str] = {}
     for path in paths:
         try:
-            for log in map(str, given_logs([path], None)[0]):
+            for log in map(str, given_logs([path], None, passed_over)[0]):
                 found.setdefault(place_of(log), log)
         except InputError as error:
             left_out[path] = str(error)
@@ -380,4 +386,4 @@ def inputs_of(task: dict[str, Any]) -> list[Any]:
     """Return what the result of a task with contents follows from, as plain data: hashes of files, and the robot."""
     # Remarks name the files, and a log is read by its suffix: one with the same content is another one.
     contents = [[log, *hashes] for log, hashes, _ in task["contents"]]
-    return [task["label"], task["intervals"], task["robot"].content, contents]
+    return [task["label"], task["intervals"], task["robot"].content, contents, task["passed_over"]]

@@ -176,11 +176,20 @@ def choose_friction(
     say : callable
     adds_presliding : bool
         Whether laws with a state may be terms; otherwise they are told alone.
+
+    Raises
+    ------
+    UnusableLogsError
+        If logs cannot be used; not all of them are read here.
     """
     places = np.unique(np.linspace(0, len(logs) - 1, min(len(logs), MOST_LOGS)).round().astype(int))
     chosen = [logs[int(place)] for place in places]
     say("which friction do the logs call for?")
-    middles = [reader.middle(log, MOST_ROWS) for log in chosen]
+    middles = []
+    for log in chosen:
+        with reader.unusable.noting(log, len(logs), say):
+            middles.append(reader.middle(log, MOST_ROWS))
+    reader.unusable.refuse(logs)
     samples = [samples_of(reader, one, wider) for one in middles]
     terms = tuple(model.robot.terms)
     near_rest = [samples_of(reader, one, wider, near_rest=True) for one in middles]

@@ -1,4 +1,4 @@
-"""Reading of the arguments of an identification: a robot and logs, as paths or as objects in memory."""
+"""The arguments of an identification: a robot, and logs as paths or in memory, of which some cannot be used."""
 
 from __future__ import annotations
 
@@ -6,15 +6,16 @@ import glob
 import hashlib
 import os
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from steelyard.dynamics import Model, RotorInertia
-from steelyard.errors import InputError
+from steelyard.errors import LONGEST_MESSAGE, InputError, printable
 from steelyard.feasibility.constraints import Constraint, constraints_from_dict
 from steelyard.files import require_file, shown
 from steelyard.recording import LogFile, Measurements, Processing, Samples
@@ -28,6 +29,8 @@ __all__ = [
     "GivenRobot",
     "GivenSamples",
     "One",
+    "UnusableLogs",
+    "UnusableLogsError",
     "describes_masses",
     "digests",
     "files_named",
@@ -65,6 +68,8 @@ One = str | os.PathLike[str] | Measurements | Samples | Table
 Data = One | Sequence[One]
 """One log, or several: each a path (files recorded side by side are joined by ``+``), or what is in memory."""
 GivenLog = str | Path | LogFile | GivenSamples
+TOLD = 10
+"""Logs that a refusal names; of thousands the reasons are mostly the same few."""
 
 
 def given_robot(robot: GivenRobot) -> tuple[RobotFile, Model]:
@@ -134,16 +139,20 @@ def given_constraints(file: RobotFile, further: Sequence[Constraint] | None = No
     return [*own, *(further or ())]
 
 
-def given_logs(data: Data, validate: Data | None) -> tuple[tuple[GivenLog, ...], tuple[GivenLog, ...]]:
+def given_logs(
+    data: Data, validate: Data | None, remarks: list[str] | None = None
+) -> tuple[tuple[GivenLog, ...], tuple[GivenLog, ...]]:
     """Return the logs of an identification and those of its validation, each under a name of its own.
+
+    `remarks` receives a sentence for each set in which files were passed over that may hold logs.
 
     Raises
     ------
     InputError
         If something is no log.
     """
-    logs = [*_listed(data, "data")]
-    validation = [] if validate is None else [*_listed(validate, "validate")]
+    logs = [*_listed(data, "data", remarks)]
+    validation = [] if validate is None else [*_listed(validate, "validate", remarks)]
     taken = Counter(name for name, _ in (*logs, *validation) if name)
     expressions = [*_expressions("data", len(logs)), *_expressions("validate", len(validation))]
     found = [
@@ -153,11 +162,11 @@ def given_logs(data: Data, validate: Data | None) -> tuple[tuple[GivenLog, ...],
     return tuple(found[: len(logs)]), tuple(found[len(logs) :])
 
 
-def _listed(data: object, name: str) -> list[tuple[str, Any]]:
+def _listed(data: object, name: str, remarks: list[str] | None) -> list[tuple[str, Any]]:
     """Return logs one by one, each with the name that it has by itself; an empty one where it has none."""
     paths = [data] if isinstance(data, (str, os.PathLike)) else data
     if isinstance(paths, (list, tuple)) and all(isinstance(one, (str, os.PathLike)) for one in paths):
-        return [("", one) for one in _expanded(paths)]
+        return [("", one) for one in _expanded(paths, remarks)]
     from steelyard.recording.formats.memory import REMEDY, is_table  # what is not asked for is not loaded
 
     if isinstance(data, Samples) or is_table(data):
@@ -219,7 +228,9 @@ def may_be_several(text: str) -> bool:
     return "://" in text or any(mark in text for mark in "*?[") or os.path.isdir(text)
 
 
-def _expanded(paths: Sequence[str | os.PathLike[str]]) -> list[str | os.PathLike[str]]:
+def _expanded(
+    paths: Sequence[str | os.PathLike[str]], remarks: list[str] | None = None
+) -> list[str | os.PathLike[str]]:
     """Return the logs that paths, folders, patterns and addresses stand for; what a set finds again counts once."""
     texts = [os.fspath(path) for path in paths]
     if not any(map(may_be_several, texts)):
@@ -227,7 +238,7 @@ def _expanded(paths: Sequence[str | os.PathLike[str]]) -> list[str | os.PathLike
     # What is not asked for is not loaded.
     from steelyard.recording.formats.log_sets import is_log_set, logs_in, place_of
 
-    sets = [logs_in(text) if is_log_set(text) else None for text in texts]
+    sets = [logs_in(text, remarks) if is_log_set(text) else None for text in texts]
     named = {place_of(text) for text, found in zip(texts, sets, strict=True) if found is None}
     result: list[str | os.PathLike[str]] = []
     for path, found in zip(paths, sets, strict=True):
@@ -267,3 +278,108 @@ def _named(value: object) -> str:
 def digests(logs: Iterable[object]) -> dict[str, str]:
     """Return the SHA-256 hash of what was in memory, by its name."""
     return {str(log): log.digest() for log in logs if not isinstance(log, (str, Path)) and hasattr(log, "digest")}
+
+
+class UnusableLogsError(InputError):
+    """Logs of a set that cannot be used: how many of how many, and a line for each of the first ten with its reason.
+
+    Parameters
+    ----------
+    reasons : mapping from str to str
+        Why each of them cannot, by its name.
+    count : int
+        How many logs the set has.
+
+    Examples
+    --------
+    >>> raise UnusableLogsError({"b.csv": "b.csv is empty; expected rows.", "c.csv": "It has no torques."}, 3)
+    Traceback (most recent call last):
+    steelyard.identification.given.UnusableLogsError: 2 of 3 logs cannot be used; mend them, or leave them out:
+    b.csv is empty; expected rows.
+    c.csv: It has no torques.
+    """
+
+    longest: ClassVar[int] = (TOLD + 2) * LONGEST_MESSAGE
+
+    def __init__(self, reasons: Mapping[str, str], count: int) -> None:
+        self.reasons = dict(reasons)
+        self.count = count
+        many = len(self.reasons)
+        it = "it" if many == 1 else "them"
+        lines = [f"{many} of {count} logs cannot be used; mend {it}, or leave {it} out:"]
+        for log, reason in list(self.reasons.items())[:TOLD]:
+            line = reason if printable(log) in reason else f"{log}: {reason}"
+            lines.append(line.replace("\n", "\\n"))  # a name may hold one
+        if many > TOLD:
+            lines.append(f"And {many - TOLD} more.")
+        super().__init__("\n".join(lines))
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """How many cannot be used, and what is said of each."""
+        return tuple(str(self).split("\n"))
+
+    def __reduce__(self) -> tuple[type[UnusableLogsError], tuple[dict[str, str], int]]:
+        return type(self), (self.reasons, self.count)
+
+
+class UnusableLogs:
+    """The logs of a set that were found to be unusable so far, while the others are looked through.
+
+    Attributes
+    ----------
+    reasons : dict from str to str
+        Why each of them is, by its name.
+
+    Examples
+    --------
+    >>> found = UnusableLogs()
+    >>> for log in ("a.csv", "b.csv"):
+    ...     with found.noting(log, count=2):
+    ...         if log == "b.csv":
+    ...             raise InputError("b.csv is empty; expected rows.")
+    >>> found.reasons
+    {'b.csv': 'b.csv is empty; expected rows.'}
+    """
+
+    def __init__(self) -> None:
+        self.reasons: dict[str, str] = {}
+
+    def __bool__(self) -> bool:
+        return bool(self.reasons)
+
+    def __contains__(self, log: object) -> bool:
+        return str(log) in self.reasons
+
+    @contextmanager
+    def noting(self, log: GivenLog, count: int, say: Callable[[str], None] = lambda _: None) -> Iterator[None]:
+        """Note why a log cannot be used, one of so many; nothing is held back where it is the only one."""
+        try:
+            yield
+        except InputError as error:
+            if count == 1:
+                raise
+            self.note(log, str(error), say)
+
+    def note(self, log: GivenLog, reason: str, say: Callable[[str], None] = lambda _: None) -> None:
+        """Note why a log cannot be used; the first is told at once, as it may take long to look through the others."""
+        if not self.reasons:
+            say(f"{log} cannot be used; looking through the other logs, to tell all that cannot")
+        self.reasons.setdefault(str(log), reason)
+
+    def refuse(self, logs: Sequence[GivenLog]) -> None:
+        """Refuse a set of logs of which some cannot be used.
+
+        Parameters
+        ----------
+        logs : sequence
+            All of the set, in whose order they are told.
+
+        Raises
+        ------
+        UnusableLogsError
+            If there are any.
+        """
+        found = {name: self.reasons[name] for name in map(str, logs) if name in self.reasons}
+        if found:
+            raise UnusableLogsError(found, len(logs))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -36,6 +37,7 @@ from .given import (
     Data,
     GivenRobot,
     GivenSamples,
+    UnusableLogsError,
     describes_masses,
     digests,
     given_constraints,
@@ -173,7 +175,8 @@ def identify(
     """
     say = progress or (lambda _: None)
     data_of_logs, earlier = without_informations(data)
-    logs, validation = given_logs(data_of_logs, validate)
+    passed_over: list[str] = []
+    logs, validation = given_logs(data_of_logs, validate, passed_over)
     if not logs and not earlier:
         raise InputError(
             "At least one log is needed to identify a robot; give the path of one, such as a CSV or a bag."
@@ -233,6 +236,7 @@ def identify(
         )
     reader = LogReader(file, model, chunk_rows)
     reader.require_torques()
+    reader.remarks.extend(passed_over)
     limits = given_constraints(file, constraints)
 
     say(f"{model.robot.name}: {model.dof} joints, {model.base_parameters().count} base parameters")
@@ -241,10 +245,11 @@ def identify(
     if friction == "auto":
         from .chosen_friction import choose_friction  # what is not asked for is not loaded
 
-        friction_choice = choose_friction(reader, logs, model, wider_model(file, model) or model, say)
-        if friction_choice.selection.chosen:
-            model = reader.model = Model(model.robot.with_terms(*friction_choice.terms))
-        reader.remarks.extend(friction_choice.remarks)
+        with suppress(UnusableLogsError):  # which are told with the others, once all were read
+            friction_choice = choose_friction(reader, logs, model, wider_model(file, model) or model, say)
+            if friction_choice.selection.chosen:
+                model = reader.model = Model(model.robot.with_terms(*friction_choice.terms))
+            reader.remarks.extend(friction_choice.remarks)
     feasible_set = FeasibleSet(model, consistency, limits)
     wider = wider_model(file, model)
     for path, one in informations:

@@ -44,7 +44,7 @@ from steelyard.regression.repeated_motion import MotionSums
 from steelyard.regression.time_blocks import FOLDS, MOST, TimeBlocks
 from steelyard.robot import Robot, RobotFile
 
-from .given import GivenLog, GivenSamples, wider_model
+from .given import GivenLog, GivenSamples, UnusableLogs, wider_model
 
 if TYPE_CHECKING:
     from steelyard.dynamics.bristles import Bristles
@@ -54,7 +54,6 @@ __all__ = [
     "DrawnLog",
     "DrawnRows",
     "JoinedSections",
-    "LogError",
     "LogReader",
     "LogReduction",
     "LogTask",
@@ -96,19 +95,6 @@ _ALL_DRAWN_ROWS = 120_000  # of many logs together
 def drawn_rows(count: int, least: int) -> int:
     """Return how many rows of each of so many logs are kept to be drawn, at least these few."""
     return min(max(_ALL_DRAWN_ROWS // count, least), DRAWN_ROWS)
-
-
-class LogError(InputError):
-    """A log that cannot be used, and why.
-
-    Attributes
-    ----------
-    log : str, Path, LogFile or GivenSamples
-    """
-
-    def __init__(self, log: GivenLog, reason: str) -> None:
-        super().__init__(reason)
-        self.log = log
 
 
 class LogTask(NamedTuple):
@@ -188,6 +174,8 @@ class ReducedLog:
         Thinned.
     layout : Layout or None
         What its columns were understood to be; None of samples.
+    clock_origin : int
+        Where on the clock of the log the times of its samples are 0, ns.
     """
 
     name: str
@@ -199,6 +187,7 @@ class ReducedLog:
     remarks: tuple[str, ...]
     layout: Layout | None
     units_are_suspect: bool
+    clock_origin: int = 0
 
     @property
     def role(self) -> Literal["identification", "validation"]:
@@ -240,7 +229,13 @@ class LogReduction(Protocol):
     def __call__(
         self, reader: LogReader, tasks: Sequence[LogTask], model: Model, say: Progress
     ) -> Iterator[ReducedGroup]:
-        """Yield groups of 1, 2, 4 ... reduced logs in the order of the tasks; only the last group may be smaller."""
+        """Yield groups of 1, 2, 4 ... reduced logs in the order of the tasks; only the last group may be smaller.
+
+        Raises
+        ------
+        UnusableLogsError
+            After the last, with all that cannot be used; `reader.unusable` may name some already.
+        """
         ...
 
 
@@ -250,7 +245,13 @@ def one_by_one(reader: LogReader, tasks: Sequence[LogTask], model: Model, say: P
         # One line for each of thousands of logs would push everything else off the screen.
         if number % max(len(tasks) // _READING_LINES, 1) == 0:
             say(f"reading {task.log}{f' ({number + 1} of {len(tasks)})' if len(tasks) > 1 else ''}")
-        yield ReducedGroup.of([reader.reduced(task, model)])
+        if task.log in reader.unusable:  # as the choice of the filter found out
+            continue
+        with reader.unusable.noting(task.log, len(tasks), say):
+            reduced = reader.reduced(task, model)
+        if not reader.unusable:  # nothing comes of the set any more; the others are looked through
+            yield ReducedGroup.of([reduced])
+    reader.unusable.refuse([task.log for task in tasks])
 
 
 class LogReader:
@@ -267,7 +268,9 @@ class LogReader:
         self.decided: dict[str, object] = {}
         self.reasons: dict[str, str] = {}
         self.remarks: list[str] = []
+        self.unusable = UnusableLogs()
         self.units_are_suspect = False
+        self.clock_origin = 0  # of the log that was read last
         self.cutoff_choices: list[tuple[str, CutoffChoice]] = []
         self.layouts: dict[str, Layout] = {}
         self._streams: dict[str | int, chunks.LogStream] = {}
@@ -282,19 +285,34 @@ class LogReader:
                 "and a payload of known mass."
             )
 
-    def decide(self, given: Sequence[GivenLog], say: Progress) -> None:
-        """Decide what [processing] leaves to the data, once for all logs, so that all have the same filter."""
+    def decide(self, given: Sequence[GivenLog], say: Progress, leave_out: bool = False) -> None:
+        """Decide what [processing] leaves to the data, once for all logs, so that all have the same filter.
+
+        Logs that cannot be used are put to `unusable`, for whoever reduces the logs to refuse them all; the others
+        decide. With `leave_out` it is as if they had not been given.
+
+        Raises
+        ------
+        InputError
+            Where no log can be used.
+        """
         logs = [log for log in given if not isinstance(log, GivenSamples)]
         if not self.stated.is_open or not logs:
             return
-        count = min(len(logs), _DECIDING_LOGS)
-        chosen = [logs[int(i)] for i in np.linspace(0, len(logs) - 1, count).round()]
-        rows = min(DECISION_ROWS, max(_FEWEST_ROWS, _DECIDING_ROWS // count))
-        say(f"choosing the filter by {count} log{'s' * (count > 1)}")
-        recordings = []
-        for log in chosen:
-            with self._reading(log):
-                recordings.append(chunks.middle_of(self._open(log), self.stated, rows))
+        recordings: list[Recording] = []
+        while not recordings:
+            usable = [log for log in logs if log not in self.unusable]
+            if not usable:
+                self.unusable.refuse(given)
+            count = min(len(usable), _DECIDING_LOGS)
+            chosen = [usable[int(i)] for i in np.linspace(0, len(usable) - 1, count).round()]
+            rows = min(DECISION_ROWS, max(_FEWEST_ROWS, _DECIDING_ROWS // count))
+            say(f"choosing the filter by {count} log{'s' * (count > 1)}")
+            for log in chosen:
+                with self.unusable.noting(log, len(given), say), self._reading(log):
+                    recordings.append(chunks.middle_of(self._open(log), self.stated, rows))
+            if leave_out and len(recordings) < count:
+                recordings = []  # another choice, of those that are left
         if not any(one.torque.size and one.facts["torque"].ranges.any() for one in recordings):
             raise InputError(
                 f"{recordings[0].source}: no torque changes within {recordings[0].count} rows; check `torque` in "
@@ -421,7 +439,7 @@ class LogReader:
     def unwritten(self) -> LogReader:
         """Return a reader of the same kind, which has noted nothing yet."""
         own = copy(self)
-        own.remarks, own.layouts, own.units_are_suspect = [], {}, False
+        own.remarks, own.layouts, own.units_are_suspect, own.clock_origin = [], {}, False, 0
         return own
 
     def _reduced_whole(self, task: LogTask, model: Model) -> ReducedLog:
@@ -439,6 +457,7 @@ class LogReader:
             remarks=tuple(own.remarks),
             layout=next(iter(own.layouts.values()), None),
             units_are_suspect=own.units_are_suspect,
+            clock_origin=own.clock_origin,
         )
 
     def note(self, reduced: ReducedLog) -> None:
@@ -495,7 +514,8 @@ class LogReader:
         if isinstance(log, GivenSamples):
             start = max(0, (log.samples.count - rows) // 2)
             return log.samples.rows(start, start + rows)
-        return chunks.middle_of(self._open(log), self.processing, rows)
+        with self._reading(log):
+            return chunks.middle_of(self._open(log), self.processing, rows)
 
     @contextlib.contextmanager
     def _reading(self, log: GivenLog) -> Iterator[None]:
@@ -547,6 +567,7 @@ class LogReader:
     def _look(self, log: str | Path | LogFile, recording: Recording) -> None:
         """Look at the first rows of a log, as they were read."""
         self._note_columns(str(log), recording.layout)
+        self.clock_origin = recording.clock_origin
         handled = [option for option in DETECTORS if getattr(self.processing, option) is not False]
         part = f" (Seen in the first {recording.count} rows.)" if recording.count == chunks.CHOICE_ROWS else ""
         self.remarks.extend(f"{log}: {sentence}{part}" for sentence in faulty_rows(recording, handled))
@@ -580,7 +601,7 @@ def _told_where(log: GivenLog) -> Iterator[None]:
         path, told = str(log), str(error)
         if path not in told and told.startswith(name := Path(path).name):
             told = path + told.removeprefix(name)
-        raise LogError(log, told) from None
+        raise InputError(told) from None
 
 
 def _until(stop: Event | None, stream: Iterator[Samples]) -> Iterator[Samples]:
@@ -725,6 +746,7 @@ class JoinedSections:
             remarks=(*self.log.remarks, *remarks),
             layout=self.log.layout,
             units_are_suspect=bool(self._seen.survey.unit_remarks()),
+            clock_origin=opened.stream.clock_origin,
         )
 
 

@@ -9,6 +9,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from steelyard.dynamics import Model
 from steelyard.errors import InputError
@@ -218,12 +219,15 @@ def overlaps_among(logs: Sequence[ReducedLog]) -> tuple[str, ...]:
     steps of their torques are.
     """
     known = [(log, samples) for log in logs for samples in (log.drawn.samples,) if samples.t is not None]
-    sums, numbers, places = [np.empty(0)], [np.empty(0, dtype=np.intp)], [np.empty(0, dtype=np.intp)]
-    for index, (_, samples) in enumerate(known):
+    # Whole ns on the clocks of the logs, of which each counts from its own first row.
+    clocks = [log.clock_origin + _nanoseconds(samples) for log, samples in known]
+    begin = min((int(clock.min()) for clock in clocks if len(clock)), default=0)
+    sums: list[NDArray[np.float64]] = [np.empty(0)]
+    numbers, places = [np.empty(0, dtype=np.intp)], [np.empty(0, dtype=np.intp)]
+    for index, ((_, samples), clock) in enumerate(zip(known, clocks, strict=True)):
         speed = np.abs(samples.dq).max(axis=1, initial=0.0)
         moving = np.flatnonzero(speed > _MOVING * speed.max(initial=0.0))
-        assert samples.t is not None
-        own = samples.t[moving]
+        own = np.asarray(1e-9 * (clock[moving] - begin), dtype=np.float64)
         for joint in range(samples.joint_count):  # a product of matrices would round rows by where they stand
             own += np.sqrt(joint + 2.0) * samples.torque[moving, joint]
         sums.append(own)
@@ -238,11 +242,10 @@ def overlaps_among(logs: Sequence[ReducedLog]) -> tuple[str, ...]:
         (log, one), (other_log, other) = known[first], known[second]
         pair = (number[rows] == first) & (number[others] == second)
         here, there = place[rows[pair]], place[others[pair]]
-        assert one.t is not None
         assert other.t is not None
-        equal = (one.t[here] == other.t[there]) & (one.torque[here] == other.torque[there]).all(axis=1)
+        equal = (clocks[first][here] == clocks[second][there]) & (one.torque[here] == other.torque[there]).all(axis=1)
         near = np.abs(one.q[here] - other.q[there]) <= _SAME_POSITION * np.ptp(one.q, axis=0)
-        t = one.t[here][equal & near.all(axis=1)]
+        t = other.t[there][equal & near.all(axis=1)]
         if len(t) < _FEWEST_SHARED:
             continue
         if log.role != other_log.role:
@@ -253,6 +256,11 @@ def overlaps_among(logs: Sequence[ReducedLog]) -> tuple[str, ...]:
             f"{other_log.name}: rows from t = {t.min():.6g} to {t.max():.6g} s are rows of {log.name}, too, and {harm}."
         )
     return tuple(told)
+
+
+def _nanoseconds(samples: Samples) -> NDArray[np.int64]:
+    # Within what 64 bits hold, also of differences; no clock shows more.
+    return np.rint(np.clip(1e9 * np.asarray(samples.t), -2e18, 2e18)).astype(np.int64)
 
 
 def require_once(logs: Iterable[GivenLog], informations: Iterable[tuple[str, Information]]) -> tuple[str, ...]:

@@ -195,7 +195,8 @@ def validate_estimate(
     >>> found.prediction.word
     'good'
     """
-    given, _ = given_logs(logs, None)
+    passed_over: list[str] = []
+    given, _ = given_logs(logs, None, passed_over)
     if not given:
         raise InputError(
             "At least one log is needed to validate an estimate; give the path of one, such as a CSV or a bag."
@@ -205,7 +206,7 @@ def validate_estimate(
     model = model_of_estimate(result.estimate, file, model)
     loaded = matching_estimate(model, result.path)
     read = read_as_fitted(file, model, result, given, chunk_rows, progress)
-    remarks = [*read.remarks]
+    remarks = [*passed_over, *read.remarks]
     longest = max(factor.count for factor in read.information.factors)
     if longest < FEWEST_ROWS:
         raise InputError(
@@ -317,12 +318,17 @@ def read_as_fitted(
     ):
         reader.note(one)
         if one.information.count == 0:
-            raise InputError(
+            reason = (
                 f"{one.name}: no rows are left after processing, so that nothing can be predicted; give a longer log, "
                 "trim less or lower velocity_threshold."
             )
+            if len(logs) == 1:
+                raise InputError(reason)
+            reader.unusable.note(one.name, reason, say)
+            continue
         means.add(one.information.batch_means)
         reduced.append(replace(one, information=replace(one.information, batch_means=())))
+    reader.unusable.refuse(logs)
     information = Information.total([one.information for one in reduced])
     information = replace(information, batch_means=means.total())
     return FittedLogs(reader, tuple(reduced), information, (*remarks, *reader.remarks), seen)

@@ -92,6 +92,7 @@ class LogStream:
         self.files = LogFiles(source, log_columns(columns))
         self.columns = self.files.columns
         self.layout = self.files.layout(joints)
+        self.clock_origin = self.files.clock_origin(self.layout)
         self.joint_names = names_of(joints)
         self.count = self.files.count()
         if self.count < 3:
@@ -123,13 +124,14 @@ class LogStream:
             self.clock = replace(self.clock, gap_rows=gaps, skipped=skipped, gaps=self.stated.gaps, ticks=ticks)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**self.__dict__, "files": self.files.places()}
+        return {**self.__dict__, "files": (self.files.places(), self.files.offsets)}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__dict__.update(state)
         self.files = LogFiles(self.source, self.columns)
         self.files.keep(self.layout.names)
-        self.files.use_places(state["files"], self.count)
+        places, self.files.offsets = state["files"]
+        self.files.use_places(places, self.count)
 
     def _stamps(self) -> Iterator[np.ndarray[Any, np.dtype[np.float64]]]:
         """Yield the stamps in s, block by block."""
@@ -210,6 +212,7 @@ class LogStream:
             stated_rate=self.rate,
             first_row=first,
             layout=self.layout,
+            clock_origin=self.clock_origin,
         )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +34,14 @@ class Stretch(MemoryLog):
     def rows(self) -> str:
         """Which rows these are, from 1."""
         return f"{self.first + 1} to {self.first + self.count()}"
+
+    def offset(self, name: str) -> int | Fraction:
+        """Return what was taken off a column in the log."""
+        return self.files.offset(name)
+
+    def origin(self, name: str) -> int:
+        """Return from when a column of dates counts in the log."""
+        return self.files.origin(name)
 
     def where(self, row: int) -> str:
         """Say where a row stands in the log."""

@@ -58,6 +58,7 @@ class Measurements:
     torque_missing: NDArray[np.bool_] | None = None
     layout: Layout | None = None
     channels: Mapping[str, NDArray[np.float64]] | None = None
+    clock_origin: int = 0
     facts: Mapping[str, ColumnFacts] = field(init=False, repr=False)
     """What each column of q, torque, velocity and acceleration holds, as far as these are there."""
 

@@ -6,6 +6,7 @@ import json
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from fractions import Fraction
 from itertools import pairwise, permutations
 from math import pi
 from typing import Any
@@ -137,8 +138,21 @@ class Layout:
     def seconds(self, raw: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
         """Return the times of rows, s."""
         assert self.time is not None
-        whole = raw[self.time] * TIME_UNITS[self.time_unit]
-        return whole if self.time_rest is None else whole + raw[self.time_rest[0]] * TIME_UNITS[self.time_rest[1]]
+        if self.time_rest is None:
+            scale = TIME_UNITS[self.time_unit]
+            # Divided once, whole numbers of ms, µs and ns are rounded as the decimal number of s is.
+            return raw[self.time] * scale if scale >= 1.0 else raw[self.time] / round(1.0 / scale)
+        parts = round(1.0 / TIME_UNITS[self.time_rest[1]])
+        return (raw[self.time] * parts + raw[self.time_rest[0]]) / parts
+
+    def nanoseconds(self, offsets: Mapping[str, int | Fraction]) -> int:
+        """Return whole numbers of the columns that make the times, such as what was taken off them, in ns."""
+        units = {self.time: self.time_unit}
+        if self.time_rest is not None:
+            units[self.time_rest[0]] = self.time_rest[1]
+        return sum(
+            round(offset * Fraction(10**9) * _exact(TIME_UNITS[units[name]])) for name, offset in offsets.items()
+        )
 
     @property
     def heads(self) -> tuple[str, ...]:
@@ -967,6 +981,10 @@ class _Clock:
         if "header" in self.topic and owner == topic:
             return 0
         return 1 if not self.topic else 2 if owner == topic else 3
+
+
+def _exact(scale: float) -> Fraction:
+    return Fraction(round(scale)) if scale >= 1.0 else Fraction(1, round(1.0 / scale))
 
 
 def _times_said(name: str) -> list[tuple[str, str | None]]:

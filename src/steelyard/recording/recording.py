@@ -67,6 +67,9 @@ class Recording(Measurements):
         where all are there.
     layout
         Which columns of the log these are, where they were read from one: `print(recording.layout)`.
+    clock_origin
+        Where on the clock of the log `t` is 0, in ns: dates, and whole numbers of ms, µs or ns since 1970, count from
+        the first row. 0 where `t` holds the times of the log itself.
 
     Raises
     ------
@@ -130,6 +133,7 @@ class Recording(Measurements):
             joint_names=names_of(joints),
             stated_rate=rate,
             layout=layout,
+            clock_origin=files.clock_origin(layout),
         )
         return recording.checked()
 

@@ -25,7 +25,7 @@ from steelyard.recording import Processing, Samples
 from steelyard.regression import Estimate
 from steelyard.robot import Joint, RobotFile
 
-from ..given import Data, GivenLog, GivenSamples, describes_masses, given_logs
+from ..given import Data, GivenLog, GivenSamples, UnusableLogs, describes_masses, given_logs
 from ..log_reader import Progress
 from ..result import Identification
 from .elastic_model import elastic_model
@@ -123,8 +123,11 @@ def identified_with_motions(
         )
     own = () if settings.position is None else settings.columns(file.robot.joint_names, where)
     columns = log_columns(file)
+    unusable = UnusableLogs()
     for log in logs:  # which is refused before it is identified
-        require_columns(log, names_in(log, columns), own, where)
+        with unusable.noting(log, len(logs)):
+            require_columns(log, names_in(log, columns), own, where)
+    unusable.refuse(logs)
     rigid = replace(file, sections={**file.sections, "elastic": {}})
     # Unless links and rotors share what is stated of the rotors, no links go with the motors that a simulation needs.
     options["constraints"] = [*(options.get("constraints") or ()), *_stated_motors(file, settings, where)]

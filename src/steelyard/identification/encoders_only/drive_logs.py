@@ -19,7 +19,7 @@ from steelyard.recording.formats import LogFiles
 from steelyard.recording.survey import LogSurvey
 from steelyard.robot import Robot, RobotFile
 
-from ..given import given_logs
+from ..given import UnusableLogs, given_logs
 from ..log_reader import against_limits
 from .drive_settings import DriveSettings
 from .shooting import PositionLog
@@ -59,16 +59,20 @@ def read_drive_logs(
     ------
     InputError
         Where a column is missing, a log is too short, its commands are the positions themselves, or its positions are
-        surely in degrees.
+        surely in degrees; of several logs all are told.
     """
     _refuse_samples(logs)
     _refuse_samples(validate)
     remarks: dict[str, None] = {}  # in order, each once
-    fitted, held_out = (
-        [part for number, log in enumerate(given) for part in _read(file, settings, log, number, remarks)]
-        for given in given_logs(logs, validate)
-    )
-    return *_each_once(fitted, held_out, remarks), list(remarks)
+    parts: tuple[list[PositionLog], list[PositionLog]] = ([], [])
+    fitted, held_out = given_logs(logs, validate)
+    unusable, every = UnusableLogs(), (*fitted, *held_out)
+    for given, found in zip((fitted, held_out), parts, strict=True):
+        for number, log in enumerate(given):
+            with unusable.noting(log, len(every)):
+                found += _read(file, settings, log, number, remarks)
+    unusable.refuse(every)
+    return *_each_once(*parts, remarks), list(remarks)
 
 
 def _each_once(

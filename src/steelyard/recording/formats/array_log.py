@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -15,8 +17,8 @@ from numpy.typing import NDArray
 from steelyard.errors import InputError, SteelyardError
 
 from ..column_styles import LABELS
-from .dates import seconds_of_texts
-from .log_file import Columns, LogFile, common_length, reason_of
+from .dates import origin_of_dates, seconds_of_texts
+from .log_file import Columns, LogFile, common_length, offset_of, reason_of
 
 __all__ = ["MOST_JOINTS", "ArrayLog", "StoredArray", "dates_stored", "part_of", "texts_of"]
 
@@ -40,11 +42,40 @@ class StoredArray:
         The groups or structs in which it stands, and its name.
     take : callable
         ``take(start, stop, axis)`` reads a part of it along one axis, as float64.
+    offset, origin : int
+        See `LogFile`.
     """
 
     path: tuple[str, ...]
     shape: tuple[int, ...]
     take: Callable[[int, int, int], NDArray[np.float64]]
+    offset: int = 0
+    origin: int = 0
+
+    @classmethod
+    def of_numbers(
+        cls, path: tuple[str, ...], shape: tuple[int, ...], raw: Callable[[int, int, int], NDArray[Any]]
+    ) -> StoredArray:
+        """Return an array of numbers, parts of which `raw` reads; the first is taken off large whole ones in a vector.
+
+        Examples
+        --------
+        >>> ns = np.array([1732284307250000000, 1732284307254000001])
+        >>> stored = StoredArray.of_numbers(("t",), ns.shape, lambda start, stop, axis: ns[start:stop])
+        >>> stored.offset, stored.take(0, 2, 0).tolist()
+        (1732284307250000000, [0.0, 4000001.0])
+        """
+        offset = 0
+        if 0 < max(shape, default=0) == math.prod(shape):
+            with contextlib.suppress(Exception):  # of a damaged array, which is told when it is read
+                offset = offset_of(np.ravel(raw(0, 1, shape.index(max(shape))))[0])
+
+        def take(start: int, stop: int, axis: int) -> NDArray[np.float64]:
+            part = raw(start, stop, axis)
+            part = part.astype(np.int64) - offset if offset else part
+            return np.asarray(part, dtype=np.float64)
+
+        return cls(path, shape, take, offset)
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,6 +143,14 @@ class ArrayLog(LogFile):
         """Return the joints, where an array of texts names them."""
         return self._labels
 
+    def offset(self, name: str) -> int:
+        """See `LogFile.offset`."""
+        return self._columns[name][0].stored.offset
+
+    def origin(self, name: str) -> int:
+        """See `LogFile.origin`."""
+        return self._columns[name][0].stored.origin
+
     def count(self) -> int:
         """Return the number of rows, that of the longest array."""
         return max(matrix.rows for matrix, _ in self._columns.values())
@@ -153,9 +192,11 @@ def dates_stored(path: tuple[str, ...], texts: Any) -> StoredArray | None:
     (2,)
     """
     array = np.ravel(np.asarray(texts))
-    seconds = seconds_of_texts(array[:1])
-    seconds = None if seconds is None else seconds_of_texts(array)
-    return None if seconds is None else StoredArray(path, seconds.shape, partial(part_of, seconds))
+    if seconds_of_texts(array[:1]) is None:
+        return None
+    origin = origin_of_dates(array.tolist())
+    seconds = seconds_of_texts(array, origin)
+    return None if seconds is None else StoredArray(path, seconds.shape, partial(part_of, seconds), origin=origin)
 
 
 def _matrices(arrays: Sequence[StoredArray]) -> list[_Matrix]:
@@ -177,10 +218,10 @@ def _common_groups(paths: Sequence[tuple[str, ...]]) -> int:
     return count
 
 
-def part_of(array: Any, start: int, stop: int, axis: int) -> NDArray[np.float64]:
-    """Return the part start:stop along one axis of an array, or of what is sliced like one, as float64."""
+def part_of(array: Any, start: int, stop: int, axis: int) -> NDArray[Any]:
+    """Return the part start:stop along one axis of an array, or of what is sliced like one."""
     part = tuple(slice(start, stop) if k == axis else slice(None) for k in range(len(array.shape)))
-    return np.asarray(array[part], dtype=np.float64)
+    return np.asarray(array[part])
 
 
 def texts_of(values: Any) -> tuple[str, ...]:

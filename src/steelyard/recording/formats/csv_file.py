@@ -7,18 +7,19 @@ import io
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from pathlib import Path
-from typing import IO, Any, NamedTuple, Self, cast
+from typing import IO, Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.errors import InputError, require_package
+from steelyard.errors import InputError
 from steelyard.files import reading_table, shown, tell
 
 from ..columns import LogColumns
 from .decoded import DecodedColumns, decoded_once
-from .log_file import Columns, LogFile, column_length, flattened, regrouped_columns
+from .log_file import COMPRESSED, Columns, LogFile, column_length, flattened, offset_of, regrouped_columns
 
 __all__ = ["CsvFile"]
 
@@ -31,6 +32,9 @@ COUNTED = 1 << 24  # bytes in which rows are counted together
 READ = (1 << 18, 1 << 24)
 """Bytes that are parsed together: few at first, where only a look at some rows is wanted, and twice as many each time.
 With 4 MB Polars takes as long as with 16 MB, and with 64 MB half as long again."""
+MOST_DIGITS, LONGEST_WHOLE, DECIMALS = 17, 19, 9
+"""Digits with which any float64 is written; those of whole numbers that 64 bits hold; and decimals that count where a
+number has more digits, ns of s."""
 LONGEST_LINE = 1_000_000  # of the header and what stands above it
 MOST_BLANK = 10_000  # lines between the first ones that are not
 HEAD_LINES = 100
@@ -79,6 +83,8 @@ class Head:
     """Byte at which the data begin."""
     dialect: Dialect
     comment: str
+    first: tuple[str, ...] = ()
+    """The first field of each column that is not empty, among the lines that were looked at."""
 
 
 class CsvFile(LogFile):
@@ -89,7 +95,7 @@ class CsvFile(LogFile):
     with ``#``, ``%`` or ``//``, and what stands above the names are passed over. A comment right above the data is
     taken for the names if it has as many fields (as `numpy.savetxt` writes it), and a line of units below the names is
     joined to them, as ``q1 [rad]``. What ``ros2 topic echo --csv`` writes of a JointState is known without names. The
-    file may be compressed by gzip or zstd. The header is the names of all columns, for a file that has none.
+    file may be compressed by gzip, bzip2, xz or zstd. The header is the names of all columns, for a file that has none.
     """
 
     saved_as = ".csv"
@@ -101,6 +107,10 @@ class CsvFile(LogFile):
         self._head = self._read_head(header)
         self._comment = self._head.comment.encode()
         self.names = self._head.names
+        first = dict(zip(self.names, self._head.first, strict=False))
+        self._offsets = {name: offset for name, text in first.items() if (offset := self._offset_of(text))}
+        self._decimal = {name for name in self._offsets if not first[name].lstrip("+-").isdigit()}
+        self._origins = {name: _origin_of(text) for name, text in first.items()}
 
     @classmethod
     def opened(cls, path: Path, columns: LogColumns) -> Self:
@@ -112,8 +122,38 @@ class CsvFile(LogFile):
         """How many fields a line of data has."""
         return len(self.names) + self._head.dialect.ends_with_separator
 
+    def _offset_of(self, text: str) -> int | Fraction:
+        """Return what is taken off a column that begins with a number; see `LogFile.offset`.
+
+        It is also taken off decimal numbers with more digits than any float64 has, as s with nine decimals since 1970.
+        """
+        if self._head.dialect.decimal_comma:
+            text = text.replace(",", ".")
+        whole, _, rest = text.lstrip("+-").partition(".")
+        if not (len(whole) <= LONGEST_WHOLE and whole.isdecimal() and whole.isascii()):
+            return 0
+        sign = -1 if text.startswith("-") else 1
+        if not rest:
+            return offset_of(sign * int(whole))
+        if not (rest.isdecimal() and rest.isascii() and int(whole) and len(f"{int(whole)}{rest}") > MOST_DIGITS):
+            return 0
+        return sign * Fraction(f"{whole}.{rest[:DECIMALS]}")
+
+    def offset(self, name: str) -> int | Fraction:
+        """See `LogFile.offset`."""
+        return self._offsets.get(name, 0)
+
+    def origin(self, name: str) -> int:
+        """See `LogFile.origin`."""
+        return self._origins.get(name, 0)
+
     def _open(self, start: int = 0) -> IO[bytes]:
-        file = _open_compressed(self.path) if _is_compressed(self.path) else self.path.open("rb")
+        if _is_compressed(self.path):
+            from .compressed_text import open_compressed  # others need none of it
+
+            file = open_compressed(self.path)
+        else:
+            file = self.path.open("rb")
         file.seek(start)
         return file
 
@@ -161,15 +201,17 @@ class CsvFile(LogFile):
         if data == len(rows):  # names, and no row of numbers near them
             wide = wide[:1]
         start = table[wide[-1]].end if wide else table[0].begin
+        columns = zip(*(fields for fields in rows[data:] if len(fields) == dialect.width), strict=True)
+        begin = tuple(next(filter(None, column), "") for column in columns)
         if header is not None:
             count = len(rows[data]) if data < len(rows) else len(header)
             if len(header) != count:
                 raise InputError(
                     f"{self.path} has {count} columns but `header` in [log] names {len(header)}; name all of them."
                 )
-            return Head(header, start, dialect, comment)
+            return Head(header, start, dialect, comment, begin)
         if wide:
-            return Head(_with_units([rows[k] for k in wide]), start, dialect, comment)
+            return Head(_with_units([rows[k] for k in wide]), start, dialect, comment, begin)
         first = rows[0]
         above = [line.text for line in lines if line.begin < start]
         names = _names_in_comment(above, dialect, comment, len(first)) or _ros_names(first)
@@ -179,7 +221,7 @@ class CsvFile(LogFile):
                 f'{len(first)} columns with `header = ["t", "q1", …, "tau1", …]` in [log], or add a first line such as '
                 "t,q1,q2,tau1,tau2."
             )
-        return Head(tuple(names), start, dialect, comment)
+        return Head(tuple(names), start, dialect, comment, begin)
 
     @classmethod
     def write(cls, file: IO[bytes], arrays: Mapping[str, NDArray[np.float64]]) -> None:
@@ -337,6 +379,8 @@ class CsvFile(LogFile):
         """Parse lines; the quick way first, and line by line where that meets something unusual."""
         if not names:
             return {}
+        if data.isspace():  # compressed, they may be many
+            return dict.fromkeys(names, np.empty(0))
         for name in names:
             if self.names.count(name) > 1:
                 raise InputError(f"{self.path} has several columns named {name!r}; give each its own name.")
@@ -349,27 +393,31 @@ class CsvFile(LogFile):
 
     def _parse_quickly(self, data: bytes, names: Sequence[str]) -> Columns | None:
         """Parse lines of numbers, and of dates where there were some; None where they hold anything else."""
+        import polars as pl
+
         if not self._begins_with_a_row(data):
             return None
         # A search for the sign alone is the fastest, and there is none as a rule.
         comments = self._comment[:1] in data and b"\n" + self._comment in data
         try:
             with reading_table(self.path, "CSV"):
-                frame = self._frame(data, names, self._dates & set(names), comments)
+                frame = self._frame(data, names, (self._dates | self._decimal) & set(names), comments)
         except InputError:
             return None
         columns = {}
         for name in names:
             series = frame[str(self.names.index(name))]
             if name in self._dates:
-                from .dates import seconds_of_dates
+                from .dates import seconds_of_dates  # few logs have dates
 
-                series = seconds_of_dates(series.str.strip_chars())
-                if series.null_count():
-                    return None
-            elif series.null_count():
-                # In a line that holds nothing, nothing is missing.
-                if not self._is_regular(data):
+                series = seconds_of_dates(series.str.strip_chars(), self.origin(name))
+            elif name in self._decimal:
+                series = self._counted(series, name)
+            elif offset := self.offset(name):
+                series = (series - offset).cast(pl.Float64)
+            if series.null_count():
+                # In a line that holds nothing, nothing is missing; of texts what is missing is told apart line by line.
+                if name in self._dates | self._decimal or not self._is_regular(data):
                     return None
                 series = series.fill_null(float("nan"))
             columns[name] = series.to_numpy()
@@ -396,13 +444,17 @@ class CsvFile(LogFile):
 
         dialect = self._head.dialect
         wanted = {self.names.index(name) for name in names}
-        numbers = {self.names.index(name) for name in names if name not in texts}
+        numbers = {
+            self.names.index(name): pl.Int64() if name in self._offsets else pl.Float64()
+            for name in names
+            if name not in texts
+        }
         return pl.read_csv(
             data,
             has_header=False,
             separator=dialect.separator,
             comment_prefix=self._head.comment if comments else None,
-            schema={str(i): pl.Float64() if i in numbers else pl.String() for i in range(self._fields)},
+            schema={str(i): numbers.get(i, pl.String()) for i in range(self._fields)},
             columns=sorted(wanted),
             decimal_comma=dialect.decimal_comma and dialect.separator != ",",
             encoding="utf8-lossy",
@@ -439,11 +491,14 @@ class CsvFile(LogFile):
             if dialect.decimal_comma:
                 text = text.str.replace(",", ".", literal=True)
             values = text.cast(pl.Float64, strict=False)
+            if offset := self.offset(name):
+                exact = self._counted(text, name)
+                values = exact.zip_with(exact.is_not_null(), values - float(offset))
             unread = values.is_null() & ~text.str.to_lowercase().is_in(MISSING)
             if unread.any():
                 from .dates import seconds_of_dates
 
-                dates = seconds_of_dates(text)
+                dates = seconds_of_dates(text, self.origin(name))
                 values = values.zip_with(~unread, dates)
                 if not dates.null_count():
                     self._dates.add(name)
@@ -460,10 +515,34 @@ class CsvFile(LogFile):
             columns[name] = values.fill_null(float("nan")).to_numpy()
         return columns
 
+    def _counted(self, texts: Any, name: str) -> Any:
+        """Return decimal numbers less the offset of their column, up to nine decimals exactly; null for other texts."""
+        import polars as pl
+
+        parts = texts.str.extract_groups(r"^\s*(?<sign>[-+]?)(?<whole>\d+)(?:[.,](?<rest>\d*))?\s*$").struct.unnest()
+        sign = pl.Series(np.where(parts["sign"].fill_null("") == "-", -1, 1))
+        rest = parts["rest"].fill_null("").str.slice(0, DECIMALS).str.pad_end(DECIMALS, "0").cast(pl.Int64)
+        offset, parts_of_one = self._offsets[name], 10**DECIMALS
+        begin = int(offset)  # both parts of a negative number are negative
+        whole = (sign * parts["whole"].cast(pl.Int64, strict=False) - begin).cast(pl.Float64)
+        counted = whole * parts_of_one + (sign * rest - int((offset - begin) * parts_of_one)).cast(pl.Float64)
+        # NumPy divides, and rounds once; Polars multiplies by the reciprocal.
+        numbers = pl.Series(counted.fill_null(0.0).to_numpy() / parts_of_one)
+        return numbers.zip_with(counted.is_not_null(), pl.Series([None], dtype=pl.Float64))
+
     def _open_quote(self, row: int) -> InputError:
         return InputError(
             f"{self.path}, {self.where(row)}, has a quotation mark that nothing closes; mend or remove that line."
         )
+
+
+def _origin_of(text: str) -> int:
+    """Return from when a column counts that begins with a text; see `LogFile.origin`."""
+    if not text or NUMERIC.fullmatch(text):
+        return 0
+    from .dates import origin_of_dates  # few logs have dates
+
+    return origin_of_dates([text])
 
 
 class _ParsedColumns(DecodedColumns):
@@ -496,7 +575,7 @@ def _rest_of_text(file: IO[bytes]) -> bytes:
 
 
 def _is_compressed(path: Path) -> bool:
-    return path.suffix.lower() in (".gz", ".zst", ".zstd")
+    return path.suffix.lower().removeprefix(".") in COMPRESSED
 
 
 def _unpadded(data: bytes, separator: str | None) -> bytes:
@@ -587,15 +666,3 @@ def _ros_names(fields: Sequence[str]) -> list[str] | None:
         elif all(numbers[place : place + joints]):
             names += [f"{kind}[{k}]" for k in range(joints)]
     return names if len(names) == len(fields) else None
-
-
-def _open_compressed(path: Path) -> IO[bytes]:
-    """Open a file ``.gz``, ``.zst`` or ``.zstd`` as a stream, so that neither memory nor a disk holds it whole."""
-    if path.suffix.lower() == ".gz":
-        import gzip  # loaded for compressed logs alone
-
-        return cast("IO[bytes]", gzip.open(path, "rb"))
-    from .unpacking import ZSTD  # so is this
-
-    need = "Files compressed by zstd are read with the module"
-    return cast("IO[bytes]", require_package(ZSTD, need, "zstd").open(path, "rb"))

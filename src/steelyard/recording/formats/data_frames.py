@@ -107,6 +107,8 @@ def _array(series: Any) -> NDArray[Any]:
             kind = series.dtype
     if kind == pl.Array and len(kind.shape) == 1 and kind.inner.is_numeric():
         return np.asarray(series.cast(pl.Array(pl.Float64, kind.shape[0])).to_numpy())
+    if kind in (pl.Int64, pl.UInt64) and not series.null_count():  # of which a float64 would not hold all digits
+        return np.asarray(series.to_numpy())
     if kind.is_numeric() or kind == pl.Boolean:
         return np.asarray(series.cast(pl.Float64).fill_null(float("nan")).to_numpy())
     return np.asarray(series.to_numpy())
@@ -121,6 +123,8 @@ def _by_pandas(frame: Any, names: list[str]) -> dict[str, NDArray[Any]]:
 
 
 def _values(column: Any) -> NDArray[Any]:
+    if str(column.dtype) in ("int64", "uint64"):  # without a missing value
+        return np.asarray(column.to_numpy())
     if str(column.dtype).lower().startswith(("float", "int", "uint", "bool")):
         return np.asarray(column.to_numpy(dtype=np.float64, na_value=np.nan))
     return np.asarray(column.to_numpy())

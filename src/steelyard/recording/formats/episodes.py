@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from fractions import Fraction
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,6 +94,14 @@ class EpisodesLog(LogFile):
             f"It holds {self._count} episodes by its column {EPISODE!r}, each with times of its own: they follow each "
             f"other {BETWEEN_EPISODES:g} s apart here.",
         )
+
+    def offset(self, name: str) -> int | Fraction:
+        """See `LogFile.offset`."""
+        return self.file.offset(name)
+
+    def origin(self, name: str) -> int:
+        """See `LogFile.origin`."""
+        return self.file.origin(name)
 
     def where(self, row: int) -> str:
         """Say where row `row` (from 0) stands, for messages."""

@@ -109,14 +109,14 @@ class Hdf5File(ArrayLog):
                 if base.kind in "fiu":
                     self._require_room(dataset, path)
                     of_field = partial(_take_field, dataset, field)
-                    self._arrays.append(StoredArray((*path, field), (*dataset.shape, *shape), of_field))
+                    self._arrays.append(StoredArray.of_numbers((*path, field), (*dataset.shape, *shape), of_field))
         elif kind.kind in "fiu":
             self._require_room(dataset, path)
-            take: Callable[[int, int, int], NDArray[np.float64]] = partial(part_of, dataset)
+            take: Callable[[int, int, int], NDArray[Any]] = partial(part_of, dataset)
             shape = dataset.shape
             if self._is_matlab:
                 take, shape = partial(_take_reversed, dataset), shape[::-1]
-            self._arrays.append(StoredArray(path, shape, take))
+            self._arrays.append(StoredArray.of_numbers(path, shape, take))
 
     def _require_room(self, dataset: Any, path: tuple[str, ...]) -> None:
         """Refuse an array that claims more than the file can hold."""
@@ -143,11 +143,11 @@ class Hdf5File(ArrayLog):
         return texts_of(found)
 
 
-def _take_reversed(dataset: Any, start: int, stop: int, axis: int) -> NDArray[np.float64]:
+def _take_reversed(dataset: Any, start: int, stop: int, axis: int) -> NDArray[Any]:
     return part_of(dataset, start, stop, len(dataset.shape) - 1 - axis).T
 
 
-def _take_field(dataset: Any, field: str, start: int, stop: int, axis: int) -> NDArray[np.float64]:
+def _take_field(dataset: Any, field: str, start: int, stop: int, axis: int) -> NDArray[Any]:
     if axis == 0:
-        return np.asarray(dataset[start:stop][field], dtype=np.float64)
+        return np.asarray(dataset[start:stop][field])
     return part_of(dataset[field], start, stop, axis)

@@ -137,6 +137,11 @@ class JoinedRows:
         """Number of rows."""
         return self._stop - self._first
 
+    @property
+    def begin(self) -> int:
+        """ns since 1970 of the first row."""
+        return int(self.time[self._first])
+
     def trim(self, source: str) -> None:
         """Leave out rows before all parts have begun, and after the first has ended."""
         first = max(other.time[0] for other in self.others)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from fractions import Fraction
 from pathlib import Path
 from typing import IO, ClassVar, Protocol, Self
 
@@ -18,18 +19,27 @@ from ..recognition import label_columns
 
 __all__ = [
     "BLOCK_ROWS",
+    "COMPRESSED",
+    "LARGEST_EXACT",
+    "TEXTS",
     "Columns",
     "DataFrame",
     "LogFile",
     "column_length",
     "common_length",
     "flattened",
+    "offset_of",
     "reading_as",
     "reason_of",
     "regrouped_columns",
 ]
 
 Columns = dict[str, NDArray[np.float64]]
+TEXTS = ("csv", "txt", "tsv", "dat", "log")
+COMPRESSED = ("gz", "bz2", "xz", "lzma", "zst", "zstd")
+"""Suffixes of texts that are compressed, behind their own as in ``run.csv.gz``."""
+LARGEST_EXACT = 2**53
+"""Whole numbers beyond this are rounded by a float64: ns since 1970 to 256 of them."""
 BLOCK_ROWS = 50_000
 """Rows that are read at a time where not all are wanted in memory."""
 
@@ -169,9 +179,36 @@ class LogFile(ABC):
         """Say what was assumed when the columns that are kept were put together, a sentence each."""
         return ()
 
+    def offset(self, name: str) -> int | Fraction:
+        """Return the number that was taken off a column of whole numbers, or decimal ones, in the unit of that column.
+
+        `read` and `blocks` take it off so that numbers beyond `LARGEST_EXACT`, as ns since 1970 are, keep all digits.
+        It is the same wherever reading begins, and 0 for other columns.
+        """
+        return 0
+
+    def origin(self, name: str) -> int:
+        """Return from when the times of a column in s count that are dates in the file, in ns since 1970; 0 of others.
+
+        It is the same wherever reading begins.
+        """
+        return 0
+
     def where(self, row: int) -> str:
         """Say where row `row` (from 0) stands, for messages."""
         return f"row {row + 1}"
+
+
+def offset_of(first: object) -> int:
+    """Return what is taken off whole numbers, by the first of them; see `LogFile.offset`.
+
+    Examples
+    --------
+    >>> offset_of(1732284307250000000), offset_of(1732284307), offset_of(2**64)
+    (1732284307250000000, 0, 0)
+    """
+    whole = int(first) if isinstance(first, int | np.integer) else 0
+    return whole if LARGEST_EXACT <= abs(whole) < 2**63 else 0
 
 
 def column_length(columns: Columns) -> int:

@@ -11,7 +11,8 @@ from pathlib import Path
 from steelyard.errors import InputError
 from steelyard.files.arguments import by_name
 
-from .registry import COMPRESSED, LOG_FORMATS, TEXTS
+from .log_file import COMPRESSED, TEXTS
+from .registry import LOG_FORMATS
 from .remote import object_address, object_store
 
 __all__ = ["is_log_set", "logs_in", "place_of"]
@@ -29,6 +30,10 @@ _RESULTS = {
 }
 """Tables that `identify`, `simulate`, `excite` and `fleet` write, and what stands beside each then: results may lie
 among the logs, and a simulation of the robot that was found would confirm it."""
+OTHER_COMPRESSIONS = ("7z", "br", "lz", "lz4", "lzo", "sz", "z")
+ARCHIVES = ("7z", "rar", "tar", "tbz", "tgz", "txz", "zip")
+"""Suffixes of files that may hold logs, and are not read; that they are passed over is told."""
+LISTED = 5
 MOST = 1_000_000
 """Logs of a set; a pattern that finds more was not meant."""
 
@@ -50,7 +55,7 @@ def is_log_set(text: str) -> bool:
     return bool(_MAGIC.search(text)) and not os.path.exists(text)
 
 
-def logs_in(text: str) -> list[str]:
+def logs_in(text: str, packed: list[str] | None = None) -> list[str]:
     """Return the logs of a set, in an order that follows from their names alone.
 
     Numbers in names count as numbers, so that ``run2.csv`` stands before ``run10.csv``. Files whose names, or whose
@@ -64,6 +69,9 @@ def logs_in(text: str) -> list[str]:
     text : str
         A folder, which is searched with all folders inside; a pattern with ``*``, ``?``, ``[...]`` or ``**``; or an
         address such as ``s3://bucket/logs/*.parquet`` of an object, a folder of objects or a pattern.
+    packed : list, optional
+        Receives a sentence on files that look like logs in a form that is not read, such as ``run.csv.7z``, if there
+        are any.
 
     Raises
     ------
@@ -80,13 +88,18 @@ def logs_in(text: str) -> list[str]:
     ['run2.csv', 'run10.csv']
     """
     suffixes = frozenset(LOG_FORMATS.names())  # asked for once: it takes milliseconds, see `Extensions`
-    files = _objects_in(text, suffixes) if _ADDRESS.match(text) else _files_in(text, suffixes)
+    passed: list[str] = []
+    files = (_objects_in if _ADDRESS.match(text) else _files_in)(text, suffixes, passed)
+    told = _told_of_packed(text, sorted(dict.fromkeys(passed)))
     found = [name for name in files if os.path.basename(name) == os.path.basename(text) or not _is_result(name)]
     if len(found) > MOST:
         raise InputError(f"{text} stands for {len(found)} files; give a narrower pattern.")
     if not found:
         known = ", ".join(f".{suffix}" for suffix in LOG_FORMATS.names())
-        raise InputError(f"{text} stands for no log; give a folder with logs, or a pattern that finds some ({known}).")
+        remedy = told or f"give a folder with logs, or a pattern that finds some ({known})."
+        raise InputError(f"{text} stands for no log; {remedy}")
+    if told and packed is not None:
+        packed.append(f"{text}: {told}")
     return sorted(found, key=lambda name: by_name(name.replace(os.sep, "\0")))
 
 
@@ -98,9 +111,9 @@ def place_of(log: str) -> str:
     return os.path.realpath(place.removeprefix("file://")) if place.startswith("file:///") else place
 
 
-def _files_in(text: str, suffixes: Collection[str]) -> list[str]:
+def _files_in(text: str, suffixes: Collection[str], passed: list[str]) -> list[str]:
     if os.path.isdir(text):
-        return [name for place, names in _folders(text) for name in _logs_at(place, names, suffixes)]
+        return [name for place, names in _folders(text) for name in _logs_at(place, names, suffixes, passed)]
     found: list[str] = []
     own = _named_like_a_pattern(text)
     rest = text[len(own) :]
@@ -111,6 +124,8 @@ def _files_in(text: str, suffixes: Collection[str]) -> list[str]:
             continue
         if _is_log(name, suffixes, below):
             found.append(name)
+        elif _is_packed(name, suffixes, below):
+            passed.append(name)
     bags = {name for name in found if os.path.isdir(name)}
     return [name for name in found if os.path.dirname(name) not in bags]
 
@@ -169,14 +184,15 @@ def _folders(top: str) -> Iterator[tuple[str, list[str]]]:
         yield place, names
 
 
-def _logs_at(place: str, names: Sequence[str], suffixes: Collection[str]) -> list[str]:
+def _logs_at(place: str, names: Sequence[str], suffixes: Collection[str], passed: list[str]) -> list[str]:
     """Return the logs right in a folder, which may be one itself."""
     if _is_bag(place):
         return [str(Path(place))]
+    passed += [str(Path(place, name)) for name in names if _is_packed(name, suffixes)]
     return [str(Path(place, name)) for name in names if _is_log(name, suffixes)]
 
 
-def _objects_in(text: str, suffixes: Collection[str]) -> list[str]:
+def _objects_in(text: str, suffixes: Collection[str], passed: list[str]) -> list[str]:
     system, path = object_store(text)
     try:
         if _MAGIC.search(path) and not system.exists(path):
@@ -195,6 +211,7 @@ def _objects_in(text: str, suffixes: Collection[str]) -> list[str]:
         raise InputError(f"{text} cannot be listed ({reason}); check the address and who may read it.") from None
     about = tuple(f"{os.path.dirname(name)}/" for name in map(str, names) if name.endswith(f"/{_ABOUT}/{_INFO}"))
     logs = (str(name) for name in names if _is_log(str(name), suffixes, below) and not str(name).startswith(about))
+    passed += [str(name) for name in names if _is_packed(str(name), suffixes, below)]
     return [object_address(system, name, text) for name in logs]
 
 
@@ -204,11 +221,40 @@ def _fixed(pattern: str) -> str:
     return pattern[: magic.start()] if magic else pattern
 
 
-def _is_log(name: str, known: Collection[str], below: str = "") -> bool:
+def _is_hidden(name: str, below: str) -> bool:
     parts = Path(name[len(below) :] if name.startswith(below) else name).parts
-    if any(part.startswith((".", "_")) and part not in (".", "..") for part in parts):
+    return any(part.startswith((".", "_")) and part not in (".", "..") for part in parts)
+
+
+def _suffixes(name: str) -> list[str]:
+    return [suffix.lower().removeprefix(".") for suffix in Path(name).suffixes]
+
+
+def _is_packed(name: str, known: Collection[str], below: str = "") -> bool:
+    """Tell whether a file may hold a log in a form that is not read: another compression, or an archive."""
+    *others, last = ["", *_suffixes(name)]
+    if _is_hidden(name, below) or _is_log(name, known, below):
         return False
-    suffixes = [suffix.lower().removeprefix(".") for suffix in Path(name).suffixes]
+    return last in ARCHIVES or (last in (*COMPRESSED, *OTHER_COMPRESSIONS) and others[-1] in known)
+
+
+def _told_of_packed(text: str, names: Sequence[str]) -> str:
+    if not names:
+        return ""
+    listed = ", ".join(name.removeprefix(text).lstrip("/" + os.sep) or name for name in names[:LISTED])
+    more = f" and {len(names) - LISTED} others" if len(names) > LISTED else ""
+    one = len(names) == 1
+    return (
+        f"{listed}{more} {'was' if one else 'were'} passed over, since of compressed logs only texts are read "
+        f"({', '.join(f'.{suffix}' for suffix in COMPRESSED)}) and no archives; unpack {'it' if one else 'them'} where "
+        f"{'it holds a log' if one else 'they hold logs'}."
+    )
+
+
+def _is_log(name: str, known: Collection[str], below: str = "") -> bool:
+    if _is_hidden(name, below):
+        return False
+    suffixes = _suffixes(name)
     if not suffixes:
         return os.path.isdir(name) and _is_bag(name)
     if suffixes[-1] in COMPRESSED:  # of compressed files only texts are read

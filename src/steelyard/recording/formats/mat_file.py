@@ -69,7 +69,7 @@ class _Content:
         self.arrays = []
         for number, name in enumerate(index["arrays"]):
             array = _stored(folder / f"{number}.npy")
-            self.arrays.append(StoredArray(tuple(name), array.shape, partial(_part, array)))
+            self.arrays.append(StoredArray.of_numbers(tuple(name), array.shape, partial(_part, array)))
         for number, name in enumerate(index["columns"]):
             texts = np.load(folder / f"text{number}.npy", mmap_mode="r", allow_pickle=False)
             dates = dates_stored(tuple(name), texts)
@@ -85,9 +85,9 @@ def _stored(path: Path) -> ArrayInFile:
     return ArrayInFile(file, file.tell(), shape, kind, by_columns).closing()
 
 
-def _part(array: ArrayInFile, start: int, stop: int, axis: int) -> NDArray[np.float64]:
-    """Return the part start:stop along one axis, as float64."""
-    return np.asarray(array.part(start, stop, axis), dtype=np.float64)
+def _part(array: ArrayInFile, start: int, stop: int, axis: int) -> NDArray[Any]:
+    """Return the part start:stop along one axis."""
+    return array.part(start, stop, axis)
 
 
 def _read(path: Path, folder: Path) -> dict[str, Any]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +18,8 @@ from ..column_styles import LABELS
 from ..columns import LogColumns
 from ..measurements import Measurements
 from .data_frames import frame_arrays, is_frame
-from .dates import seconds_of_texts, seconds_of_times
-from .log_file import Columns, LogFile, flattened
+from .dates import origin_of_dates, origin_of_times, seconds_of_texts, seconds_of_times
+from .log_file import Columns, LogFile, flattened, offset_of
 
 __all__ = ["MemoryLog", "is_table", "memory_log"]
 
@@ -40,6 +41,8 @@ class MemoryLog(LogFile):
         Which column is what, where that is known and no matter of the robot file.
     texts : mapping
         The texts in columns of texts, each once.
+    offsets, origins : mapping
+        What `LogFile.offset` and `LogFile.origin` return, where it is not 0.
 
     Examples
     --------
@@ -54,8 +57,11 @@ class MemoryLog(LogFile):
         labels: Sequence[str] = (),
         stated: LogColumns | None = None,
         texts: Mapping[str, set[str]] | None = None,
+        offsets: Mapping[str, int] | None = None,
+        origins: Mapping[str, int] | None = None,
     ) -> None:
         super().__init__(Path(name))
+        self._offsets, self._origins = dict(offsets or {}), dict(origins or {})
         self._columns, self._labels, self._texts = columns, tuple(labels), dict(texts or {})
         self.stated = stated
         self.names = (*columns, *self._texts)
@@ -71,6 +77,14 @@ class MemoryLog(LogFile):
                 raise InputError(f"{self} holds {shown(found)} in column {name!r}; expected numbers.")
         return {name: self._columns[name] for name in names}
 
+    def offset(self, name: str) -> int | Fraction:
+        """See `LogFile.offset`."""
+        return self._offsets.get(name, 0)
+
+    def origin(self, name: str) -> int:
+        """See `LogFile.origin`."""
+        return self._origins.get(name, 0)
+
     def joint_labels(self) -> tuple[str, ...]:
         """Return the joints of numbered columns, where a list or columns of their names tell."""
         return self._labels or super().joint_labels()
@@ -84,6 +98,8 @@ class MemoryLog(LogFile):
         told = hashlib.sha256()
         for name, values in self._columns.items():
             told.update(f"{name}\0{len(values)}\0".encode())
+            if begin := (self.offset(name) or self.origin(name)):
+                told.update(f"{begin}\0".encode())
             told.update(np.ascontiguousarray(values, dtype="<f8").data)
         return told.hexdigest()
 
@@ -137,19 +153,31 @@ def _recorded(recording: Measurements, name: str) -> MemoryLog:
     arrays: dict[str, Any] = dict(recording.arrays())
     if recording.joint_names is not None:
         arrays[LABELS[-1]] = list(recording.joint_names)
-    return _of_arrays(arrays, name, LogColumns(rate=recording.stated_rate, missing="fill"))
+    return _of_arrays(
+        arrays, name, LogColumns(rate=recording.stated_rate, missing="fill"), {"t": recording.clock_origin}
+    )
 
 
-def _of_arrays(data: Mapping[Any, Any], name: str, stated: LogColumns | None = None) -> MemoryLog:
+def _of_arrays(
+    data: Mapping[Any, Any], name: str, stated: LogColumns | None = None, origins: Mapping[str, int] | None = None
+) -> MemoryLog:
     arrays: Columns = {}
+    offsets: dict[str, int] = {}
+    origins = dict(origins or {})
     texts: dict[str, NDArray[Any]] = {}
     for key, values in data.items():
         if not isinstance(key, str):
             raise InputError(f"{name} has a column named {shown(key)}; name columns by strings, such as t and q1.")
         array = _array(values, key, name)
-        numbers = _numbers(array)
+        is_column = array.ndim == 1 and array.size > 0
+        offset = offset_of(array[0]) if is_column and array.dtype.kind in "iu" else 0
+        origin = origin_of_times(array) if is_column else 0
+        numbers = _numbers(array, offset, origin)
         if numbers is None and array.dtype.kind in "OUS":
-            numbers = seconds_of_texts(array)
+            origin = origin_of_dates(array.tolist()) if is_column else 0
+            numbers = seconds_of_texts(array, origin)
+        offsets |= {key: offset} if offset else {}
+        origins |= {key: origin} if origin else {}
         if numbers is None and array.ndim == 1:
             texts[key] = array
         elif numbers is None or array.ndim > 2:
@@ -170,7 +198,7 @@ def _of_arrays(data: Mapping[Any, Any], name: str, stated: LogColumns | None = N
         if key in texts and len(texts[key]) != rows:
             labels = tuple(map(str, texts.pop(key)))
     once = {key: {str(text) for text in values if text is not None} for key, values in texts.items()}
-    return MemoryLog(flattened(arrays), name, labels, stated, once)
+    return MemoryLog(flattened(arrays), name, labels, stated, once, offsets, origins)
 
 
 def _check_lengths(arrays: Columns, name: str) -> None:
@@ -201,10 +229,12 @@ def _array(values: object, key: str, name: str) -> NDArray[Any]:
         ) from None
 
 
-def _numbers(array: NDArray[Any]) -> NDArray[np.float64] | None:
+def _numbers(array: NDArray[Any], offset: int, origin: int) -> NDArray[np.float64] | None:
     """Return an array as numbers, dates and durations in s; None where it holds something else."""
     if array.dtype.kind in "mM":
-        return seconds_of_times(array)
+        return seconds_of_times(array, origin)
+    if offset:
+        return np.asarray((array.astype(np.int64) - offset).astype(np.float64))
     if array.dtype.kind == "O":
         try:  # numbers with None among them
             return array.astype(np.float64)

@@ -17,7 +17,7 @@ from steelyard.files import shown, suggestion
 from ..columns import LogColumns
 from .decoded import decoded_once
 from .joined_topics import JoinedRows, JoinedTopics
-from .joint_messages import QUANTITIES, JointMessage, JointRows, JointTable, joint_message
+from .joint_messages import QUANTITIES, TIME, JointMessage, JointRows, JointTable, joint_message
 from .log_file import Columns, LogFile, reading_as
 
 __all__ = ["JOINT_TYPES", "MessageLog", "Topic"]
@@ -168,6 +168,10 @@ class MessageLog(LogFile):
     def notes(self) -> tuple[str, ...]:
         """Say which numbers come from which messages, where they were put together, and what decides the times."""
         return self._rows.notes()
+
+    def origin(self, name: str) -> int:
+        """See `LogFile.origin`."""
+        return self._rows.begin if name == TIME else 0
 
     def count(self) -> int:
         """Return the number of rows."""

@@ -20,9 +20,9 @@ from steelyard.files.arrays import read_array_header
 
 from ..column_styles import LABELS
 from .array_in_file import ArrayInFile, unpacked
-from .dates import LONGEST_DATE, seconds_of_texts, seconds_of_times
+from .dates import LONGEST_DATE, origin_of_dates, origin_of_times, seconds_of_texts, seconds_of_times
 from .decoded import decoded_once
-from .log_file import Columns, LogFile, common_length, reading_as
+from .log_file import Columns, LogFile, common_length, offset_of, reading_as
 
 __all__ = ["NpzFile"]
 
@@ -40,6 +40,8 @@ class Member:
     kind: np.dtype[Any]
     holds_dates: bool = False
     """Whether the first of its texts is a date."""
+    offset: int = 0
+    origin: int = 0
 
     @property
     def is_spread(self) -> bool:
@@ -65,8 +67,7 @@ class NpzFile(LogFile):
             for entry in entries:
                 with archive.open(entry.filename) as stream:
                     member = Member(entry.filename, *read_array_header(stream))
-                    if member.kind.kind in "US":
-                        member = replace(member, holds_dates=_begins_with_a_date(stream, member))
+                    member = _with_first(stream, member)
                 self._check(member, entry)
                 self._members[entry.filename.removesuffix(".npy")] = member
         self._columns = {
@@ -117,6 +118,14 @@ class NpzFile(LogFile):
     def write(cls, file: IO[bytes], arrays: Mapping[str, NDArray[np.float64]]) -> None:
         """Write the arrays as they are."""
         np.savez(file, **arrays)  # type: ignore[arg-type]
+
+    def offset(self, name: str) -> int:
+        """See `LogFile.offset`."""
+        return self._members[self._columns[name][0]].offset
+
+    def origin(self, name: str) -> int:
+        """See `LogFile.origin`."""
+        return self._members[self._columns[name][0]].origin
 
     def count(self) -> int:
         """Number of rows, the length of the longest array."""
@@ -175,10 +184,10 @@ class NpzFile(LogFile):
 
     def _numbers(self, values: NDArray[Any], member: Member) -> NDArray[np.float64]:
         if member.kind.kind in "mM":
-            return seconds_of_times(values)
+            return seconds_of_times(values, member.origin)
         if not member.holds_dates:
-            return values.astype(np.float64)
-        seconds = seconds_of_texts(values)
+            return (values.astype(np.int64) - member.offset if member.offset else values).astype(np.float64)
+        seconds = seconds_of_texts(values, member.origin)
         if seconds is None:
             raise InputError(
                 f"{self.path}: the texts of its array {member.file} are not all dates of one form; save times as "
@@ -201,11 +210,21 @@ def _begin(path: Path, entry: zipfile.ZipInfo) -> int:
     return int(entry.header_offset + 30 + name + extra)
 
 
-def _begins_with_a_date(stream: IO[bytes], member: Member) -> bool:
-    if len(member.shape) != 1 or 0 in member.shape or member.kind.itemsize > 4 * LONGEST_DATE:
-        return False
-    data = stream.read(member.kind.itemsize)
-    return len(data) == member.kind.itemsize and seconds_of_texts(np.frombuffer(data, dtype=member.kind)) is not None
+def _with_first(stream: IO[bytes], member: Member) -> Member:
+    """Return an array with what its first element tells: whether they are dates, and from where they count."""
+    kind = member.kind
+    if len(member.shape) != 1 or 0 in member.shape or kind.itemsize > 4 * LONGEST_DATE or kind.kind not in "USMiu":
+        return member
+    data = stream.read(kind.itemsize)
+    if len(data) != kind.itemsize:
+        return member
+    first = np.frombuffer(data, dtype=kind)
+    if kind.kind in "iu":
+        return replace(member, offset=offset_of(first[0]))
+    if kind.kind == "M":
+        return replace(member, origin=origin_of_times(first))
+    is_date = seconds_of_texts(first) is not None
+    return replace(member, holds_dates=is_date, origin=origin_of_dates(first.tolist()) if is_date else 0)
 
 
 def _column_names(key: str, member: Member, most: int = LARGEST_COUNT) -> list[tuple[str, tuple[str, int]]]:

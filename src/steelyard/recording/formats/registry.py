@@ -6,6 +6,8 @@ import contextlib
 import os
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from fractions import Fraction
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +21,7 @@ from steelyard.files.arguments import closest
 
 from ..columns import LogColumns
 from ..recognition import Joints, Layout, find_columns
-from .log_file import Columns, DataFrame, LogFile, column_length
+from .log_file import COMPRESSED, LARGEST_EXACT, TEXTS, Columns, DataFrame, LogFile, column_length
 
 __all__ = [
     "LOG_FORMATS",
@@ -44,9 +46,6 @@ STANDARD_INPUT = "-"
 """What stands for the standard input in the place of a path, as ``/dev/stdin`` does."""
 _SPOOLED: dict[Path, str] = {}
 """Copies of the standard input and of objects, and what they are called in messages."""
-TEXTS = ("csv", "txt", "tsv", "dat", "log")
-COMPRESSED = ("gz", "zst", "zstd")
-"""Suffixes of texts that are compressed, behind their own as in ``run.csv.gz``."""
 
 
 def _checked_format(suffix: str, offered: object) -> type[LogFile]:
@@ -123,6 +122,8 @@ class LogFiles:
         self.stated = next((file.stated for file in self.files if file.stated is not None), None)
         self.columns = self.stated or columns or LogColumns()
         self._count: int | None = None
+        self.offsets: dict[str, int | Fraction] = {}
+        """What is taken off the columns that make the times; set with the layout, see `layout`."""
         self.name = " + ".join(file.path.name for file in self.files)
         self.names = tuple(dict.fromkeys(name for file in self.files for name in file.names))
 
@@ -168,15 +169,51 @@ class LogFiles:
         return next((labels for file in self.files if (labels := file.joint_labels())), ())
 
     def layout(self, joints: Joints) -> Layout:
-        """Find the columns that hold the motion and the torques of a robot, and read no others from now on."""
+        """Find the columns that hold the motion and the torques of a robot, and read no others from now on.
+
+        Times count from the first row from now on, where they are dates, or whole numbers which in s are more than a
+        float64 tells to the ns; `clock_origin` says from when.
+        """
+        self.offsets = {}
         labels = self.joint_labels()
         found = find_columns(self.names, self.columns, joints, values=self.values, labels=labels, log=self.name)
+        offsets = self._first_stamps(found)
         self.keep(found.names)
+        self.offsets = offsets
         notes: list[str] = []
         for file in self.files:
             with _reading(file.path):
                 notes += file.notes()
         return replace(found, guesses=(*found.guesses, *notes)) if notes else found
+
+    def _first_stamps(self, layout: Layout) -> dict[str, int | Fraction]:
+        """Return what is to be taken off the columns that make the times; 0 where nothing is gained by it."""
+        taken = {name: self.offset(name) for name in layout.stamps}
+        if any(taken.values()) or (layout.time_unit == "s" and layout.time_rest is None):
+            return taken  # numbers of s with a fraction have lost what a float64 does not hold
+        first = next(self.blocks(layout.stamps, _LOOKED_AT), {})
+        raw = {name: float(first[name][0]) for name in layout.stamps if len(first.get(name, ()))}
+        if raw and all(number.is_integer() for number in raw.values()):
+            whole: dict[str, int | Fraction] = {name: int(number) for name, number in raw.items()}
+            if abs(layout.nanoseconds(whole)) >= LARGEST_EXACT:
+                return whole
+        return taken
+
+    def offset(self, name: str) -> int | Fraction:
+        """Return what is taken off a column; see `LogFile.offset`."""
+        if name in self.offsets:
+            return self.offsets[name]
+        return next((file.offset(name) for file in self.files if name in file.names), 0)
+
+    def origin(self, name: str) -> int:
+        """Return from when a column of dates counts; see `LogFile.origin`."""
+        return next((file.origin(name) for file in self.files if name in file.names), 0)
+
+    def clock_origin(self, layout: Layout) -> int:
+        """Return where on the clock of the log its times are 0, in ns: since 1970 where the log tells; 0 otherwise."""
+        if layout.time is None:
+            return 0
+        return self.origin(layout.time) + layout.nanoseconds(self.offsets)
 
     def values(self, name: str) -> Iterator[NDArray[np.float64]]:
         """Return the values of a column, in blocks."""
@@ -189,7 +226,7 @@ class LogFiles:
         parts = []
         for file, share in zip(self.files, shares, strict=True):
             with _reading(file.path):
-                parts.append(_checked(file, file.read(share), share))
+                parts.append(self._counted(file, _checked(file, file.read(share), share)))
         counts = [column_length(part) for part in parts if part]
         self._require_equal(counts)
         if counts[0] == 0:
@@ -203,7 +240,9 @@ class LogFiles:
     def blocks_from(self, start: int, names: Sequence[str], rows: int) -> Iterator[Columns]:
         """Read columns in blocks of `rows` rows, from row `start` (from 0) on; all the files advance together."""
         shares = [(file, share) for file, share in zip(self.files, self._shares(names), strict=True) if share]
-        streams = [_checked_blocks(file, share, rows, start) for file, share in shares]
+        streams = [
+            map(partial(self._counted, file), _checked_blocks(file, share, rows, start)) for file, share in shares
+        ]
         what = f"reading {self.name}" if len(names) > 1 else f"looking through {names[0]!r} of {self.name}"
         done = start
         for parts in zip(*streams, strict=True):
@@ -211,6 +250,13 @@ class LogFiles:
             tell(what, done, self._count, "rows")
             yield self._joined(names, parts)
             done += column_length(parts[0])
+
+    def _counted(self, file: LogFile, columns: Columns) -> Columns:
+        """Return columns of a file as they count here: those that make the times from the first row, others from 0."""
+        for name in columns:
+            if shift := file.offset(name) - self.offsets.get(name, 0):
+                columns[name] = columns[name] + float(shift)
+        return columns
 
     def _shares(self, names: Sequence[str]) -> list[list[str]]:
         """Return which of `names` is read from which file; a column that several files have is read from each."""
@@ -220,7 +266,8 @@ class LogFiles:
         columns: Columns = {}
         for name in names:
             copies = [part[name] for part in parts if name in part]
-            if any(not np.array_equal(copies[0], copy, equal_nan=True) for copy in copies[1:]):
+            origins = {file.origin(name) for file in self.files if name in file.names} if len(copies) > 1 else {0}
+            if len(origins) > 1 or any(not np.array_equal(copies[0], copy, equal_nan=True) for copy in copies[1:]):
                 raise InputError(
                     f"the column {name!r} is in several of the files {self.name} with different values; "
                     "rename it in one of them, or record them side by side again."

@@ -25,6 +25,8 @@ _BEGINNINGS = {
     b"SQLite format 3\0": ".db3",
     b"\x89MCAP0\r\n": ".mcap",
     b"\x1f\x8b": ".csv.gz",
+    b"BZh": ".csv.bz2",
+    b"\xfd7zXZ\0": ".csv.xz",
     b"\x28\xb5\x2f\xfd": ".csv.zst",
 }
 """The first bytes of files, by which their format is told; everything else is a text."""

@@ -14,7 +14,8 @@ from steelyard.errors import InputError
 from steelyard.files import reading_table, shown
 
 from .data_frames import INDEX
-from .log_file import Columns, LogFile, regrouped_columns
+from .dates import origin_of_dates
+from .log_file import Columns, LogFile, offset_of, regrouped_columns
 
 __all__ = ["TableFile"]
 
@@ -43,6 +44,7 @@ class TableFile(LogFile):
                 self._scan = self._scan.rename({INDEX: "time"})
                 self._schema = dict(self._scan.collect_schema())
         self._elements: dict[str, tuple[str, int]] = {}
+        self._firsts: dict[str, Any] = {}
         self._widths: dict[str, int] = {}
         names: list[str] = []
         for name, kind in self._schema.items():
@@ -140,11 +142,13 @@ class TableFile(LogFile):
                 chosen.append(self._element(name))
                 continue
             kind = self._schema[name]
-            if kind.is_temporal() and kind != pl.Date:
+            if _is_time(kind):
                 # Since 1970 there are more ns than a float64 counts; the difference is a whole number of them, and is
                 # divided by NumPy, which rounds once: Polars multiplies by the reciprocal.
                 chosen.append((pl.col(name).to_physical() - self._first(name)).cast(pl.Float64))
-                per_second[name] = {"ms": 1e3, "us": 1e6, "ns": 1e9}[getattr(kind, "time_unit", "ns")]
+                per_second[name] = _per_second(kind)
+            elif offset := self.offset(name):
+                chosen.append((pl.col(name).cast(pl.Int64, strict=False) - offset).cast(pl.Float64))
             elif kind.is_numeric():
                 chosen.append(pl.col(name).cast(pl.Float64))
             elif isinstance(kind, pl.String | pl.Categorical | pl.Enum):
@@ -169,7 +173,7 @@ class TableFile(LogFile):
         """Return a column of texts as times in s; only dates can be used as numbers."""
         from .dates import seconds_of_dates
 
-        seconds = seconds_of_dates(texts)
+        seconds = seconds_of_dates(texts, self.origin(texts.name))
         unread = texts.filter(seconds.is_null() & texts.is_not_null())
         if len(unread):
             raise InputError(f"{self.path} holds {shown(unread[0])} in column {texts.name!r}; expected numbers.")
@@ -196,13 +200,43 @@ class TableFile(LogFile):
                 "each row needs one number for each joint."
             )
 
-    def _first(self, name: str) -> int:
-        """Return the first time of a column, in its own unit."""
+    def offset(self, name: str) -> int:
+        """See `LogFile.offset`."""
         import polars as pl
 
-        with self._reading():
-            first = self._scan.select(pl.col(name).to_physical().drop_nulls().head(1)).collect()[name]
-        return int(first[0]) if len(first) else 0
+        return offset_of(self._first(name)) if self._schema.get(name) in (pl.Int64, pl.UInt64) else 0
+
+    def origin(self, name: str) -> int:
+        """See `LogFile.origin`."""
+        import polars as pl
+
+        kind = self._schema.get(name)
+        if kind is None:
+            return 0
+        if isinstance(kind, pl.String | pl.Categorical | pl.Enum):
+            return origin_of_dates([self._first(name)])
+        return self._first(name) * (1_000_000_000 // int(_per_second(kind))) if _is_time(kind) else 0
+
+    def _first(self, name: str) -> Any:
+        """Return the first value of a column, of a time in whole numbers of its own unit; 0 where none is there."""
+        import polars as pl
+
+        if name not in self._firsts:
+            column = pl.col(name).to_physical() if _is_time(self._schema[name]) else pl.col(name)
+            with self._reading():
+                first = self._scan.select(column.drop_nulls().head(1)).collect()[name]
+            self._firsts[name] = first[0] if len(first) else 0
+        return self._firsts[name]
+
+
+def _is_time(kind: Any) -> bool:
+    import polars as pl
+
+    return bool(kind.is_temporal() and kind != pl.Date)
+
+
+def _per_second(kind: Any) -> float:
+    return {"ms": 1e3, "us": 1e6, "ns": 1e9}[getattr(kind, "time_unit", "ns")]
 
 
 def _element_names(path: Path, name: str, width: int) -> list[str]:

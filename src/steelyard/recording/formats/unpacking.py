@@ -1,4 +1,4 @@
-"""Bounds for what a bag unpacks to: a few kB may stand for any number of bytes and of messages."""
+"""Bounds for what a log unpacks to: a few kB may stand for any number of bytes and of messages."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ stands still takes a thousand for each, by its messages; black images take some 
 
 
 class Unpacking:
-    """What is unpacked of one bag while it is open: each part, and all that is made of it together, has a bound.
+    """What is unpacked of one log while it is open: each part, and all that is made of it together, has a bound.
 
     Parameters
     ----------
@@ -38,6 +38,8 @@ class Unpacking:
         The bag, for messages.
     size : int
         Bytes of its files.
+    ratio : int
+        Bytes that may be unpacked for each of them, beyond those of any file.
 
     Attributes
     ----------
@@ -51,10 +53,10 @@ class Unpacking:
     b'\\x00\\x00\\x00\\x00\\x00\\x00\\x00\\x00\\x00'
     """
 
-    def __init__(self, path: Path, size: int) -> None:
+    def __init__(self, path: Path, size: int, ratio: int = RATIO) -> None:
         self.path = path
         self.decoders: dict[Hashable, Callable[[bytes], Any]] = {}
-        self._left = LEAST + RATIO * size
+        self._left = LEAST + ratio * size
 
     def spend(self, work: int) -> None:
         """Take note of work, in bytes that are unpacked in its time.
