@@ -307,6 +307,7 @@ def _lacks(samples: Sequence[Samples], usual: Array, model: Model, every: int) -
         left = one.torque[own[places]] - torques.predicted(one, own[places], base)
         for k, of_joint in enumerate(slow.T):
             at = np.flatnonzero(of_joint)
+            at = at[np.isfinite(left[np.searchsorted(places, at), k])]
             if not len(at):
                 continue
             velocity = one.dq[own[at], k]
