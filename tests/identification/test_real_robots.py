@@ -127,7 +127,7 @@ def test_universal_robots_ur10(shared_data, monkeypatch, tmp_path):
 
 
 def test_presliding_of_a_ur10(shared_data):
-    """The friction of joint 4 remembers the motion; joint 6 rests for a tenth of the log, and is off by 35 % with it."""
+    """That of joint 4 remembers the motion; joint 6 rests for a tenth of the log, with which it is off by 35 %."""
     log = shared_data / "ur10_unisa" / "exciting.csv"
     plain = sy.identify(EXAMPLES / "ur10.toml", [log])
     assert plain.prediction.joint_relative_error[5] < 0.15
