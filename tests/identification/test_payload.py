@@ -152,6 +152,7 @@ def test_one_log_with_an_estimate(logs, run):
         identify_payload(folder / "robot.toml", folder / "loaded.csv", estimate=wrong)
 
 
+@pytest.mark.slow
 def test_a_heavy_payload_whose_mass_does_not_show_weighs_at_least_something(tmp_path):
     """On a pan-tilt head only the first moments show; it was told that it weighs nan kg."""
     path = tmp_path / "head.urdf"
