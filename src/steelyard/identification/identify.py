@@ -52,7 +52,6 @@ from .parameter_table import parameter_table
 from .prediction_verdict import FewRows, few_rows_of, prediction_verdict
 from .reduced_logs import reduced_logs, require_once
 from .result import Identification, Prediction, Trace
-from .tilted_base import tilted_base
 
 if TYPE_CHECKING:
     from .chosen_friction import FrictionChoice
@@ -336,6 +335,8 @@ def identify(
     table, tilted = None, None
     if estimate.parameters is not None:
         if information is measured and prediction.word != "wrong" and not read.changes and not late:
+            from .tilted_base import tilted_base  # robots that are not identified, and wrong ones, need none
+
             rows = [log.samples for log in read.logs if log.fitted]
             tilted = tilted_base(model, information, rows, estimate.parameters, unconstrained)
         standstill = None

@@ -148,7 +148,7 @@ def tilted_base(
         gravity = gravity if exact is None else exact
     angle = float(np.degrees(np.arccos(np.clip(gravity @ own / size**2, -1.0, 1.0))))
     before = information.relative_error(unconstrained.base)
-    after = before * float(np.linalg.norm(rest) / max(np.linalg.norm(left), 1e-300))
+    after = before * float(np.linalg.norm(rest)) / max(float(np.linalg.norm(left)), 1e-300)
     return TiltedBase(gravity, angle, np.degrees(deviation), change, largest, (before, after), sure)
 
 
