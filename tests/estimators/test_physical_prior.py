@@ -302,6 +302,32 @@ def test_masses_that_no_link_of_its_length_has_are_not_believed(tmp_path):
     assert said(prior, "`l2`", "2.3e+06 kg")
 
 
+def test_a_unit_that_is_wrong_is_wrong_for_what_is_fixed_to_a_link_too(tmp_path):
+    """Masses in grams: links of 2.3 kg are impossible as 2300 kg, and a tool of 60 g is none of 60 kg."""
+    links = [inertial(2300, *GOOD[1:]), inertial(2300, *GOOD[1:])]
+    tool = fixed("tool", inertial(60, "0 0 0.02", (0.01, 0.01, 0.01)), "l2")
+    wrong = physical_prior(arm(tmp_path, *links, extra=tool))
+    assert wrong.sources == ("kinematics",) * 2
+    assert wrong.scale_is_free
+    right = physical_prior(arm(tmp_path, *[inertial(*GOOD)] * 2, extra=tool))
+    assert right.masses[1] == pytest.approx(62.3)  # a heavy tool of a robot whose links can exist
+
+
+def test_links_of_small_robots_are_as_thick_as_their_motors(tmp_path):
+    """A pan-tilt head of 0.25 and 0.35 kg, without inertials, was taken for one of 3 and 7 g."""
+    text = '<robot name="head"><link name="base"/><link name="pan"/><link name="tilt"/>'
+    for name, parent, child, axis, height in (
+        ("p", "base", "pan", "0 0 1", 0.03),
+        ("t", "pan", "tilt", "0 1 0", 0.06),
+    ):
+        text += f'<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{child}"/>{LIMIT}'
+        text += f'<origin xyz="0 0 {height}"/><axis xyz="{axis}"/></joint>'
+    (tmp_path / "head.urdf").write_text(text + "</robot>")
+    masses = physical_prior(sy.Model(sy.Robot.from_urdf(tmp_path / "head.urdf"))).masses
+    assert np.all(masses > 0.1 * np.array([0.25, 0.35]) * 0.9)
+    assert np.all(masses < np.array([0.25, 0.35]))
+
+
 def test_a_total_that_was_changed_in_code_counts(tmp_path):
     robot = arm(tmp_path, *[inertial(*GOOD) + shape()] * 2, extra=fixed("tool", inertial(1), "l2")).robot
     links = [replace(link, inertia=Inertia.from_com(4.4, (0.0, 0.0, 0.1), np.eye(3) * 0.02)) for link in robot.links]

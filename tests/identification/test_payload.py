@@ -153,6 +153,35 @@ def test_one_log_with_an_estimate(logs, run):
 
 
 @pytest.mark.slow
+def test_a_heavy_payload_whose_mass_does_not_show_weighs_at_least_something(tmp_path):
+    """On a pan-tilt head only the first moments show; it was told that it weighs nan kg."""
+    path = tmp_path / "head.urdf"
+    inertial = '<inertial><origin xyz="0.01 0 0.02"/><mass value="0.1"/><inertia ixx="1e-4" iyy="1e-4" izz="1e-4" '
+    inertial += 'ixy="0" ixz="0" iyz="0"/></inertial>'
+    text = '<robot name="head"><link name="base"/>'
+    for name, parent, axis, height in (("pan", "base", "0 0 1", 0.03), ("tilt", "pan", "0 1 0", 0.06)):
+        text += f'<link name="{name}">{inertial}</link><joint name="j_{name}" type="revolute"><parent link="{parent}"/>'
+        text += f'<child link="{name}"/><origin xyz="0 0 {height}"/><axis xyz="{axis}"/>'
+        text += '<limit lower="-2" upper="2" effort="5" velocity="5"/></joint>'
+    path.write_text(text + "</robot>")
+    robot = sy.Robot.from_urdf(path).with_terms(sy.Viscous(), sy.Coulomb())
+    model, t, random = sy.Model(robot), np.arange(0.0, 20.0, 0.01), np.random.default_rng(1)
+    w = np.array([1.9, 2.6])
+    q, dq, ddq = (w**n * np.sin(np.outer(t, w) + n * np.pi / 2) for n in range(3))
+    empty = np.nan_to_num(np.array(robot.parameters, dtype=float))
+    empty[-2:] = 0.01, 0.03
+    full = empty.copy()
+    full[model.link_columns[1][[0, 3, 5, 6, 8, 9]]] += 6e-3, 6e-3, 1e-3, 0.01, 0.05, 0.7
+    for name, own in (("unloaded", empty), ("loaded", full)):
+        torque = model.inverse_dynamics(q, dq, ddq, own) + 1e-3 * random.normal(size=q.shape)
+        sy.Recording(t=t, q=q, torque=torque).save(tmp_path / f"{name}.csv")
+    found = identify_payload(path, tmp_path / "loaded.csv", tmp_path / "unloaded.csv")
+    assert np.isnan(found.estimate.mass)
+    (said,) = (remark for remark in found.remarks if "moving links" in remark)
+    assert said.startswith("The payload would weigh more than all the moving links, at least 0.")
+
+
+@pytest.mark.slow
 def test_the_command_finds_drive_gains(logs, run, tmp_path):
     folder, _, _ = logs
     files = (folder / "currents.toml", folder / "currents_unloaded.csv", folder / "currents_loaded.csv")

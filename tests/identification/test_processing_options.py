@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 import steelyard as sy
+from steelyard.errors import InputError
+from steelyard.identification import validate_estimate
 from steelyard.report import report_html
 
 ROBOT = """
@@ -79,3 +81,24 @@ def test_filters_that_need_the_whole_log_get_it(log):
     assert result.options["processing"]["filter"] == {"kind": "fourier", "period": 2.0, "harmonics": 6}
     plain = lxml.html.fromstring(report_html(result)).xpath("//section[@aria-labelledby='processing']//svg")
     assert plain == []
+
+
+def test_a_log_of_a_lower_rate_is_filtered_as_its_rate_allows(log, tmp_path):
+    """It was refused for a cutoff that nobody had stated."""
+    robot = log.with_name("robot.toml")
+    robot.write_text(ROBOT + 'delay = 0.004\nvelocity_threshold = "none"\n')
+    read = sy.Recording.read(log)
+    slow = sy.Recording(t=read.t[::10], q=read.q[::10], torque=read.torque[::10]).save(tmp_path / "slow.csv")
+    result = sy.identify(robot, [log], validate=[slow])
+    cutoff = result.options["decided"]["cutoff"]
+    assert cutoff > 10.0
+    said = f"{slow}: Positions were filtered at 10 Hz, the highest cutoff for 50 samples a second, and not at the"
+    assert any(remark.startswith(said) for remark in result.remarks)
+    assert result.predictions[1].feasible_error < 0.05  # of which central differences make 2 %
+    result.save(tmp_path / "out")
+    again = validate_estimate(robot, tmp_path / "out" / "estimate.json", [slow])
+    assert again.prediction.relative_error == pytest.approx(result.prediction.relative_error)
+    assert any(remark.startswith(said) for remark in again.remarks)
+    robot.write_text(ROBOT + 'delay = 0.004\nvelocity_threshold = "none"\ncutoff = 26.0\n')
+    with pytest.raises(InputError, match="not below half"):  # what is stated is taken at its word
+        sy.identify(robot, [log], validate=[slow])

@@ -365,3 +365,14 @@ def test_independent_errors_add_to_the_diagonal():
     wider = covariance.with_independent_errors([0.0, 2.0, 0.5, 0.0])
     assert wider.matrix == pytest.approx(root @ root.T + np.diag([0.0, 4.0, 0.25, 0.0]), rel=1e-10)
     assert covariance.with_independent_errors(np.zeros(4)) is covariance
+
+
+def test_an_error_that_is_far_larger_than_noise_leaves_the_others_as_they_are():
+    """Rounding of the identity beside 1e24 is larger than one, and its square root was NaN."""
+    plain = ParameterCovariance.of_matrix(np.diag([1.0, 4.0, 9.0]), 3)
+    random = np.random.default_rng(1)
+    turned = replace(plain, root=plain.root @ np.linalg.qr(random.normal(size=(3, 3)))[0])
+    change = np.array([[1e12, 3e11], [0.0, 0.0], [0.0, 0.0]])
+    found = turned.with_errors(change).standard_error
+    assert found[0] == pytest.approx(np.hypot(1e12, 3e11), rel=1e-6)
+    assert np.isfinite(found).all()

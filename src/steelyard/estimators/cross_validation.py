@@ -14,6 +14,7 @@ from steelyard.feasibility.feasible_set import FeasibleSet
 from steelyard.files import tell
 from steelyard.regression import Information
 from steelyard.regression.factor import column_lengths, solve
+from steelyard.regression.held_out import HeldOutRows
 from steelyard.robot.inertia import pseudo_inertia
 
 from .fitting_problems import start_near
@@ -194,7 +195,10 @@ def cross_validation(
     bases = parameters @ feasible_set.K.T
     plain = np.array([solve(data.reduced(used)) for data in training])
 
-    squares, losses = _held_out(stretches, bases[1:], used)
+    squares, _ = _held_out(stretches, bases[1:], used)
+    every = np.ones(len(info.factors)) if used is None else used
+    told = HeldOutRows.of(info, stretches, every)
+    losses = np.array([rows.squares(own) @ every**2 for rows, own in zip(told, bases[1:], strict=True)])
     plain_squares, _ = _held_out(stretches, plain[:, None], used)
     counts = np.maximum(np.sum([[f.count for f in s.measured] for s in stretches], axis=0), 1)
     best, largest = _choose(losses)

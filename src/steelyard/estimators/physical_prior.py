@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -101,6 +102,10 @@ millimetres. Where no shape tells how long a link is, a shorter distance may be 
 
 HEAVIEST = 1000.0
 """Times the mass of a body that spans the joints of the link: masses of arms are at most 10 times that."""
+
+HEAVIEST_BESIDE = 30.0
+"""The same where another link of the description is heavier than it can be: a description has one unit of mass, and a
+foot of 60 g that stands in it as 60 kg is 600 times such a body."""
 
 SMALLEST_SHAPE = 0.005  # times the reach of the robot; below, it stands for nothing
 LARGEST_LINK = 20.0  # times the reach of the robot; beyond, the mesh is in another unit
@@ -444,10 +449,10 @@ class _Gathering:
         """Return what the description says, with what the size of the link contradicts."""
         found = []
         name = self.robot.links[index].name
-        heaviest = HEAVIEST * BODY_DENSITY * float(self.bodies[index].moments[3, 3])
+        heaviest = self._heaviest * BODY_DENSITY * float(self.bodies[index].moments[3, 3])
         for part in self.described[index]:
-            if part.is_usable and part.inertia is not None and part.name == name:
-                mass, solid = part.inertia.mass, self._solid(index, name)
+            if part.is_usable and part.inertia is not None:
+                mass, solid = part.inertia.mass, self._solid(index, name) if part.name == name else None
                 density = None if solid is None else mass / solid[3, 3]
                 if density is not None and not DENSITIES[0] <= density <= DENSITIES[1]:
                     problem = f"gives the shape a density of {density:.2g} kg/m³ ({mass:.3g} kg)"
@@ -456,6 +461,16 @@ class _Gathering:
                     part = replace(part, problem=f"gives it {mass:.3g} kg, more than a link of its length can have")
             found.append(part)
         return found
+
+    @cached_property
+    def _heaviest(self) -> float:
+        """How many times the mass of a body that spans its joints a link may have."""
+        for index, link in enumerate(self.robot.links):
+            most = HEAVIEST * BODY_DENSITY * float(self.bodies[index].moments[3, 3])
+            own = (part.inertia for part in self.described[index] if part.name == link.name and part.is_usable)
+            if any(inertia is not None and inertia.mass > most for inertia in own):
+                return HEAVIEST_BESIDE
+        return HEAVIEST
 
     def _corrected(
         self,

@@ -50,22 +50,32 @@ class _Common:
     """The arguments that the reductions of all the logs have in common."""
 
     def __init__(self, reader: LogReader, reduced_by: Model) -> None:
-        self.file, self.chunk_rows, self.processing = reader.file, reader.chunk_rows, reader.processing
+        self.file, self.chunk_rows = reader.file, reader.chunk_rows
+        self.processing, self.decided = reader.processing, reader.decided
         self.robots = reader.model.robot, reduced_by.robot
         self.models = reader.model, reduced_by
 
     def __getstate__(self) -> dict[str, Any]:
         # Compiled code stays where it was compiled.
-        return {"state": (self.file, self.chunk_rows, self.processing, self.robots, self.models[0] is self.models[1])}
+        return {
+            "state": (
+                self.file,
+                self.chunk_rows,
+                self.processing,
+                self.decided,
+                self.robots,
+                self.models[0] is self.models[1],
+            )
+        }
 
     def __setstate__(self, told: dict[str, Any]) -> None:
-        self.file, self.chunk_rows, self.processing, self.robots, same = told["state"]
+        self.file, self.chunk_rows, self.processing, self.decided, self.robots, same = told["state"]
         model = Model(self.robots[0])
         self.models = model, model if same else Model(self.robots[1])
 
     def reader(self) -> LogReader:
         reader = LogReader(self.file, self.models[0], self.chunk_rows)
-        reader.processing = self.processing
+        reader.processing, reader.decided = self.processing, self.decided
         return reader
 
     def key(self) -> str:

@@ -17,6 +17,7 @@ from steelyard.estimators.plausible_fit import TriedPrior, tried_prior
 from steelyard.feasibility import FeasibleSet
 from steelyard.regression import Estimate, Information, least_squares
 from steelyard.regression.factor import solve
+from steelyard.regression.held_out import HeldOutRows
 from steelyard.robot import RobotFile
 
 from .given import wider_model
@@ -145,7 +146,7 @@ def decide_rotors(
     taken = RotorDecision(True, "", wider_set, information, tuple(stretches), estimate)
     shown = _shown(model, estimate)
     if shown:
-        rise = _held_out(taken.stretches, weights) / _held_out(without.stretches, weights) - 1.0
+        rise = _held_out(taken, weights) / _held_out(without, weights) - 1.0
         if rise < ROTORS_HARM:
             change = f"{'falls' if rise <= 0.0 else 'rises'} by {100.0 * abs(rise):.2g} %"
             return replace(taken, reason=f"{shown}; the error on stretches of the log that were left out {change}")
@@ -170,11 +171,17 @@ def _shown(model: Model, estimate: Estimate) -> str:
     return f"the log shows {name} = {value:.3g} ± {error:.1g} {unit} (standard error) behind gears"
 
 
-def _held_out(stretches: Sequence[Information], weights: Literal["joint"] | None) -> float:
+def _held_out(decision: RotorDecision, weights: Literal["joint"] | None) -> float:
     """The error of least squares on stretches that are left out in turn, the geometric mean over the joints."""
-    squares = Information.held_out_squares(stretches, lambda others: solve(others.reduced(weights)))
-    told = squares > 0.0
-    return float(np.exp(0.5 * np.mean(np.log(squares[told])))) if told.any() else 1.0
+    info, stretches = decision.information, decision.stretches
+    others = Information.without_each(stretches)
+    told = HeldOutRows.of(info, stretches, info.joint_weights(weights))
+    squares = sum(
+        (own.squares(solve(rest.reduced(weights))[None])[0] for own, rest in zip(told, others, strict=True)),
+        start=np.zeros(len(info.factors)),
+    )
+    seen = squares > 0.0
+    return float(np.exp(0.5 * np.mean(np.log(squares[seen])))) if seen.any() else 1.0
 
 
 def _near_the_description(

@@ -337,8 +337,13 @@ def identify(
     if information is measured and prediction.word != "wrong" and not read.changes:
         residuals_of_logs = [one.trace.residuals for one in predictions]
         late = late_logs(reader, logs, read.logs, information, residuals_of_logs, unconstrained)
-    table = None
+    table, tilted = None, None
     if estimate.parameters is not None:
+        if information is measured and prediction.word != "wrong" and not read.changes and not late:
+            from .tilted_base import tilted_base  # robots that are not identified, and wrong ones, need none
+
+            rows = [log.samples for log in read.logs if log.fitted]
+            tilted = tilted_base(model, information, rows, estimate.parameters, unconstrained)
         standstill = None
         left_of_fit = [
             stretch
@@ -357,7 +362,8 @@ def identify(
             unconstrained,
             term_scales=None if plausible is None else plausible.term_deviations,
             drifts=[drift for found in read.drifts.values() for drift in found],
-            errors=[one.change for one in late],
+            errors=[one.change for one in late] if tilted is None else [tilted.change],
+            errors_of="the delay of the torques" if tilted is None else "the tilt of the base",
             standstill=standstill,
         )
         assert table.covariance is not None
@@ -378,8 +384,11 @@ def identify(
         derived = {str(log) for log in logs if not isinstance(log, GivenSamples)}
         from_positions = [one for one in predictions if one.name in derived]
         remarks.update(dict.fromkeys(_coarse(reader.processing, from_positions, estimate.relative_error)))
-    delays = late_hypotheses(late, reader.processing.delay, model.robot.joint_names)
-    doubts = doubts_of(reader, read, predictions, prediction, delays, body_priors(model, limits, known), free, say)
+    of_numbers = late_hypotheses(late, reader.processing.delay, model.robot.joint_names)
+    if tilted is not None:
+        first = next(log.name for log in read.logs if log.fitted)
+        of_numbers = {first: (tilted.hypothesis(reader, first),)}
+    doubts = doubts_of(reader, read, predictions, prediction, of_numbers, body_priors(model, limits, known), free, say)
     remarks.update(dict.fromkeys(doubts.remarks))
     if not doubts.of_log:
         remarks.update(dict.fromkeys(_dear(unconstrained, estimate)))

@@ -24,11 +24,11 @@ from .given import GivenLog, GivenSamples
 from .log_reader import LogReader, ReducedLog
 from .mistakes import Hypothesis
 
-__all__ = ["LateLog", "late_hypotheses", "late_log", "late_logs"]
+__all__ = ["MATTERS", "LateLog", "in_half_widths", "late_hypotheses", "late_log", "late_logs"]
 
 Array = NDArray[np.float64]
 MATTERS = 0.5
-"""Half-widths of the interval of a base parameter by which a delay must move it to be told."""
+"""Half-widths of the interval of a base parameter by which a delay, or a tilt of the base, must move it to be told."""
 LOWER = 0.5
 """Part of the cutoff of the positions at which the motion is filtered once more before a delay is told: what noise of
 the encoders, and friction that the model lacks, look like depends on the cutoff, and a delay does not."""
@@ -144,7 +144,7 @@ def late_log(
     if found is None or not found.told.any():
         return None
     change = _change(found, found.told, model, information, own, unconstrained)
-    if not (_largest(change, unconstrained) >= MATTERS or found.explained.any()):
+    if not (in_half_widths(change, unconstrained) >= MATTERS or found.explained.any()):
         return None
     delays, deviations = found.told, found.told_deviations
     if isinstance(cutoff, int | float):
@@ -161,7 +161,7 @@ def late_log(
         deviations, certain = np.where(found.explained, found.told_deviations, deviations), certain | found.explained
         delays, deviations = np.where(certain, delays, 0.0), np.where(certain, deviations, 0.0)
         change = _change(found, np.hypot(delays, deviations) * np.sign(delays), model, information, own, unconstrained)
-    largest = _largest(change, unconstrained)
+    largest = in_half_widths(change, unconstrained)
     if not (largest >= MATTERS or found.explained.any()):
         return None
     before = own.relative_error(unconstrained.base)
@@ -207,7 +207,8 @@ def _part_left(
     return left[1] / max(left[0], 1e-300)
 
 
-def _largest(change: Array, unconstrained: Estimate) -> float:
+def in_half_widths(change: Array, unconstrained: Estimate) -> float:
+    """Return the largest change of a base parameter (n_b,) over the half-width of its interval of 95 %."""
     halves = NORMAL * np.asarray(unconstrained.standard_error)
     told = np.isfinite(halves) & (halves > 0.0)
     return float(np.max(np.abs(change[told]) / halves[told], initial=0.0))

@@ -31,6 +31,7 @@ from steelyard.recording import (
     process_chunks,
 )
 from steelyard.recording.automatic import DECISION_ROWS
+from steelyard.recording.cutoff.by_torques import HIGHEST
 from steelyard.recording.diagnosis import DETECTORS, faulty_rows
 from steelyard.recording.formats import require_unwritten, written_states
 from steelyard.recording.recognition import Layout
@@ -403,7 +404,8 @@ class LogReader:
             return None
         own = self.unwritten()
         with self._reading(task.log):
-            opened = chunks.OpenedLog(self._open(task.log), self.processing, model, partial(own._look, task.log))
+            used = own._processing_of(task.log)
+            opened = chunks.OpenedLog(self._open(task.log), used, model, partial(own._look, task.log))
         return SectionedLog(task, opened, tuple(own.remarks), next(iter(own.layouts.values()), None))
 
     def reduced_section(
@@ -539,13 +541,29 @@ class LogReader:
         self._streams[key] = found
         return found
 
+    def _processing_of(self, log: GivenLog) -> Processing:
+        """How a log is processed: as all are, but for a cutoff that others chose and its own rate does not allow."""
+        cutoff = self.processing.cutoff
+        if isinstance(log, GivenSamples) or "cutoff" not in self.decided or not isinstance(cutoff, float):
+            return self.processing
+        rate = self._open(log).rate
+        if cutoff <= HIGHEST * rate:
+            return self.processing
+        remark = (
+            f"{log}: Positions were filtered at {HIGHEST * rate:.4g} Hz, the highest cutoff for {rate:.4g} samples a "
+            f"second, and not at the {cutoff:.4g} Hz that other logs chose."
+        )
+        if remark not in self.remarks:
+            self.remarks.append(remark)
+        return replace(self.processing, cutoff=HIGHEST * rate)
+
     def dense(self, log: GivenLog, rows: int) -> Samples | None:
         """Return samples of the middle of a log at its own rate; None where it is hardly longer than half of that."""
         middle = self.middle(log, rows)
         if isinstance(middle, Samples):
             return middle if middle.t is not None else None
         # Filters and masks need the ends of the log; what is read is its middle.
-        return middle.process(self.processing, self.model) if middle.count > rows // 2 else None
+        return middle.process(self._processing_of(log), self.model) if middle.count > rows // 2 else None
 
     def _note_columns(self, log: str, layout: Layout | None) -> None:
         """Keep what the columns of a log were understood to be."""
@@ -585,11 +603,12 @@ class LogReader:
             recording = Recording.read(log, self.columns, joints)
             look(recording)
             survey.add(recording)
-            yield recording.process(self.processing, model)
+            yield recording.process(self._processing_of(log), model)
         else:
             # Of the pieces that are processed together none is joined with the next, which costs time and memory only.
             rows = min(self.chunk_rows, chunks.PIECE_ROWS)
-            yield from process_chunks(log, self.columns, self.processing, rows, joints, model, look, survey)
+            used = self._processing_of(log)
+            yield from process_chunks(log, self.columns, used, rows, joints, model, look, survey)
 
 
 @contextlib.contextmanager

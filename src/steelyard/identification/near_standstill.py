@@ -12,6 +12,7 @@ from steelyard.dynamics import Model
 from steelyard.recording import Samples
 from steelyard.regression import Estimate, Information, ParameterCovariance
 from steelyard.regression.factor import eigenvectors
+from steelyard.regression.held_out import SHOWN
 from steelyard.regression.parameter_covariance import inverse_root_of
 
 __all__ = ["standstill_errors"]
@@ -24,8 +25,6 @@ of a model that is right are up to 22 % wider, and no more of the others hold th
 together."""
 MOST_ROWS = 16_000
 """Rows that are looked at, of stretches that are evenly spread: 10 to 15 ms of the processor for seven joints."""
-SHOWN = 1e-3
-"""Part of what all rows show of a direction that faster rows must show of it: without, they say nothing of it."""
 SURE = 3.0
 """Standard errors from zero at which the size of a Coulomb friction is known well enough to compare others with it."""
 

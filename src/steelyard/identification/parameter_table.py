@@ -360,6 +360,7 @@ def parameter_table(
     term_scales: ArrayLike | None = None,
     drifts: Sequence[FrictionDrift] = (),
     errors: Sequence[Array] = (),
+    errors_of: str = "the delay of the torques",
     standstill: Array | None = None,
 ) -> ParameterTable:
     """Tell what every parameter, mass, centre of mass, principal moment and friction of an answer rests on.
@@ -385,7 +386,10 @@ def parameter_table(
     drifts : sequence of FrictionDrift, optional
         What `friction_drifts` found in the logs.
     errors : sequence of (n_b,), optional
-        Changes of the base parameters that count as a standard deviation each, beside noise: those of delays.
+        Changes of the base parameters that count as a standard deviation each, beside noise: those of delays, or of a
+        base that is tilted.
+    errors_of : str
+        What makes them, for the sentence that says so.
     standstill : (n_b,), optional
         Further standard deviations of the base parameters, each by itself: those of friction near standstill, see
         `standstill_errors`.
@@ -469,7 +473,7 @@ def parameter_table(
             hold = "change in the course of a log; intervals hold them from its begin to its end"
         sentences.append(f"{listed(changes, MOST_SENTENCES)} {hold}.")
     if len(errors) and told is not None:
-        sentences.append("Intervals are as wide as the delay of the torques asks for.")
+        sentences.append(f"Intervals are as wide as {errors_of} asks for.")
     if returns and told is not None:
         sentences.append(sentence_of_returning(info.returning, info.joint_names))
     if wider and told is not None:

@@ -635,8 +635,9 @@ def _heavier_than(model: Model, robot: Estimate | None, mass: PayloadQuantity) -
     links = float(sum(parameters[columns[9]] for columns in model.link_columns))
     if not mass.lower > links > 0.0:
         return ()
+    weight = f"at least {mass.lower:.3g}" if np.isnan(mass.value) else f"{mass.value:.3g}"
     return (
-        f"The payload would weigh more than all the moving links, {mass.value:.3g} and not {links:.3g} kg: check that "
+        f"The payload would weigh more than all the moving links, {weight} and not {links:.3g} kg: check that "
         "the torques of the loaded log have the unit and the gains of the others.",
     )
 

@@ -156,6 +156,11 @@ class SavedResult:
         return Processing.from_dict({**options["processing"], **options["decided"]}, where)
 
     @property
+    def decided(self) -> dict[str, object]:
+        """What of it the data decided, by the keys of ``[processing]``."""
+        return {} if self.record is None else dict(self.record["options"]["decided"])
+
+    @property
     def robot_file(self) -> Path | None:
         """The robot file of the record, where it is still there and the same.
 

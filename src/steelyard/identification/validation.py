@@ -303,6 +303,7 @@ def read_as_fitted(
         )
     else:
         reader.stated = reader.processing = used
+        reader.decided = result.decided
     seen = tuple(str(log) for log in logs if result.has_seen(log))
     remarks += [f"{log}: was used to make {result.name}, so that its error is no test of a prediction." for log in seen]
     if result.estimate.elastic_model.get("link_motion"):

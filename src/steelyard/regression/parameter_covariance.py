@@ -233,7 +233,8 @@ class ParameterCovariance:
         if not parts.any():
             return self
         values, vectors = eigenvectors(np.eye(len(parts)) + parts @ parts.T)
-        return replace(self, root=self.root @ (vectors * np.sqrt(values)) @ vectors.T)
+        # None is below 1, but beside one of 1e16 rounding makes it negative.
+        return replace(self, root=self.root @ (vectors * np.sqrt(np.maximum(values, 1.0))) @ vectors.T)
 
     def with_independent_errors(self, sizes: ArrayLike) -> ParameterCovariance:
         """Return the covariance where each base parameter has one more error of its own.

@@ -103,12 +103,27 @@ class TorqueFit:
         in_threads(add, range(len(columns)))
 
     def predicted(self, samples: Samples, rows: NDArray[np.intp], base: Array) -> Array:
-        """Return the torques (S, N) of base parameters in some rows."""
+        """Return the torques (S, N) of base parameters that `fitted` found, in some rows.
+
+        A torque is NaN where the rows that were added tell it less surely than one row of the joint would, as where a
+        joint stands elsewhere than in any of them: there a fit has any torque.
+        """
         found = np.empty((len(rows), len(self.counts)))
+        total, of_joints = self._weighted(base)
+        root = _inverse_root(total[:-1, :-1])
         for part, columns in self._parts(samples, rows):
             for k, (own, joints) in enumerate(zip(columns, self.columns.joints, strict=True)):
-                found[part, k] = own @ base[joints]
+                variances = of_joints[k] * np.sum((own @ root[joints]) ** 2, axis=1)
+                found[part, k] = np.where(variances < 1.0, own @ base[joints], np.nan)
         return found
+
+    def _weighted(self, base: Array) -> tuple[Array, Array]:
+        """Return the sum of the products and the weights of the joints (N,), by what base parameters leave of each."""
+        vector = np.append(base, -1.0)
+        sizes = self.products[:, -1, -1]
+        left = np.maximum(np.einsum("i,kij,j->k", vector, self.products, vector), np.maximum(ROUNDING * sizes, 1e-300))
+        weights = np.where((self.counts > len(base)) & (sizes > 0.0), self.counts / left, 0.0)
+        return np.tensordot(weights, self.products, axes=1), weights
 
     def fitted(self) -> tuple[Array, Array]:
         """Return the base parameters, each joint weighted by its own residual, and the relative residuals (N,).
@@ -131,6 +146,14 @@ class TorqueFit:
             weights = np.maximum(np.einsum("i,kij,j->k", vector, self.products, vector), least)
         relative = np.sqrt(weights / np.where(told, size, 1.0))
         return base, np.where(told, relative, np.nan)
+
+
+def _inverse_root(products: Array) -> Array:
+    """Return a square root of the inverse, with columns of length one; what rounding alone decides counts as that."""
+    lengths = np.sqrt(np.diag(products))
+    lengths = np.where(lengths > 0.0, lengths, 1.0)
+    values, vectors = np.linalg.eigh(products / np.outer(lengths, lengths))
+    return np.asarray(vectors / np.sqrt(np.maximum(values, ROUNDING * max(values[-1], 1e-300))) / lengths[:, None])
 
 
 def _solved(products: Array) -> Array:

@@ -44,6 +44,13 @@ LARGEST = 0.1
 """The largest threshold, as a share of a joint's own root mean square velocity. Held-out errors of three real arms
 (TX40, UR10, KR300) are least with thresholds of 0.02 to 0.2 of it, and nearly flat between; those of the Kinova Gen3,
 whose runs last seconds, rise from 0.1 on."""
+AT_REST, RESTS = 0.02, 0.05
+"""Share of a joint's own root mean square velocity below which it is at rest, and share of its rows from which it comes
+to rest and does not only turn: at rest, what a filter leaves of a motion that has ended has signs, too. Joints that
+turn and do not stop have 2 % of such rows, and joints that wait between moves 30 to 90 %."""
+CREEPING, JUMPS = 1e-9, 1e-4
+"""rad/s or m/s at which a law that is smooth is zero, and the column of a parameter that is not: that of Coulomb
+friction jumps from -1 to 1, that of a tendon by its arm in m."""
 BINS = 6
 """Bins of low velocities, whose limits grow by `RATIO`."""
 RATIO = 1.6
@@ -153,6 +160,8 @@ class VelocityThresholds:
         (N,) standard deviation of the noise of the velocities.
     sticking : ndarray
         (N,) whether the torques show less friction near rest than faster motion does.
+    resting : ndarray
+        (N,) whether the joint comes to rest, and has friction that turns with its velocity.
     share : ndarray
         (N,) share of the rows of each joint that are slower than its threshold.
     by_noise : ndarray
@@ -164,6 +173,7 @@ class VelocityThresholds:
     thresholds: Array
     noise: Array
     sticking: NDArray[np.bool_]
+    resting: NDArray[np.bool_]
     share: Array
     by_noise: Array
     joint_names: tuple[str, ...] | None = None
@@ -177,16 +187,26 @@ class VelocityThresholds:
     def reason(self) -> str:
         """What is left out and why, without a full stop."""
         values = ", ".join(f"{value:.3g}" for value in self.thresholds)
-        reason = "below three standard deviations of its noise, the sign of a velocity is not certain"
+        resting = self.resting & ~self.sticking
+        others = ~(self.resting | self.sticking)
+        said: list[str] = []
         if self.sticking.any():
-            joints = ", ".join(joint_label(int(j), self.joint_names) for j in np.flatnonzero(self.sticking))
-            reason = f"there the torques of {joints} show less friction than faster motion does"
-            if not self.sticking.all():
+            said.append(f"the torques of {self._listed(self.sticking)} show less friction than faster motion does")
+        if resting.any():
+            said.append(f"{self._listed(resting)} may be at rest, where friction is any up to that of sliding")
+        if not said:
+            reason = "below three standard deviations of its noise, the sign of a velocity is not certain"
+        else:
+            reason = "there " + ", and ".join(said)
+            if others.any():
                 reason += ", and of the others the sign of the velocity is not certain"
         return (
             f"Rows of a joint slower than {values} (rad/s or m/s, joint by joint) were left out, up to "
             f"{100.0 * self.share.max():.2g} % of its rows: {reason}"
         )
+
+    def _listed(self, joints: NDArray[np.bool_]) -> str:
+        return ", ".join(joint_label(int(j), self.joint_names) for j in np.flatnonzero(joints))
 
 
 def velocity_noise(recording: Measurements, motion_filter: MotionFilter, measured: bool = False) -> Array:
@@ -216,8 +236,10 @@ def velocity_noise(recording: Measurements, motion_filter: MotionFilter, measure
 def velocity_thresholds(samples: Sequence[Samples], noise: Array, model: Model | None) -> VelocityThresholds:
     """Choose for each joint the velocity from which its rows are used.
 
-    Two things make rows near rest useless. Where the velocity is within its noise, the sign of Coulomb friction is
-    not certain: the threshold is three standard deviations of the noise. And a joint that sticks, or whose friction
+    Three things make rows near rest useless. Where the velocity is within its noise, the sign of Coulomb friction is
+    not certain: the threshold is three standard deviations of the noise. A joint that waits between its moves has
+    friction that may be any up to that of sliding, and a velocity that the filter made: its threshold is a fiftieth of
+    its root mean square velocity. And a joint that sticks, or whose friction
     turns its sign smoothly, has less friction near rest than Coulomb's law says. That shows in the torques: they are
     regressed on the motion by rows faster than 0.3 of a joint's usual velocity, and the residual against the direction
     of motion is averaged over each pass through a bin of low velocities. Where the passes through the slowest bin show
@@ -237,15 +259,35 @@ def velocity_thresholds(samples: Sequence[Samples], noise: Array, model: Model |
     count = sum(one.count for one in samples)
     usual = np.sqrt(sum((one.dq**2).sum(axis=0) for one in samples) / count)
     thresholds = by_noise = np.minimum(SIGN_IS_SURE * noise, LARGEST * usual)
-    sticking = np.zeros(len(usual), dtype=bool)
+    sticking = resting = np.zeros(len(usual), dtype=bool)
     if model is not None:
+        at_rest = sum((np.abs(one.dq) < AT_REST * usual).sum(axis=0) for one in samples) / count
+        resting = (at_rest > RESTS) & _turning_friction(model)
+        thresholds = np.where(resting, np.maximum(thresholds, AT_REST * usual), thresholds)
         with one_thread():
             limits = _lacks(samples, usual, model, max(1, -(-count // MOST_ROWS)))
         sticking = limits > 0.0
         thresholds = np.maximum(thresholds, limits)
     share = sum((np.abs(one.dq) < thresholds).sum(axis=0) for one in samples) / count
     names = None if model is None else tuple(model.robot.joint_names)
-    return VelocityThresholds(thresholds, noise, sticking, share, by_noise, names)
+    return VelocityThresholds(thresholds, noise, sticking, resting, share, by_noise, names)
+
+
+def _turning_friction(model: Model) -> NDArray[np.bool_]:
+    """Tell of which joints the torque jumps where their velocity turns, (N,), as that of Coulomb friction does.
+
+    Friction that has a state does not jump, and is known at rest as well.
+    """
+    if model.remembers:
+        return np.zeros(model.dof, dtype=bool)
+    rest, slow = np.zeros((model.dof, model.dof)), CREEPING * np.eye(model.dof)
+    columns = model.base_columns
+    forward, back = (columns.by_joint(columns.of_motion(rest, sign * slow, rest)) for sign in (1.0, -1.0))
+    jumps = [
+        np.abs(ahead[k] - behind[k]).max(initial=0.0)
+        for k, (ahead, behind) in enumerate(zip(forward, back, strict=True))
+    ]
+    return np.array(jumps) > JUMPS
 
 
 def _lacks(samples: Sequence[Samples], usual: Array, model: Model, every: int) -> Array:
@@ -265,6 +307,7 @@ def _lacks(samples: Sequence[Samples], usual: Array, model: Model, every: int) -
         left = one.torque[own[places]] - torques.predicted(one, own[places], base)
         for k, of_joint in enumerate(slow.T):
             at = np.flatnonzero(of_joint)
+            at = at[np.isfinite(left[np.searchsorted(places, at), k])]
             if not len(at):
                 continue
             velocity = one.dq[own[at], k]
