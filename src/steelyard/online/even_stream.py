@@ -11,7 +11,7 @@ from steelyard.recording.diagnosis.detectors import resolution
 from steelyard.recording.survey import STEADY
 
 from .saved_state import Stateful
-from .torque_limits import TorqueLimits
+from .torque_limits import ALIKE, TorqueLimits
 
 __all__ = ["EvenStream", "Stretch"]
 
@@ -25,9 +25,6 @@ RATE_OFF = 0.05
 
 GREATEST = 1e12
 """No position, time or torque is greater; a damaged message may hold 1e308, whose square is no number any more."""
-
-ALIKE = 100
-"""Samples of a joint that moves after which a torque that is always the same is no chance."""
 
 KEPT = 5000
 """The newest samples among which torques at a limit are looked for."""
@@ -94,7 +91,7 @@ class EvenStream(Stateful):
         self.counts = dict.fromkeys(
             ("received", "not finite", "repeated", "late", "interpolated", "gaps", "clock resets", "torques missing"), 0
         )
-        self.limits = TorqueLimits(joints)
+        self.limits = TorqueLimits(joints, rate)
         self._newest = np.full((KEPT, 2 * joints), np.nan)  # positions and torques, in a ring
         self._written = 0
         self._last: Array | None = None

@@ -48,7 +48,7 @@ from .recent_motion import RecentMotion
 from .running_information import PARTS, CountedRows, information_of, information_state
 from .saved_state import REMEDY, read_state, state_of, take_over, write_state
 from .source_project import generate_online
-from .stream_faults import out_of_step, wrong_signs
+from .stream_faults import out_of_step, said_of_late, wrong_signs
 
 __all__ = ["OnlineEstimate", "OnlineEstimator"]
 
@@ -200,6 +200,15 @@ class OnlineEstimate:
     prior_weight: float
     steps: int
     seconds: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Examined:
+    """What least squares of the samples so far are, how sure, and what the newest tell of faults of the stream."""
+
+    center: Array
+    covariance: ParameterCovariance
+    remarks: tuple[str, ...]
 
 
 @dataclass(eq=False)
@@ -499,7 +508,7 @@ class OnlineEstimator:
         self._share, self._shared_rows = 1.0, 0
         self._at_rest = 0
         self._recent, self._continues = RecentMotion(self.model.dof, self.rate), False
-        self._examined: tuple[str, ...] | None = None
+        self._examined: _Examined | None = None
 
     def _take(self, rows: Array) -> None:
         self._waiting = 0
@@ -543,7 +552,7 @@ class OnlineEstimator:
 
     def _without_limits(self, torque: Array, used: NDArray[np.bool_], count: int) -> NDArray[np.bool_]:
         """Return which of the first rows (count, N) count where torques at a limit do not, by those after them, too."""
-        clipped = self._stream.limits.at(torque, count)
+        clipped = self._stream.limits.near(torque, count)
         if clipped is None:
             return used
         self._at_limit += np.sum(used & clipped, axis=0)
@@ -809,7 +818,7 @@ class OnlineEstimator:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What the user should know of the samples, in sentences; the first time after new ones it takes some 0.2 s."""
+        """What the user should know of the samples, in sentences; first after new ones it takes some 0.1 s."""
         found = [*self._stream.remarks(), *self._positions.remarks()]
         if self._at_rest:
             found.append(
@@ -817,19 +826,18 @@ class OnlineEstimator:
                 "their encoders tell, were left out, since friction at rest is not that of motion."
             )
         names = self.model.robot.joint_names
-        limited = [name for name, count in zip(names, self._at_limit, strict=True) if count]
-        if limited:
-            found.append(
-                f"The torque of {', '.join(limited)} stands at its largest or least value in up to "
-                f"{self._stream.at_limit().max():.2g} of the newest samples, as where a sensor or a drive is at its "
-                f"limit; {self._at_limit.sum()} rows of joints there were left out."
-            )
-        dead = [name for name, still in zip(names, self._stream.never_changes(), strict=True) if still]
-        if dead:
-            found.append(
-                f"The torque of {', '.join(dead)} never changes, as where a sensor or a drive is dead, while the joint "
-                "moves. Where it was not that in truth, the estimate is off; give NaN for such torques."
-            )
+        dead = self._stream.never_changes()
+        for joints, what in (
+            ((self._at_limit > 0) & ~dead, "stands at its largest or least value in {:.2g} of the newest samples"),
+            (dead, "never changes"),
+        ):
+            if joints.any():
+                part = what.format(self._stream.at_limit()[joints].max())
+                found.append(
+                    f"The torque of {', '.join(np.array(names)[joints])} {part} while the joint moves, as where a sensor "
+                    f"or a drive is dead or at its limit; {self._at_limit[joints].sum()} rows of joints then, and just "
+                    "before and after, were left out."
+                )
         if self._left[0] > MISFIT and self._left[1] < 0.5 * self._left[0]:
             found.append(
                 f"The last answer leaves {self._left[0]:.2g} of the torques and least squares {self._left[1]:.2g}: "
@@ -842,9 +850,8 @@ class OnlineEstimator:
                 "See whether positions are in rad and m, and whether positions and torques are of the same joints, of "
                 "the same sign and of the same time; `steelyard doctor` examines a log of them."
             )
-        if self._examined is None:
-            self._examined = self._faults()
-        found += self._examined
+        if self._answer_weights is not None:
+            found += self._examine(self._answer_weights).remarks
         if self._first is not None and self._taken:
             found.append(
                 f"Of the robot that is there {self._first.moving / self.rate:.2g} s of motion count so far. A change "
@@ -858,19 +865,32 @@ class OnlineEstimator:
         found += map(_said_of, told)
         return tuple(found)
 
-    def _faults(self) -> tuple[str, ...]:
-        """Say what the newest samples tell of faults of the stream, in sentences; it takes some 0.2 s."""
-        weights, possible, stretches = self._answer_weights, self._possible, self._recent.stretches()
-        if weights is None or possible is None or not stretches:
-            return ()
+    def _examine(self, weights: Array) -> _Examined:
+        """Look for faults of the stream that hardly show in its errors, and let those that move the numbers count."""
+        if self._examined is not None:
+            return self._examined
+        remarks: list[str] = []
         with one_thread():
             info, center, covariance = self._covariance_with(weights)
-            cutoff = None if self._filter is None else self._options[1]
-            return (
-                *out_of_step(self.model, info, weights, stretches, cutoff, self._torque_delay),
-                *wrong_signs(self.model, info.factors, self._set.K @ possible, stretches),
-                *self._noise_remark(info, weights, center, covariance, stretches),
-            )
+            stretches = self._recent.stretches()
+            if stretches and info.count:
+                base = center if self._possible is None else self._set.K @ self._possible
+                late = out_of_step(self.model, info, weights, stretches, self._cutoff)
+                remarks += wrong_signs(self.model, info.factors, base, stretches)
+                if late is not None:
+                    remarks.append(said_of_late(late, self._torque_delay, self.model.robot.joint_names))
+                noise = self._acceleration_noise(stretches)
+                bias = noise_bias(self.model, info, weights, center, stretches, noise)
+                remarks += self._noise_remark(noise, bias, covariance, stretches)
+                for change in (bias, *([] if late is None else [late.change])):
+                    covariance = covariance.with_error(change)
+        self._examined = _Examined(center, covariance, tuple(remarks))
+        return self._examined
+
+    @property
+    def _cutoff(self) -> float | None:
+        """Hz, of the filter of the positions; None where there is none."""
+        return None if self._filter is None else self._options[1]
 
     def _acceleration_noise(self, stretches: Sequence[Samples]) -> Array:
         """Return the standard deviation (N,) of what the noise of the encoders makes of accelerations, per s²."""
@@ -883,17 +903,11 @@ class OnlineEstimator:
         return self._filter.acceleration_gain * noise
 
     def _noise_remark(
-        self,
-        info: Information,
-        weights: Array,
-        center: Array,
-        covariance: ParameterCovariance,
-        stretches: Sequence[Samples],
+        self, noise: Array, bias: Array, covariance: ParameterCovariance, stretches: Sequence[Samples]
     ) -> tuple[str, ...]:
-        noise = self._acceleration_noise(stretches)
-        bias = np.abs(noise_bias(self.model, info, weights, center, stretches, noise))
-        half = NORMAL * standard_errors(self._set, covariance, self._set.K)
-        times = np.where(np.isfinite(half) & (half > 0.0), bias / np.where(half > 0.0, half, 1.0), 0.0).max(initial=0.0)
+        half = NORMAL * covariance.standard_error
+        told = np.isfinite(half) & (half > 0.0)
+        times = float(np.max(np.abs(bias[told]) / half[told], initial=0.0))
         if times < NOISE_MATTERS:
             return ()
         sizes = np.sqrt(np.mean(np.vstack([one.ddq for one in stretches]) ** 2, axis=0))
@@ -901,9 +915,9 @@ class OnlineEstimator:
         worst = int(np.argmax(shares))
         return (
             f"Noise of the positions makes {shares[worst]:.2g} of the accelerations of "
-            f"{self.model.robot.joint_names[worst]}, which makes inertias too small: base parameters are off by up to "
-            f"{times:.2g} times half of the width of an interval of 95 %, and `intervals` are wider by that. A lower "
-            "cutoff, faster motion or finer encoders mend it.",
+            f"{self.model.robot.joint_names[worst]}, and inertias become too small: base parameters are off by up to "
+            f"{times:.2g} times the half-width of an interval of 95 %, which counts in `intervals`. A lower cutoff, "
+            "faster motion or finer encoders mend it.",
         )
 
     def _scale_known(self, info: Information | None) -> None:
@@ -968,7 +982,7 @@ class OnlineEstimator:
         away = problem.R @ (self._set.K @ parameters) - problem.rho
         total = np.array([float(away @ away) + problem.residual2, problem.residual2])
         self._left = np.sqrt(total / problem.norm2)
-        self._answer_weights = slow.weights
+        self._answer_weights, self._examined = slow.weights, None
         return OnlineEstimate(
             self._t,
             self._set.K @ parameters,
@@ -1102,15 +1116,17 @@ class OnlineEstimator:
     def covariance(self) -> ParameterCovariance:
         """The covariance of least squares of the samples as of now, corrected for residuals that last.
 
-        Of the base parameters, with the joints weighted as in the last answer. It takes some ten milliseconds.
+        Of the base parameters, with the joints weighted as in the last answer. What noise of the encoders, and torques
+        that are out of step, make the base parameters be off by counts as one more error each, see `remarks`. The first
+        time after new samples it takes some 0.1 s (seven joints).
         """
-        return self._with_covariance()[2]
+        return self._examine(self._weights_of_answer()).covariance
 
     def intervals(self, combinations: ArrayLike | None = None) -> Array:
         """Return intervals that hold the true values with a probability of 95 %, by the data alone.
 
-        They lie about least squares, not about the answer, which the prior moves where the data say little. They are
-        wider by what the noise of the encoders makes least squares be off, see `remarks`.
+        They lie about least squares, not about the answer, which the prior moves where the data say little. For what
+        they count see `covariance`.
 
         Parameters
         ----------
@@ -1129,20 +1145,13 @@ class OnlineEstimator:
                 f"combinations must be finite numbers, one for each of {count} base parameters: ({count},) or "
                 f"(k, {count}); got an array of the shape {rows.shape}."
             )
-        info, center, covariance = self._with_covariance()
-        half = NORMAL * standard_errors(self._set, covariance, rows @ self._set.K)
-        stretches, weights = self._recent.stretches(), self._answer_weights
-        if stretches and weights is not None:
-            noise = self._acceleration_noise(stretches)
-            with one_thread():
-                half += np.abs(rows @ noise_bias(self.model, info, weights, center, stretches, noise))
-        values = rows @ center
+        found = self._examine(self._weights_of_answer())
+        half = NORMAL * standard_errors(self._set, found.covariance, rows @ self._set.K)
+        values = rows @ found.center
         return np.column_stack([values - half, values + half])
 
-    def _with_covariance(self) -> tuple[Information, Array, ParameterCovariance]:
-        weights = self.estimate().weights if self._answer_weights is None else self._answer_weights
-        with one_thread():
-            return self._covariance_with(weights)
+    def _weights_of_answer(self) -> Array:
+        return self.estimate().weights if self._answer_weights is None else self._answer_weights
 
     def _covariance_with(self, weights: Array) -> tuple[Information, Array, ParameterCovariance]:
         """Return what is known, least squares of it with these weights of the joints, and their covariance."""

@@ -11,9 +11,19 @@ from steelyard.recording.diagnosis.detectors import LONGEST_LEAST, saturation_le
 
 from .saved_state import Stateful
 
-__all__ = ["TorqueLimits"]
+__all__ = ["ALIKE", "TorqueLimits"]
 
 Array = NDArray[np.float64]
+
+AROUND = 0.025
+"""s before and after a torque at a limit that are left out, too. Beneath it noise decides which torque is clipped, and
+those that are not are too small. *Measured* with 5 and 20 % of the torques of a WAM clipped, with white noise of 5 %:
+without the clipped ones alone, intervals of 95 % hold 55 to 83 %."""
+
+ALIKE = 100
+"""Samples of a joint that moves after which a torque that is always the same is no chance."""
+
+FAR = 1_000_000  # samples from the last torque at a limit, where there was none
 
 AGAIN = 20
 """Samples before a joint's torques are searched for a limit again; each search takes some 0.5 ms, and a robot whose
@@ -27,11 +37,14 @@ class TorqueLimits(Stateful):
     """Knows the least and the largest value at which the torque of each joint stands, where it does.
 
     A torque that is the same in three samples running, and none of the newest is beyond it, makes `saturation_levels`
-    be asked of the newest samples. A level that a later torque is beyond was none.
+    be asked of the newest samples. A level that a later torque is beyond was none. A torque that is always the same
+    while the joint moves stands at a limit, too.
 
     Parameters
     ----------
     joints : int
+    rate : float
+        Hz.
 
     Attributes
     ----------
@@ -39,13 +52,14 @@ class TorqueLimits(Stateful):
         (N, 2), infinite where none is known.
     """
 
-    _STATE = ("levels", "_slack", "_last", "_was_at", "_searched")
+    _STATE = ("levels", "_slack", "_last", "_since", "_searched")
 
-    def __init__(self, joints: int) -> None:
+    def __init__(self, joints: int, rate: float) -> None:
         self.levels = np.tile([-np.inf, np.inf], (joints, 1))
         self._slack = np.zeros(joints)
         self._last = np.full((LONGEST_LEAST - 1, joints), np.nan)
-        self._was_at = np.zeros(joints, dtype=bool)
+        self._around = round(AROUND * rate)
+        self._since = np.full(joints, FAR)
         self._searched = np.full(joints, AGAIN)  # samples since then
 
     def learn(self, torque: Array, newest: Callable[[int], Array]) -> None:
@@ -68,23 +82,24 @@ class TorqueLimits(Stateful):
                 continue
             shown = newest(joint)
             if len(shown) and (values.max() >= shown.max() or values.min() <= shown.min()):
-                found = saturation_levels(shown[:, None])[0]
+                alike = len(shown) > ALIKE and np.ptp(shown) == 0.0  # whether from above or below is not known yet
+                found = np.full(2, shown[0]) if alike else saturation_levels(shown[:, None])[0]
                 self.levels[joint] = np.where(np.isfinite(found), found, self.levels[joint])
                 self._slack[joint] = SLACK * float(np.ptp(shown))
                 self._searched[joint] = 0
 
-    def at(self, torque: Array, count: int) -> NDArray[np.bool_] | None:
-        """Return which of the first torques (count, N), of rows that follow those asked for before, are at a level or
-        next to one that is; None where no level is known. Further ones are those after them.
+    def near(self, torque: Array, count: int) -> NDArray[np.bool_] | None:
+        """Return which of the first torques (count, N) are at a level or near one that is; None where none is known.
+
+        They follow those that were asked for before. Further ones are those after them, as far as these have come.
         """
         if not np.isfinite(self.levels).any():
-            self._was_at[:] = False
+            self._since[:] = FAR
             return None
+        torque = torque[: count + self._around]
         at = (torque <= self.levels[:, 0] + self._slack) | (torque >= self.levels[:, 1] - self._slack)
-        near = at[:count].copy()
-        near[1:] |= at[: count - 1]
-        near[0] |= self._was_at
-        after = at[1 : count + 1]
-        near[: len(after)] |= after
-        self._was_at = at[count - 1].copy()
-        return np.asarray(near)
+        places = np.broadcast_to(np.arange(len(torque))[:, None], at.shape)
+        last = np.maximum.accumulate(np.vstack([-1 - self._since, np.where(at, places, -FAR)]))[1:]
+        following = np.minimum.accumulate(np.where(at, places, FAR)[::-1])[::-1]
+        self._since = np.minimum(count - 1 - last[count - 1], FAR)
+        return np.asarray(np.minimum(places - last, following - places)[:count] <= self._around)
