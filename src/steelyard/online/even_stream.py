@@ -183,7 +183,7 @@ class EvenStream(Stateful):
     def at_limit(self) -> Array:
         """Return the part (N,) of the newest samples in which the torque of a joint that moves stands at a limit."""
         found = np.zeros(self.joints)
-        for joint in np.flatnonzero(np.isfinite(self.limits.levels).any(axis=1)).tolist():
+        for joint in np.flatnonzero(self.limits.known).tolist():
             shown = self._while_moving(joint)
             low, high = self.limits.levels[joint]
             found[joint] = np.mean((shown <= low) | (shown >= high)) if len(shown) else 0.0

@@ -828,15 +828,18 @@ class OnlineEstimator:
         names = self.model.robot.joint_names
         dead = self._stream.never_changes()
         for joints, what in (
-            ((self._at_limit > 0) & ~dead, "stands at its largest or least value in {:.2g} of the newest samples"),
+            (
+                (self._at_limit > 0) & self._stream.limits.known & ~dead,
+                "stands at its largest or least value in {:.2g} of the newest samples",
+            ),
             (dead, "never changes"),
         ):
             if joints.any():
                 part = what.format(self._stream.at_limit()[joints].max())
                 found.append(
-                    f"The torque of {', '.join(np.array(names)[joints])} {part} while the joint moves, as where a sensor "
-                    f"or a drive is dead or at its limit; {self._at_limit[joints].sum()} rows of joints then, and just "
-                    "before and after, were left out."
+                    f"The torque of {', '.join(np.array(names)[joints])} {part} while the joint moves, as where a "
+                    f"sensor or a drive is dead or at its limit; {self._at_limit[joints].sum()} rows of joints then, "
+                    "and just before and after, were left out."
                 )
         if self._left[0] > MISFIT and self._left[1] < 0.5 * self._left[0]:
             found.append(
