@@ -1378,7 +1378,7 @@ def _torque_delays(given: float | ArrayLike, joints: int) -> Array:
     if values.shape not in ((), (joints,)) or not np.all(np.abs(values) <= LONGEST_DELAY):
         raise InputError(
             f"torque_delay must be a number of s between {-LONGEST_DELAY:g} and {LONGEST_DELAY:g}, or one for each of "
-            f"{joints} joints, got {given}."
+            f"{joints} joints, got {given!r}."
         )
     return np.broadcast_to(values, (joints,)).copy()
 

@@ -55,7 +55,8 @@ class RecentMotion(Stateful):
         self._spacing = self.length / rate
         self._kept = np.zeros((round(LASTS / self._spacing), 2 + 5 * joints))  # a ring
         self._written, self._parts = 0, 0
-        self._waiting: list[tuple[Array, ...]] = []
+        self._waiting: list[tuple[NDArray[Any], ...]] = []
+        self._count = 0  # samples that wait
 
     def add(
         self, begins: bool, t: Array, motion: Sequence[Array], known: NDArray[np.bool_], used: NDArray[np.bool_]
@@ -75,22 +76,23 @@ class RecentMotion(Stateful):
         """
         if begins:
             self._take()
-            self._waiting, self._parts = [], self._parts + 1
+            self._waiting, self._count, self._parts = [], 0, self._parts + 1
         *motion, torque = motion
         self._waiting.append((t, *motion, np.where(known, torque, np.nan), used))
-        if sum(len(one[0]) for one in self._waiting) >= TOGETHER:
+        self._count += len(t)
+        if self._count >= TOGETHER:
             self._take()
 
     def _take(self) -> None:
         """Average what waits, but for the last samples that do not make a whole average."""
         if not self._waiting:
             return
-        rows = np.vstack([np.column_stack(one) for one in self._waiting])
+        rows = np.column_stack([np.concatenate(one) for one in zip(*self._waiting, strict=True)])
         count = len(rows) // self.length
         if not count:
             return
         whole, rest = np.split(rows, [count * self.length])
-        self._waiting = [tuple(np.split(rest, [1 + k * self.joints for k in range(5)], axis=1))] if len(rest) else []
+        self._wait(rest)
         means = whole.reshape(count, self.length, -1).mean(axis=1)[-len(self._kept) :]
         places = (self._written + np.arange(len(means))) % len(self._kept)
         self._kept[places, 0], self._kept[places, 1:] = self._parts, means
@@ -108,9 +110,14 @@ class RecentMotion(Stateful):
         kept, waiting = state["kept"], state["waiting"]
         self._kept[: len(kept)] = kept
         super().restore({**state, "kept": self._kept})
-        parts = tuple(np.split(waiting, [1 + k * self.joints for k in range(5)], axis=1))
-        self._waiting = [parts] if len(waiting) else []
+        self._wait(waiting)
         return self
+
+    def _wait(self, rows: Array) -> None:
+        """Let rows (S, 1 + 5 N) wait for those that make a whole average with them."""
+        t, *parts = np.split(rows, [1 + k * self.joints for k in range(5)], axis=1)
+        self._waiting = [(t[:, 0], *parts)] if len(rows) else []
+        self._count = len(rows)
 
     def stretches(self) -> list[Samples]:
         """Return the averages as samples with times, those without a gap together."""

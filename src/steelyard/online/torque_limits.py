@@ -82,11 +82,12 @@ class TorqueLimits(Stateful):
         rows = np.vstack([self._last, torque])
         self._last = rows[1 - LONGEST_LEAST :]
         self._searched += len(torque)
-        with np.errstate(invalid="ignore"):  # a torque may be missing
-            sides = torque < self.levels[:, 0] - self._slack, torque > self.levels[:, 1] + self._slack
-            for side, beyond in enumerate(sides):
-                self.levels[beyond.any(axis=0), side] = (-np.inf, np.inf)[side]
-            stays = np.diff(rows, axis=0) == 0.0
+        if not np.isinf(self.levels).all():
+            with np.errstate(invalid="ignore"):  # a torque may be missing
+                lower = np.any(torque < self.levels[:, 0] - self._slack, axis=0)
+                higher = np.any(torque > self.levels[:, 1] + self._slack, axis=0)
+            self.levels[lower, 0], self.levels[higher, 1] = -np.inf, np.inf
+        stays = rows[1:] == rows[:-1]
         if not stays.any():
             return
         stays = np.lib.stride_tricks.sliding_window_view(stays, LONGEST_LEAST - 1, axis=0).all(axis=-1)
@@ -110,7 +111,7 @@ class TorqueLimits(Stateful):
 
         They follow those that were asked for before. Further ones are those after them, as far as these have come.
         """
-        if not self.known.any():
+        if np.isinf(self.levels).all():
             self._since[:] = FAR
             return None
         torque = torque[: count + self._around]
