@@ -119,6 +119,11 @@ class RecentMotion(Stateful):
         self._waiting = [(t[:, 0], *parts)] if len(rows) else []
         self._count = len(rows)
 
+    @property
+    def seconds(self) -> float:
+        """s of motion that are kept."""
+        return min(self._written, len(self._kept)) * self._spacing
+
     def stretches(self) -> list[Samples]:
         """Return the averages as samples with times, those without a gap together."""
         self._take()
