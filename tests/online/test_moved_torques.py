@@ -70,8 +70,8 @@ def test_torques_come_beside_their_motion(sizes: tuple[int, ...]) -> None:
 
 @pytest.mark.parametrize("derivatives", [0, 1, 2])
 def test_an_estimator_that_knows_the_delay_learns_what_one_in_step_does(model: sy.Model, derivatives: int) -> None:
-    t = np.arange(2500) / 1000
-    noise = 0.01 * np.random.default_rng(1).normal(size=(2500, 2))
+    t = np.arange(4000) / 1000
+    noise = 0.01 * np.random.default_rng(1).normal(size=(4000, 2))
     in_step, told, untold = (sy.OnlineEstimator(model, **given) for given in ({}, {"torque_delay": DELAYS}, {}))
     given = motion(t)[: derivatives + 1]
     for estimator, delays in ((in_step, np.zeros(2)), (told, DELAYS), (untold, DELAYS)):

@@ -87,7 +87,7 @@ class TorqueLimits(Stateful):
                 lower = np.any(torque < self.levels[:, 0] - self._slack, axis=0)
                 higher = np.any(torque > self.levels[:, 1] + self._slack, axis=0)
             self.levels[lower, 0], self.levels[higher, 1] = -np.inf, np.inf
-        stays: NDArray[np.bool_] = np.equal(rows[1:], rows[:-1])
+        stays = np.asarray(rows[1:] == rows[:-1], dtype=bool)
         if not stays.any():
             return
         stays = np.lib.stride_tricks.sliding_window_view(stays, LONGEST_LEAST - 1, axis=0).all(axis=-1)
