@@ -48,7 +48,7 @@ OPTIONS: tuple[dict[str, Any], ...] = (
     {"detect_changes": True},
     {"forget": 2},
     {"forget": 2.0, "window": 3.0, "detect_changes": True},
-    {"window": 1.3, "weights": [1.0, 2.0], "prior_weight": 3.0},
+    {"window": 1.3, "weights": [1.0, 2.0], "prior_weight": 3.0, "torque_delay": [0.003, -0.0047]},
 )
 
 

@@ -85,6 +85,10 @@ def _exact_for_polynomials(kernels: Array, t: Array) -> Array:
     return np.asarray(kernels + np.linalg.solve(window @ powers.T, (wanted - kernels @ powers.T).T).T @ window)
 
 
+FOURTH = 70.0
+"""Variance of fourth differences of white noise over its own: 1 + 16 + 36 + 16 + 1."""
+
+
 class CausalMotionFilter(Stateful):
     """Positions in, filtered positions, velocities and accelerations out, late by `delay` samples.
 
@@ -132,11 +136,21 @@ class CausalMotionFilter(Stateful):
         if count <= 0:
             self._held, self.velocity_noise = held, np.zeros((0, self.joints))
             return np.zeros((0, 3, self.joints))
-        white = float(np.linalg.norm(self.kernels[1 - self.derived]) / np.sqrt(70.0))  # 70 = 1 + 16 + 36 + 16 + 1
-        self.velocity_noise = white * np.sqrt(noise[-count:, 0] / noise[-count:, 1])
+        white = float(np.linalg.norm(self.kernels[1 - self.derived]))
+        self.velocity_noise = white * np.sqrt(noise[-count:, 0] / (FOURTH * noise[-count:, 1]))
         self._held = held[count:]
         out = self.kernels @ np.lib.stride_tricks.sliding_window_view(held, length, axis=0).swapaxes(1, 2)
         if not self.derived:
             return np.asarray(out)
         N = self.joints
         return np.stack([out[:, 0, :N], out[:, 0, N:], out[:, 1, N:]], axis=1)
+
+    @property
+    def noise(self) -> Array:
+        """Standard deviation (N,) of the noise of what accelerations are derived from, of all samples so far."""
+        return np.asarray(np.sqrt(self._noise[0] / (FOURTH * np.maximum(self._noise[1], 1.0))))
+
+    @property
+    def acceleration_gain(self) -> float:
+        """Standard deviation of an acceleration over that of white noise from which it is derived."""
+        return float(np.linalg.norm(self.kernels[2 - self.derived]))

@@ -7,10 +7,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from steelyard.recording.diagnosis.detectors import clipped_rows, saturation_levels
+from steelyard.recording.diagnosis.detectors import resolution
 from steelyard.recording.survey import STEADY
 
 from .saved_state import Stateful
+from .torque_limits import ALIKE, TorqueLimits
 
 __all__ = ["EvenStream", "Stretch"]
 
@@ -24,9 +25,6 @@ RATE_OFF = 0.05
 
 GREATEST = 1e12
 """No position, time or torque is greater; a damaged message may hold 1e308, whose square is no number any more."""
-
-ALIKE = 100
-"""Samples of a joint that moves after which a torque that is always the same is no chance."""
 
 KEPT = 5000
 """The newest samples among which torques at a limit are looked for."""
@@ -70,10 +68,13 @@ class EvenStream(Stateful):
     ----------
     counts : dict
         Samples received, those left out and why, and how often samples were missing.
+    limits : TorqueLimits
+        At which the torques that came stand.
     """
 
     _STATE = (
         "counts",
+        "limits",
         "_newest",
         "_written",
         "_last",
@@ -90,6 +91,7 @@ class EvenStream(Stateful):
         self.counts = dict.fromkeys(
             ("received", "not finite", "repeated", "late", "interpolated", "gaps", "clock resets", "torques missing"), 0
         )
+        self.limits = TorqueLimits(joints, rate)
         self._newest = np.full((KEPT, 2 * joints), np.nan)  # positions and torques, in a ring
         self._written = 0
         self._last: Array | None = None
@@ -112,6 +114,7 @@ class EvenStream(Stateful):
         self._newest[places, : self.joints] = newest[:, 1 : 1 + self.joints]
         self._newest[places, self.joints :] = newest[:, -self.joints :]
         self._written += len(newest)
+        self.limits.learn(newest[:, -self.joints :], self._while_moving)
         found: list[Stretch] = []
         previous = None if self._last is None else float(self._last[0])
         steps = np.diff(rows[:, 0], prepend=rows[0, 0] if previous is None and len(rows) else previous or 0.0)
@@ -171,20 +174,33 @@ class EvenStream(Stateful):
         self._begins = False
         return found
 
+    def _while_moving(self, joint: int) -> Array:
+        """Return the torques of a joint (M,) among the newest samples where its position changed, the oldest first."""
+        newest = np.roll(self._newest[:, [joint, self.joints + joint]], -(self._written % KEPT), axis=0)
+        moved = np.diff(newest[:, 0], prepend=np.nan) != 0.0
+        return np.asarray(newest[moved & np.isfinite(newest[:, 1]), 1])
+
     def at_limit(self) -> Array:
         """Return the part (N,) of the newest samples in which the torque of a joint that moves stands at a limit."""
-        newest = np.roll(self._newest, -(self._written % KEPT), axis=0)
-        q, torque = newest[:, : self.joints], newest[:, self.joints :]
-        with np.errstate(invalid="ignore"):
-            moved = np.diff(q, axis=0, prepend=np.nan) != 0.0
         found = np.zeros(self.joints)
-        for joint in range(self.joints):
-            shown = torque[moved[:, joint] & np.isfinite(torque[:, joint]), joint][:, None]
-            if len(shown) > ALIKE and np.ptp(shown) == 0.0:  # of which no level is seen
-                found[joint] = float(np.nanmax(q[:, joint]) - np.nanmin(q[:, joint]) > STEADY)
-            elif len(shown):
-                found[joint] = clipped_rows(shown, saturation_levels(shown))[0].mean()
+        for joint in np.flatnonzero(self.limits.known).tolist():
+            shown = self._while_moving(joint)
+            low, high = self.limits.levels[joint]
+            found[joint] = np.mean((shown <= low) | (shown >= high)) if len(shown) else 0.0
         return found
+
+    def never_changes(self) -> NDArray[np.bool_]:
+        """Return of which joints (N,) that move the torque is the same in all of the newest samples."""
+        found = np.zeros(self.joints, dtype=bool)
+        for joint in range(self.joints):
+            shown, q = self._while_moving(joint), self._newest[:, joint]
+            still = len(shown) > ALIKE and np.ptp(shown) == 0.0
+            found[joint] = still and np.nanmax(q) - np.nanmin(q) > STEADY
+        return found
+
+    def encoder_steps(self) -> Array:
+        """Return the steps (N,) of the encoders, rad or m, by the newest samples; 0 where none is seen."""
+        return resolution(self._newest[np.isfinite(self._newest[:, 0]), : self.joints])
 
     @property
     def measured_rate(self) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import perf_counter
@@ -27,6 +27,7 @@ from steelyard.estimators.reduced_regression import ReducedRegression
 from steelyard.feasibility import FeasibleSet, correct
 from steelyard.feasibility.bounds.quantities import standard_errors
 from steelyard.files.arguments import read_number, read_whole, real_array
+from steelyard.recording import Samples
 from steelyard.recording.even import PERIODS_FILLED, TIME_FILLED
 from steelyard.recording.formats.log_file import reading_as
 from steelyard.regression import Estimate, Factor, Information, ParameterCovariance
@@ -40,10 +41,14 @@ from .change_detector import Change, ChangeDetector, Prediction, Stretches
 from .earlier_robots import MOST_EARLIER, RECALLED, RECALLING, EarlierRobot
 from .even_stream import EvenStream, Stretch
 from .first_stretch import TOGETHER, EarlierPart, FirstStretch
+from .moved_torques import MovedTorques
 from .position_jumps import PositionJumps
+from .position_noise import noise_bias, noise_of_steps
+from .recent_motion import RecentMotion
 from .running_information import PARTS, CountedRows, information_of, information_state
 from .saved_state import REMEDY, read_state, state_of, take_over, write_state
 from .source_project import generate_online
+from .stream_faults import out_of_step, said_of_late, wrong_signs
 
 __all__ = ["OnlineEstimate", "OnlineEstimator"]
 
@@ -102,6 +107,18 @@ drives, and a robot that picks and places all day changes some thousand times.""
 TOLD_CHANGES = 5
 """The most changes with a sentence of their own."""
 
+LONGEST_DELAY = 1.0
+"""s; a delay of the torques beyond it is one in another unit."""
+
+NOISE_MATTERS = 0.5
+"""Half-widths of the interval of a base parameter by which noise of the positions must move it to be told, as delays
+must (`late_logs.MATTERS`)."""
+
+TELLING = 10.0
+"""s of samples from which delays and noise of the positions are told. *Measured* on twelve sound streams of a WAM that
+were asked each second for 20 s: nothing from then on; in the first 2 s noise in 19 answers, while parameters hardly
+show, and at 3 and 4 s delays of 1 and 2 ms in four."""
+
 RELEARNING = 2.0
 """s after the start, and after a change, before the next change is looked for: the estimate must be one by then."""
 
@@ -111,6 +128,9 @@ STATE = (
     "_positions",
     "_late",
     "_to_skip",
+    "_recent",
+    "_continues",
+    "_at_limit",
     "_counted",
     "_doubtful",
     "_detector",
@@ -187,6 +207,15 @@ class OnlineEstimate:
     seconds: float
 
 
+@dataclass(frozen=True, eq=False)
+class _Examined:
+    """What least squares of the samples so far are, how sure, and what the newest tell of faults of the stream."""
+
+    center: Array
+    covariance: ParameterCovariance
+    remarks: tuple[str, ...]
+
+
 @dataclass(eq=False)
 class _Slow:
     """Values that change slowly from one solution to the next."""
@@ -246,6 +275,10 @@ class OnlineEstimator:
     longest_gap : float, optional
         s up to which missing samples are interpolated; over longer gaps the filter starts anew. By default 0.02 s, or
         five sample times where these are longer.
+    torque_delay : float or (N,), optional
+        s, by which the torques are logged later than the positions; negative where they are logged earlier. They are
+        moved by it, between samples by cubic interpolation, as by ``delay`` in ``[processing]``. Not to be mistaken for
+        `delay`, which is that of the answer.
     least_speed : float
         rad/s or m/s, below which a joint counts as at rest; at least three standard deviations of the noise of its
         velocity, where that is filtered.
@@ -291,6 +324,7 @@ class OnlineEstimator:
         prior_weight: float | Literal["auto"] = "auto",
         weights: Literal["joint"] | ArrayLike | None = "joint",
         longest_gap: float | None = None,
+        torque_delay: float | ArrayLike = 0.0,
         least_speed: float = 1e-3,
     ) -> None:
         model.refuse_channels()
@@ -307,6 +341,7 @@ class OnlineEstimator:
             expected = f"a number of s of at least {PARTS} samples, or absent where all count"
             window = read_number(window, "window", expected, least=PARTS / rate)
         order = read_whole(order, "order", 1)
+        self._torque_delay = _torque_delays(torque_delay, model.dof)
         if feasible_set is not None and feasible_set.model is not model:
             raise InputError("The feasible set is of another model; make it of the model that is estimated.")
         self.model, self.rate, self.detect_changes = model, rate, bool(detect_changes)
@@ -328,6 +363,7 @@ class OnlineEstimator:
             "prior_weight": "auto" if self._prior_weight is None else self._prior_weight,
             "weights": weights if weights is None or isinstance(weights, str) else np.asarray(weights, dtype=float),
             "longest_gap": longest_gap,
+            "torque_delay": self._torque_delay,
             "least_speed": self._least_speed,
         }
         self._needed = {"feasible_set": feasible_set is not None, "prior": prior is not None}
@@ -359,7 +395,8 @@ class OnlineEstimator:
     @property
     def delay(self) -> float:
         """s by which the newest sample that counts is older than the newest that came."""
-        return 0.0 if self._filter is None else self._filter.delay / self.rate
+        filtered = 0 if self._filter is None else self._filter.delay
+        return (filtered + (0 if self._moved_torques is None else self._moved_torques.ahead)) / self.rate
 
     def update(
         self,
@@ -436,6 +473,8 @@ class OnlineEstimator:
         self._stream = EvenStream(self.rate, self.model.dof, self._longest_gap)
         rotates = np.array([unit == "rad" for unit in self.model.robot.position_units])
         self._positions = PositionJumps(self.rate, rotates, self._longest_gap)
+        self._moved_torques = MovedTorques(self.rate, self._torque_delay) if self._torque_delay.any() else None
+        self._at_limit = np.zeros(self.model.dof, dtype=int)
         self._detector = ChangeDetector(self.model.dof, max(1, round(DETECTION * self.rate)))
         self._late = self._nothing_late()
         self._to_skip = 0
@@ -473,6 +512,8 @@ class OnlineEstimator:
         self._taken, self._moved, self._answered, self._looked = 0, 0, 0, 0
         self._share, self._shared_rows = 1.0, 0
         self._at_rest = 0
+        self._recent, self._continues = RecentMotion(self.model.dof, self.rate), False
+        self._examined: _Examined | None = None
 
     def _take(self, rows: Array) -> None:
         self._waiting = 0
@@ -482,15 +523,20 @@ class OnlineEstimator:
                 if jumped:
                     self._stream.begin_anew()
                 for stretch in self._stream.add(part):
-                    self._filtered(stretch)
+                    moved = stretch if self._moved_torques is None else self._moved_torques.add(stretch)
+                    if moved is not None:
+                        self._filtered(moved)
 
     def _filtered(self, stretch: Stretch) -> None:
         N = self.model.dof
         if self._filter is None:
             q, dq, ddq = (stretch.values[:, k * N : (k + 1) * N] for k in range(3))
-            self._reduce(stretch.t, q, dq, ddq, stretch.torque, stretch.used, np.full_like(q, self._least_speed))
+            self._continues &= not stretch.begins
+            used = self._without_limits(stretch.torque, stretch.used, len(q))
+            self._reduce(stretch.t, q, dq, ddq, stretch.torque, used, np.full_like(q, self._least_speed))
             return
         if stretch.begins:
+            self._continues = False
             self._filter.restart()
             self._late = self._nothing_late()
             self._to_skip = self._filter.delay
@@ -502,10 +548,20 @@ class OnlineEstimator:
         motion = self._filter.add(stretch.values)
         end = skip + len(motion)
         t, torque, used = (each[skip:end] for each in late)
+        if len(motion):
+            used = self._without_limits(late[1][skip:], used, len(motion))
         self._late = (late[0][end:], late[1][end:], late[2][end:])
         if len(motion):
             slowest = np.maximum(self._least_speed, NOISE_DEVIATIONS * self._filter.velocity_noise)
             self._reduce(t, motion[:, 0], motion[:, 1], motion[:, 2], torque, used, slowest)
+
+    def _without_limits(self, torque: Array, used: NDArray[np.bool_], count: int) -> NDArray[np.bool_]:
+        """Return which of the first rows (count, N) count where torques at a limit do not, by those after them, too."""
+        clipped = self._stream.limits.near(torque, count)
+        if clipped is None:
+            return used
+        self._at_limit += np.sum(used & clipped, axis=0)
+        return np.asarray(used & ~clipped)
 
     def _nothing_late(self) -> tuple[Array, Array, NDArray[np.bool_]]:
         """Times, torques and which of them count, that wait for the filter: none."""
@@ -515,11 +571,14 @@ class OnlineEstimator:
     def _reduce(
         self, t: Array, q: Array, dq: Array, ddq: Array, torque: Array, used: NDArray[np.bool_], slowest: Array
     ) -> None:
+        known, self._examined = used, None
         if self._jumps.any():
             resting = self._jumps & (np.abs(dq) < slowest)
             if resting.any():
                 self._at_rest += int(np.sum(resting & used))
                 used = used & ~resting
+        self._recent.add(not self._continues, t, (q, dq, ddq, torque), known, used)
+        self._continues = True
         rows = rows_of_entries(self.model, self.model.base_columns.entries(q, dq, ddq), torque)
         self._t = float(t[-1])
         self._taken += len(t)
@@ -764,21 +823,29 @@ class OnlineEstimator:
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What the user should know of the samples, in sentences."""
+        """What the user should know of the samples, in sentences; first after new ones it takes some 0.1 s."""
         found = [*self._stream.remarks(), *self._positions.remarks()]
         if self._at_rest:
             found.append(
                 f"{self._at_rest} rows of joints that moved slower than {self._least_speed:g} rad/s (or m/s), or than "
                 "their encoders tell, were left out, since friction at rest is not that of motion."
             )
-        limited = self._stream.at_limit()
-        if limited.any():
-            names = [name for name, part in zip(self.model.robot.joint_names, limited, strict=True) if part > 0.0]
-            found.append(
-                f"The torque of {', '.join(names)} stands at its largest or least value in up to {limited.max():.2g} "
-                "of the newest samples, as where a sensor or a drive is dead or at its limit. Where it was not that in "
-                "truth, the estimate is off; give NaN for such torques."
-            )
+        names = self.model.robot.joint_names
+        dead = self._stream.never_changes()
+        for joints, what in (
+            (
+                (self._at_limit > 0) & self._stream.limits.known & ~dead,
+                "stands at its largest or least value in {:.2g} of the newest samples",
+            ),
+            (dead, "never changes"),
+        ):
+            if joints.any():
+                part = what.format(self._stream.at_limit()[joints].max())
+                found.append(
+                    f"The torque of {', '.join(np.array(names)[joints])} {part} while the joint moves, as where a "
+                    f"sensor or a drive is dead or at its limit; {self._at_limit[joints].sum()} rows of joints then, "
+                    "and just before and after, were left out."
+                )
         if self._left[0] > MISFIT and self._left[1] < 0.5 * self._left[0]:
             found.append(
                 f"The last answer leaves {self._left[0]:.2g} of the torques and least squares {self._left[1]:.2g}: "
@@ -791,6 +858,8 @@ class OnlineEstimator:
                 "See whether positions are in rad and m, and whether positions and torques are of the same joints, of "
                 "the same sign and of the same time; `steelyard doctor` examines a log of them."
             )
+        if self._answer_weights is not None:
+            found += self._examine(self._answer_weights).remarks
         if self._first is not None and self._taken:
             found.append(
                 f"Of the robot that is there {self._first.moving / self.rate:.2g} s of motion count so far. A change "
@@ -803,6 +872,62 @@ class OnlineEstimator:
             found.append(f"The robot changed {self.change_count} times, the first time at {self.changes[0].t:.13g} s.")
         found += map(_said_of, told)
         return tuple(found)
+
+    def _examine(self, weights: Array) -> _Examined:
+        """Look for faults of the stream that hardly show in its errors, and let those that move the numbers count."""
+        if self._examined is not None:
+            return self._examined
+        remarks: list[str] = []
+        with one_thread():
+            info, center, covariance = self._covariance_with(weights)
+            stretches = self._recent.stretches()
+            if stretches and info.count:
+                base = center if self._possible is None else self._set.K @ self._possible
+                early = self._recent.seconds < TELLING
+                late = None if early else out_of_step(self.model, info, weights, stretches, self._cutoff)
+                remarks += wrong_signs(self.model, info.factors, base, stretches)
+                if late is not None:
+                    remarks.append(said_of_late(late, self._torque_delay, self.model.robot.joint_names))
+                noise = self._acceleration_noise(stretches)
+                bias = noise_bias(self.model, info, weights, center, stretches, noise)
+                remarks += () if early else self._noise_remark(noise, bias, covariance, stretches)
+                for change in (bias, *([] if late is None else [late.change])):
+                    covariance = covariance.with_error(change)
+        self._examined = _Examined(center, covariance, tuple(remarks))
+        return self._examined
+
+    @property
+    def _cutoff(self) -> float | None:
+        """Hz, of the filter of the positions; None where there is none."""
+        return None if self._filter is None else self._options[1]
+
+    def _acceleration_noise(self, stretches: Sequence[Samples]) -> Array:
+        """Return the standard deviation (N,) of what the noise of the encoders makes of accelerations, per s²."""
+        if self._filter is None:
+            return np.zeros(self.model.dof)
+        noise = self._filter.noise
+        if not self._filter.derived:
+            speeds = np.sqrt(np.mean(np.vstack([one.dq for one in stretches]) ** 2, axis=0))
+            noise = np.maximum(noise, noise_of_steps(self._stream.encoder_steps(), speeds, self.rate))
+        return self._filter.acceleration_gain * noise
+
+    def _noise_remark(
+        self, noise: Array, bias: Array, covariance: ParameterCovariance, stretches: Sequence[Samples]
+    ) -> tuple[str, ...]:
+        half = NORMAL * covariance.standard_error
+        told = np.isfinite(half) & (half > 0.0)
+        times = float(np.max(np.abs(bias[told]) / half[told], initial=0.0))
+        if times < NOISE_MATTERS:
+            return ()
+        sizes = np.sqrt(np.mean(np.vstack([one.ddq for one in stretches]) ** 2, axis=0))
+        shares = noise / np.maximum(sizes, 1e-300)
+        worst = int(np.argmax(shares))
+        return (
+            f"Noise of the positions makes {shares[worst]:.2g} of the accelerations of "
+            f"{self.model.robot.joint_names[worst]}, and inertias become too small: base parameters are off by up to "
+            f"{times:.2g} times the half-width of an interval of 95 %, which counts in `intervals`. A lower cutoff, "
+            "faster motion or finer encoders mend it.",
+        )
 
     def _scale_known(self, info: Information | None) -> None:
         """Scale masses that are not known by the data, and make the set of what such a robot can be."""
@@ -866,7 +991,7 @@ class OnlineEstimator:
         away = problem.R @ (self._set.K @ parameters) - problem.rho
         total = np.array([float(away @ away) + problem.residual2, problem.residual2])
         self._left = np.sqrt(total / problem.norm2)
-        self._answer_weights = slow.weights
+        self._answer_weights, self._examined = slow.weights, None
         return OnlineEstimate(
             self._t,
             self._set.K @ parameters,
@@ -942,7 +1067,7 @@ class OnlineEstimator:
         problem, K, whole = info.reduced(weights), self._set.K, untested_weight(info.count)
         if info.count < FEW * len(K):
             return 1.0
-        center, covariance = self._covariance_with(weights)
+        _, center, covariance = self._covariance_with(weights)
         deviations, variance = covariance.in_deviations(), _variance(problem)
 
         def away(share: float) -> float:
@@ -1000,14 +1125,17 @@ class OnlineEstimator:
     def covariance(self) -> ParameterCovariance:
         """The covariance of least squares of the samples as of now, corrected for residuals that last.
 
-        Of the base parameters, with the joints weighted as in the last answer. It takes some ten milliseconds.
+        Of the base parameters, with the joints weighted as in the last answer. What noise of the encoders, and torques
+        that are out of step, make the base parameters be off by counts as one more error each, see `remarks`. The first
+        time after new samples it takes some 0.1 s (seven joints).
         """
-        return self._with_covariance()[1]
+        return self._examine(self._weights_of_answer()).covariance
 
     def intervals(self, combinations: ArrayLike | None = None) -> Array:
         """Return intervals that hold the true values with a probability of 95 %, by the data alone.
 
-        They lie about least squares, not about the answer, which the prior moves where the data say little.
+        They lie about least squares, not about the answer, which the prior moves where the data say little. For what
+        they count see `covariance`.
 
         Parameters
         ----------
@@ -1026,24 +1154,22 @@ class OnlineEstimator:
                 f"combinations must be finite numbers, one for each of {count} base parameters: ({count},) or "
                 f"(k, {count}); got an array of the shape {rows.shape}."
             )
-        center, covariance = self._with_covariance()
-        half = NORMAL * standard_errors(self._set, covariance, rows @ self._set.K)
-        values = rows @ center
+        found = self._examine(self._weights_of_answer())
+        half = NORMAL * standard_errors(self._set, found.covariance, rows @ self._set.K)
+        values = rows @ found.center
         return np.column_stack([values - half, values + half])
 
-    def _with_covariance(self) -> tuple[Array, ParameterCovariance]:
-        weights = self.estimate().weights if self._answer_weights is None else self._answer_weights
-        with one_thread():
-            return self._covariance_with(weights)
+    def _weights_of_answer(self) -> Array:
+        return self.estimate().weights if self._answer_weights is None else self._answer_weights
 
-    def _covariance_with(self, weights: Array) -> tuple[Array, ParameterCovariance]:
-        """Return least squares with these weights of the joints, and their covariance."""
+    def _covariance_with(self, weights: Array) -> tuple[Information, Array, ParameterCovariance]:
+        """Return what is known, least squares of it with these weights of the joints, and their covariance."""
         info = self._counted.information()
         center = solve(info.reduced(weights))
         found = ParameterCovariance.of(info, center, weights)
         if self._counted.keep < 1.0:
             found = found.with_forgotten(info, self._counted.squared(), weights)
-        return center, found
+        return info, center, found
 
     def generate(self, language: str, directory: str | Path) -> tuple[Path, ...]:
         """Write the estimator for a controller, see :func:`steelyard.online.generate_online`.
@@ -1185,6 +1311,7 @@ class OnlineEstimator:
         return state_of(self, STATE) | {
             "measured": self._measured,
             "filter": None if self._filter is None else self._filter.state(),
+            "moved_torques": None if self._moved_torques is None else self._moved_torques.state(),
             "waiting": self._rows[: self._waiting],
             "certain": None if self._certain is None else self._certain.state(),
             "first": None if self._first is None else self._first.state(),
@@ -1202,6 +1329,8 @@ class OnlineEstimator:
             self._expect(state["measured"])
         if self._filter is not None:
             self._filter.restore(state["filter"])
+        if self._moved_torques is not None:
+            self._moved_torques.restore(state["moved_torques"])
         self._waiting = len(state["waiting"])
         self._rows[: self._waiting] = state["waiting"]
         bodies = zip(self._scaled.links, state["bodies"], strict=True)
@@ -1247,6 +1376,17 @@ def _said_of(change: Change) -> str:
         f"{names}; the estimate rests on what came after"
         f"{'.' if change.before.count else ', and nothing is known of the robot before.'}"
     )
+
+
+def _torque_delays(given: float | ArrayLike, joints: int) -> Array:
+    """Return a delay for each joint, (N,) s."""
+    values = real_array(given, "torque_delay")
+    if values.shape not in ((), (joints,)) or not np.all(np.abs(values) <= LONGEST_DELAY):
+        raise InputError(
+            f"torque_delay must be a number of s between {-LONGEST_DELAY:g} and {LONGEST_DELAY:g}, or one for each of "
+            f"{joints} joints, got {given!r}."
+        )
+    return np.broadcast_to(values, (joints,)).copy()
 
 
 def _jumping_rows(model: Model) -> NDArray[np.bool_]:

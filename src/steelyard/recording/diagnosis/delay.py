@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from ..samples import Samples
 
-__all__ = ["DelayEstimate", "advanced", "estimate_delay"]
+__all__ = ["DelayEstimate", "advanced", "cubic_weights", "estimate_delay"]
 
 Array = NDArray[np.float64]
 MOST_ROWS = 20_000
@@ -308,22 +308,33 @@ def advanced(values: ArrayLike, rows: float) -> tuple[Array, NDArray[np.bool_]]:
     [1.25, 2.25, 3.25]
     """
     array = np.asarray(values, dtype=np.float64)
-    count = len(array)
-    whole = int(np.floor(rows + 1e-9))
-    part = max(rows - whole, 0.0)
-    if part < 1e-9:
-        offsets, weights = [0], [1.0]
-    else:
-        offsets = [-1, 0, 1, 2]
-        weights = [
-            -part * (part - 1.0) * (part - 2.0) / 6.0,
-            (part + 1.0) * (part - 1.0) * (part - 2.0) / 2.0,
-            -(part + 1.0) * part * (part - 2.0) / 2.0,
-            (part + 1.0) * part * (part - 1.0) / 6.0,
-        ]
-    place = np.arange(count) + whole
+    count, place = len(array), np.arange(len(array))
+    offsets, weights = cubic_weights(rows)
     known = (place + offsets[0] >= 0) & (place + offsets[-1] < count)
     result = np.zeros_like(array)
     for offset, weight in zip(offsets, weights, strict=True):
         result += weight * array[np.clip(place + offset, 0, count - 1)]
     return result, known
+
+
+def cubic_weights(rows: float) -> tuple[list[int], list[float]]:
+    """Return which rows, counted from each, a cubic polynomial passes through that tells a value `rows` later, and
+    their weights; one of them where that is a whole number.
+
+    Examples
+    --------
+    >>> cubic_weights(-2.0)
+    ([-2], [1.0])
+    >>> cubic_weights(1.5)
+    ([0, 1, 2, 3], [-0.0625, 0.5625, 0.5625, -0.0625])
+    """
+    whole = int(np.floor(rows + 1e-9))
+    part = max(rows - whole, 0.0)
+    if part < 1e-9:
+        return [whole], [1.0]
+    return [whole - 1, whole, whole + 1, whole + 2], [
+        -part * (part - 1.0) * (part - 2.0) / 6.0,
+        (part + 1.0) * (part - 1.0) * (part - 2.0) / 2.0,
+        -(part + 1.0) * part * (part - 2.0) / 2.0,
+        (part + 1.0) * part * (part - 1.0) / 6.0,
+    ]

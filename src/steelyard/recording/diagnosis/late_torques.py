@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from ..samples import Samples
 
-__all__ = ["SURE", "LateTorques", "is_certain", "late_torques"]
+__all__ = ["EARLIER", "LATER", "SURE", "LateTorques", "is_certain", "late_torques"]
 
 Array = NDArray[np.float64]
 ROWS = 4000
@@ -105,7 +105,9 @@ class LateTorques:
         return f"LateTorques({1e3 * self.delay:.3g} ± {1e3 * self.standard_deviation:.2g} ms behind the motion)"
 
 
-def late_torques(model: Model, stretches: Sequence[tuple[Samples, Array]]) -> LateTorques | None:
+def late_torques(
+    model: Model, stretches: Sequence[tuple[Samples, Array]], least: tuple[float, float] = (LATER, EARLIER)
+) -> LateTorques | None:
     """Tell by how much torques are logged later than the motion.
 
     To first order a delay adds the change of the predicted torque with time to what a regression leaves. Of this
@@ -122,6 +124,8 @@ def late_torques(model: Model, stretches: Sequence[tuple[Samples, Array]]) -> La
     stretches : sequence of (Samples, ndarray)
         Neighbouring rows at even times, and the torques (S, N) that a model predicts of them; NaN where these are not
         to be used.
+    least : (float, float)
+        s that torques must surely be later, and earlier, to be told.
 
     Returns
     -------
@@ -149,7 +153,7 @@ def late_torques(model: Model, stretches: Sequence[tuple[Samples, Array]]) -> La
         return None
     with one_thread():
         rows = _Rows.of(model, even, step)
-        return None if rows is None else _told(rows)
+        return None if rows is None else _told(rows, least)
 
 
 @dataclass(frozen=True, eq=False)
@@ -323,7 +327,7 @@ class _Curves:
         return float(sums.sum() / before.sum()), float(sums.sum() / np.sqrt(max(_variance(sums), ROUNDING)))
 
 
-def _told(rows: _Rows) -> LateTorques | None:
+def _told(rows: _Rows, least: tuple[float, float]) -> LateTorques | None:
     curves = _Curves(rows, LONGEST)
     told = curves.told
     if not told:
@@ -346,7 +350,7 @@ def _told(rows: _Rows) -> LateTorques | None:
                 continue
             found = curves.found(k, *near)
         delays[k], deviations[k], parts[k] = found
-    return None if not parts else _decided(delays, deviations, parts, explained, tuple(curves.changes))
+    return None if not parts else _decided(delays, deviations, parts, explained, tuple(curves.changes), least)
 
 
 class _Rest:
@@ -370,6 +374,7 @@ def _decided(
     parts: Mapping[int, Array],
     explained: NDArray[np.bool_],
     changes: tuple[Array, ...],
+    least: tuple[float, float],
 ) -> LateTorques:
     """Join what the joints tell, and decide what of it is certain and large enough to be told."""
 
@@ -393,7 +398,7 @@ def _decided(
             told[:], of_told[:] = without[odd][:2]
             if abs(delays[odd] - without[odd][0]) <= ODD:
                 told[odd], of_told[odd] = delays[odd], deviations[odd]
-    certain = is_certain(told, of_told)
+    certain = is_certain(told, of_told, least)
     told[alone], of_told[alone] = delays[alone], deviations[alone]
     certain[alone] = True
     told, of_told = np.where(certain, told, 0.0), np.where(certain, of_told, 0.0)
@@ -401,10 +406,10 @@ def _decided(
     return LateTorques(delay, deviation, delays, deviations, told, of_told, own, changes)
 
 
-def is_certain(delays: Array, deviations: Array) -> NDArray[np.bool_]:
-    """Tell which delays are certain, and surely large enough to be told (see `LATER`)."""
-    sizes, least = np.abs(delays), np.where(delays > 0.0, LATER, EARLIER)
-    certain = (sizes >= SURE * deviations) & (sizes - 2.0 * deviations >= least)
+def is_certain(delays: Array, deviations: Array, least: tuple[float, float] = (LATER, EARLIER)) -> NDArray[np.bool_]:
+    """Tell which delays are certain, and surely at least so much later, or earlier, as to be told (see `LATER`)."""
+    sizes, enough = np.abs(delays), np.where(delays > 0.0, *least)
+    certain = (sizes >= SURE * deviations) & (sizes - 2.0 * deviations >= enough)
     return np.asarray(certain & (deviations <= VAGUE))
 
 
