@@ -290,11 +290,12 @@ def wrong_torque_signs(model: Model, samples: Samples) -> tuple[Hypothesis, ...]
     Examples
     --------
     >>> import steelyard as sy
-    >>> robot = sy.Robot.from_dh([("pi/2", 0.0, 0.3, "q"), (0, 0.4, 0, "q")], gravity=(0, 0, -9.81))
-    >>> model, t = sy.Model(robot), np.arange(0.0, 20.0, 0.04)[:, None]
-    >>> speed, parameters = np.array([0.9, 1.3]), np.zeros(20)
+    >>> robot = sy.Robot.from_dh([("pi/2", 0.0, 0.3, "q"), (0, 0.4, 0, "q")]).with_terms(sy.Viscous(), sy.Coulomb())
+    >>> model, t, speed = sy.Model(robot), np.arange(0.0, 20.0, 0.04)[:, None], np.array([0.9, 1.3])
     >>> q, dq, ddq = np.sin(speed * t), speed * np.cos(speed * t), -(speed**2) * np.sin(speed * t)
+    >>> parameters = np.zeros(model.parameter_count)
     >>> parameters[model.link_columns[1][[0, 3, 5, 6, 9]]] = 0.01, 0.2, 0.2, -0.4, 2.0
+    >>> parameters[[10, 11, 22, 23]] = 0.3, 0.5, 0.2, 0.4
     >>> torque = model.inverse_dynamics(q, dq, ddq, parameters) * [1, -1]
     >>> [found.statement for found in wrong_torque_signs(model, sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque))]
     ['The sign of the torque of joint2 looks wrong']

@@ -87,10 +87,11 @@ class TorqueLimits(Stateful):
                 lower = np.any(torque < self.levels[:, 0] - self._slack, axis=0)
                 higher = np.any(torque > self.levels[:, 1] + self._slack, axis=0)
             self.levels[lower, 0], self.levels[higher, 1] = -np.inf, np.inf
-        stays = np.asarray(rows[1:] == rows[:-1], dtype=bool)
-        if not stays.any():
+        alike = np.asarray(rows[1:] == rows[:-1], dtype=bool)
+        if not alike.any():
             return
-        stays = np.lib.stride_tricks.sliding_window_view(stays, LONGEST_LEAST - 1, axis=0).all(axis=-1)
+        pairs = np.lib.stride_tricks.sliding_window_view(alike, LONGEST_LEAST - 1, axis=0)
+        stays = np.asarray(pairs.all(axis=-1))
         for joint in np.flatnonzero(stays.any(axis=0) & (self._searched >= AGAIN)).tolist():
             values = torque[stays[:, joint], joint]
             low, high = self.levels[joint]
