@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -16,6 +15,7 @@ from steelyard.errors import InputError, MissingExtraError
 from steelyard.feasibility import FeasibleSet
 from steelyard.feasibility.constraints import Constraint
 from steelyard.files.arguments import all_listed
+from steelyard.once import cached_property
 from steelyard.regression import Information
 from steelyard.robot import Robot
 from steelyard.robot.described_inertia import DescribedBody, described_bodies, possible_body

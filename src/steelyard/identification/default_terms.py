@@ -12,12 +12,11 @@ import numpy as np
 
 from steelyard.dynamics import Model, RotorInertia, term_from_dict
 from steelyard.errors import SolverError
-from steelyard.estimators.cross_validation import FEWEST_FOLDS
+from steelyard.estimators.cross_validation import FEWEST_FOLDS, HeldOutRows
 from steelyard.estimators.plausible_fit import TriedPrior, tried_prior
 from steelyard.feasibility import FeasibleSet
 from steelyard.regression import Estimate, Information, least_squares
 from steelyard.regression.factor import solve
-from steelyard.regression.held_out import HeldOutRows
 from steelyard.robot import RobotFile
 
 from .given import wider_model

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.dynamics import Model
+from steelyard.estimators.cross_validation import SHOWN
 from steelyard.recording import Samples
 from steelyard.regression import Estimate, Information, ParameterCovariance
 from steelyard.regression.factor import eigenvectors
-from steelyard.regression.held_out import SHOWN
 from steelyard.regression.parameter_covariance import inverse_root_of
 
 __all__ = ["standstill_errors"]

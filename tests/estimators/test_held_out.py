@@ -5,7 +5,7 @@ import pytest
 import scipy.linalg
 
 import steelyard as sy
-from steelyard.regression.held_out import HeldOutRows
+from steelyard.estimators.cross_validation import HeldOutRows
 from steelyard.regression.reduction import empty_factors
 from steelyard.regression.time_blocks import TimeBlocks
 
