@@ -32,6 +32,7 @@ from steelyard.recording.survey import LogSurvey
 from steelyard.regression import Estimate, Information, least_squares
 from steelyard.regression.body_change import BodyChange
 from steelyard.regression.drift import FrictionDrift, drift_sentence, friction_drifts
+from steelyard.regression.factor import column_lengths
 from steelyard.regression.reduction import empty_factors, errors_of
 from steelyard.regression.time_blocks import TimeBlocks
 from steelyard.robot import Robot, RobotFile
@@ -83,6 +84,9 @@ MOSTLY_WEAK = 0.6
 """Part of the base parameters that may be weak, by standard errors that allow for errors that last. Logs of eleven
 simulated arms have 0.3 to 0.5, a UR10 0.55 and a TX40 0.58; short runs of a Gen3 and single motions of a KUKA KR300
 0.69 to 0.74."""
+HARDLY_SHOWN = 1e6
+"""Condition number, with columns of length one, from which some combination of base parameters shows in next to
+nothing, however few of them are weak: sound logs have 4 to 10, and joints that all move alike 3e8."""
 STRETCHES = 5
 CLIPPED = 0.01
 """Share of a joint's rows whose torque is clipped, or stands still, from which the answer is wrong, not only worse."""
@@ -688,6 +692,11 @@ class _Patient:
             )
         if len(weak) > MOSTLY_WEAK * count:
             reasons.append(f"{len(weak)} of {count} base parameters are smaller than twice their standard error")
+        if not reasons and not unlogged:
+            columns = information.reduced(None).R
+            shown = np.linalg.svd(columns / column_lengths(columns), compute_uv=False)
+            if shown[0] > HARDLY_SHOWN * shown[-1]:
+                reasons.append("a combination of base parameters hardly shows at all")
         if not reasons:
             return
         order = [*unseen, *sorted((name for name in weak if name not in unseen), key=lambda name: -errors[name])]
