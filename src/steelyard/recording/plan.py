@@ -124,7 +124,7 @@ class Plan:
         """Return the rows start:stop that trimming leaves of `count`; none are left where stop is not above start."""
         trim = self.processing.trim
         if isinstance(trim, str):
-            rows = min(ceil(self.settling(rate) * rate), int(LARGEST_TRIM * count))
+            rows = min(ceil(self.settling(rate) * rate - 1e-6), int(LARGEST_TRIM * count))
             return rows, count - rows
         begin, end = trim if isinstance(trim, tuple) else (trim, trim)
         return ceil(begin * rate - 1e-6), count - ceil(end * rate - 1e-6)
@@ -149,7 +149,7 @@ class Plan:
         """Process a recording without the rows within `ends` (s) of its ends, or without those that are trimmed."""
         start, stop = self.kept_rows(recording.count, recording.rate, recording.source)
         if ends is not None:
-            start = min(ceil(ends * recording.rate), int(LARGEST_TRIM * recording.count))
+            start = min(ceil(ends * recording.rate - 1e-6), int(LARGEST_TRIM * recording.count))
             stop = recording.count - start
         return self.rows(recording, start, stop)[0]
 
