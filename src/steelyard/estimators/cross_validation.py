@@ -202,17 +202,17 @@ def cross_validation(
     bases = parameters @ feasible_set.K.T
     plain = np.array([solve(data.reduced(used)) for data in training])
 
-    squares, _ = _held_out(stretches, bases[1:], used)
+    squares = _squares([one.measured for one in stretches], bases[1:])
     every = np.ones(len(info.factors)) if used is None else used
     told = HeldOutRows.of(info, stretches, every)
     losses = np.array([rows.squares(own) @ every**2 for rows, own in zip(told, bases[1:], strict=True)])
-    plain_squares, _ = _held_out(stretches, plain[:, None], used)
+    plain_squares = _squares([one.measured for one in stretches], plain[:, None])
     counts = np.maximum(np.sum([[f.count for f in s.measured] for s in stretches], axis=0), 1)
     best, largest = _choose(losses)
     return CrossValidation(
         prior_weights=grid,
         losses=losses / regression.variance,
-        training_losses=_held_out([info], bases[:1], used)[1][0] / regression.variance,
+        training_losses=_squares([info.factors], bases[:1])[0] @ every**2 / regression.variance,
         counts=np.array([s.count for s in stretches]),
         joint_errors=np.sqrt(squares.sum(axis=0) / counts),
         plain_joint_errors=np.sqrt(plain_squares.sum(axis=0)[0] / counts),
@@ -232,12 +232,10 @@ def _grid(prior_weights: npt.ArrayLike | None, count: int, parameter_count: int)
     return grid
 
 
-def _held_out(stretches: Sequence[Information], bases: Tensor, weights: Vector | None) -> tuple[Tensor, Matrix]:
-    """Squared residuals of each joint, (f, k, N), and of all of them with weights, (f, k), of the bases (f, k, n_b)."""
-    squares = np.array([[f.residuals2(own) for f in s.measured] for s, own in zip(stretches, bases, strict=True)])
-    weighted = np.array([[f.residuals2(own) for f in s.factors] for s, own in zip(stretches, bases, strict=True)])
-    factors = np.ones(weighted.shape[1]) if weights is None else weights
-    return squares.swapaxes(1, 2), np.asarray(np.einsum("fjk,j->fk", weighted, np.square(factors)))
+def _squares(stretches: Sequence[Sequence[Factor]], bases: Tensor) -> Tensor:
+    """Squared residuals of each joint, (f, k, N), of the bases (f, k, n_b)."""
+    found = [[f.residuals2(own) for f in of] for of, own in zip(stretches, bases, strict=True)]
+    return np.array(found).swapaxes(1, 2)
 
 
 def _path(function: _Fits, start: Vector, basis: Matrix | None) -> Matrix:

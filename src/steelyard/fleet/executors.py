@@ -131,10 +131,7 @@ class Workers:
                 for one in begun:  # when all of them load their modules
                     one.send((leaf, common))
                 running += begun
-                for one in running:
-                    if waiting and one.place is None:
-                        one.place = waiting.pop()
-                        one.send(groups[one.place[0]][one.place[1]])
+                _give(running, waiting, groups)
                 found: list[tuple[_Place, bytes]] = []
                 for one in _answering(running):
                     place, one.place = one.place, None
@@ -156,9 +153,7 @@ class Workers:
                     if isinstance(result, BaseException):
                         raise result
                     found.append((place, result))
-                    if waiting:  # before its result is used, so that it does not wait for that
-                        one.place = waiting.pop()
-                        one.send(groups[one.place[0]][one.place[1]])
+                _give(running, waiting, groups)  # before results are used, so that nobody waits for that
                 for (number, index), result in found:
                     results[number][index] = result
                     whole = [each for each in results[number] if each is not None]
@@ -203,6 +198,14 @@ class _Process:
         self.connection.close()
         self._process.kill()
         self._process.join()
+
+
+def _give(running: Sequence[_Process], waiting: list[_Place], groups: Sequence[Sequence[Task]]) -> None:
+    """Give each process that has no task one of those that wait, if there are any."""
+    for one in running:
+        if waiting and one.place is None:
+            one.place = waiting.pop()
+            one.send(groups[one.place[0]][one.place[1]])
 
 
 def _answering(running: Sequence[_Process]) -> list[_Process]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from steelyard.display import percent
 from steelyard.dynamics import Model
@@ -28,7 +28,8 @@ __all__ = ["MATTERS", "LateLog", "in_half_widths", "late_hypotheses", "late_log"
 
 Array = NDArray[np.float64]
 MATTERS = 0.5
-"""Half-widths of the interval of a base parameter by which a delay, or a tilt of the base, must move it to be told."""
+"""Half-widths of the interval of a base parameter by which a delay, a tilt of the base, or noise of the
+positions must move it to be told."""
 LOWER = 0.5
 """Part of the cutoff of the positions at which the motion is filtered once more before a delay is told: what noise of
 the encoders, and friction that the model lacks, look like depends on the cutoff, and a delay does not."""
@@ -152,7 +153,7 @@ def late_log(
     if found is None or not found.told.any():
         return None
     change = _change(found, found.told, model, information, own, unconstrained)
-    if not (in_half_widths(change, unconstrained) >= MATTERS or found.explained.any()):
+    if not (in_half_widths(change, unconstrained.standard_error) >= MATTERS or found.explained.any()):
         return None
     delays, deviations, alone = found.told, found.told_deviations, found.explained
     if isinstance(cutoff, int | float):
@@ -171,7 +172,7 @@ def late_log(
         alone = alone & certain
         delays, deviations = np.where(certain, delays, 0.0), np.where(certain, deviations, 0.0)
         change = _change(found, np.hypot(delays, deviations) * np.sign(delays), model, information, own, unconstrained)
-    largest = in_half_widths(change, unconstrained)
+    largest = in_half_widths(change, unconstrained.standard_error)
     if not (largest >= MATTERS or alone.any()):
         return None
     before = own.relative_error(unconstrained.base)
@@ -217,9 +218,9 @@ def _part_left(
     return left[1] / max(left[0], 1e-300)
 
 
-def in_half_widths(change: Array, unconstrained: Estimate) -> float:
+def in_half_widths(change: Array, standard_error: ArrayLike) -> float:
     """Return the largest change of a base parameter (n_b,) over the half-width of its interval of 95 %."""
-    halves = NORMAL * np.asarray(unconstrained.standard_error)
+    halves = NORMAL * np.asarray(standard_error)
     told = np.isfinite(halves) & (halves > 0.0)
     return float(np.max(np.abs(change[told]) / halves[told], initial=0.0))
 

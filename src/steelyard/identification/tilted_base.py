@@ -13,6 +13,7 @@ from steelyard.dynamics import Model
 from steelyard.recording import Samples
 from steelyard.recording.correction import Correction, correction_settings
 from steelyard.regression import Estimate, Information
+from steelyard.regression.factor import eigenvectors
 from steelyard.regression.parameter_covariance import inverse_root_of
 
 from .late_logs import MATTERS, in_half_widths
@@ -112,15 +113,21 @@ def tilted_base(
         return None
     weights = information.joint_weights(unconstrained.weights)
     across = size * np.asarray(np.linalg.svd(own[None, :])[2], dtype=np.float64)[1:]
-    found = _rows(model, kept, across, parameters, weights)
+    inverse, _, unknown = inverse_root_of(information, weights)
+    found = _rows(model, kept, across, parameters, weights, inverse)
     rows, aside, torques = (np.concatenate(parts) for parts in zip(*found, strict=True))
     flat, counts = rows.reshape(-1, rows.shape[2]), (len(rows), rows.shape[1])
-    inverse, _, unknown = inverse_root_of(information, weights)
-    basis, sizes, _ = np.linalg.svd(flat @ inverse, full_matrices=False)
-    basis = basis[:, sizes > 1e-6 * sizes[0]]
+    # All data show each of these directions alike, so that products of the rows lose no digits.
+    values, vectors = eigenvectors(flat.T @ flat)
+    root = (vectors / np.sqrt(np.maximum(values, 1e-300)))[:, values > 1e-12 * values[-1]]
+
+    def explained(columns: Array) -> Array:
+        """Return what the directions make of columns over the rows, by least squares."""
+        return np.asarray(root @ (root.T @ (flat.T @ columns)))
+
     columns = aside.reshape(-1, 2)
-    columns = columns - basis @ (basis.T @ columns)
-    left = torques.ravel() - basis @ (basis.T @ torques.ravel())
+    columns = columns - flat @ explained(columns)
+    left = torques.ravel() - flat @ explained(torques.ravel())
     if np.linalg.norm(columns, axis=0).min() <= 1e-9 * np.linalg.norm(aside):
         return None  # as on an arm whose axes are all vertical and carry nothing aside
     normal = columns.T @ columns
@@ -136,9 +143,8 @@ def tilted_base(
     if sure < SURE or np.degrees(radians - 2.0 * deviation) < LEAST_TILT:
         return None
     # What the base parameters make up for.
-    made_up = np.linalg.lstsq(flat @ inverse, aside.reshape(-1, 2) @ tilt, rcond=1e-6)[0]
-    change = np.where(unknown, 0.0, inverse @ made_up)
-    largest = in_half_widths(change, unconstrained)
+    change = np.where(unknown, 0.0, inverse @ explained(aside.reshape(-1, 2) @ tilt))
+    largest = in_half_widths(change, unconstrained.standard_error)
     if largest < MATTERS:
         return None
     gravity = own + tilt @ across
@@ -153,16 +159,19 @@ def tilted_base(
 
 
 def _rows(
-    model: Model, samples: Sequence[Samples], across: Array, parameters: Array, weights: Array
+    model: Model, samples: Sequence[Samples], across: Array, parameters: Array, weights: Array, inverse: Array
 ) -> list[tuple[Array, Array, Array]]:
-    """Weighted rows of the base regressor (S, N, n_b), of what a tilt changes (S, N, 2), and torques (S, N)."""
-    found = []
-    to_base = np.asarray(model.base_parameters().Pb, dtype=float)
+    """Weighted rows of the base regressor times `inverse` (S, N, n_b), of what a tilt changes (S, N, 2), and torques.
+
+    Torques are (S, N).
+    """
+    found, columns = [], model.base_columns
     for one in samples:
         used, rest = one.used_rows, np.zeros_like(one.q)
         level = model.inverse_dynamics(one.q, rest, rest, parameters, gravity=np.zeros(3))
         aside = [model.inverse_dynamics(one.q, rest, rest, parameters, gravity=way) - level for way in across]
-        rows = model.regressor(one.q, one.dq, one.ddq) @ to_base
+        entries = columns.by_joint(columns.entries(one.q, one.dq, one.ddq))
+        rows = np.stack([own @ inverse[c] for own, c in zip(entries, columns.joints, strict=True)], axis=1)
         weighted = np.where(used, weights, 0.0)
         found.append(
             (weighted[:, :, None] * rows, weighted[:, :, None] * np.stack(aside, axis=2), weighted * one.torque)

@@ -27,6 +27,7 @@ from steelyard.estimators.reduced_regression import ReducedRegression
 from steelyard.feasibility import FeasibleSet, correct
 from steelyard.feasibility.bounds.quantities import standard_errors
 from steelyard.files.arguments import read_number, read_whole, real_array
+from steelyard.identification.late_logs import MATTERS, in_half_widths
 from steelyard.recording import Samples
 from steelyard.recording.even import PERIODS_FILLED, TIME_FILLED
 from steelyard.recording.formats.log_file import reading_as
@@ -109,10 +110,6 @@ TOLD_CHANGES = 5
 
 LONGEST_DELAY = 1.0
 """s; a delay of the torques beyond it is one in another unit."""
-
-NOISE_MATTERS = 0.5
-"""Half-widths of the interval of a base parameter by which noise of the positions must move it to be told, as delays
-must (`late_logs.MATTERS`)."""
 
 TELLING = 10.0
 """s of samples from which delays and noise of the positions are told. *Measured* on twelve sound streams of a WAM that
@@ -885,7 +882,7 @@ class OnlineEstimator:
                 base = center if self._possible is None else self._set.K @ self._possible
                 early = self._recent.seconds < TELLING
                 late = None if early else out_of_step(self.model, info, weights, stretches, self._cutoff)
-                remarks += wrong_signs(self.model, info.factors, base, stretches)
+                remarks += wrong_signs(self.model, info, base, stretches)
                 if late is not None:
                     remarks.append(said_of_late(late, self._torque_delay, self.model.robot.joint_names))
                 noise = self._acceleration_noise(stretches)
@@ -914,10 +911,8 @@ class OnlineEstimator:
     def _noise_remark(
         self, noise: Array, bias: Array, covariance: ParameterCovariance, stretches: Sequence[Samples]
     ) -> tuple[str, ...]:
-        half = NORMAL * covariance.standard_error
-        told = np.isfinite(half) & (half > 0.0)
-        times = float(np.max(np.abs(bias[told]) / half[told], initial=0.0))
-        if times < NOISE_MATTERS:
+        times = in_half_widths(bias, covariance.standard_error)
+        if times < MATTERS:
             return ()
         sizes = np.sqrt(np.mean(np.vstack([one.ddq for one in stretches]) ** 2, axis=0))
         shares = noise / np.maximum(sizes, 1e-300)

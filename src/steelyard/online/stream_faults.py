@@ -13,7 +13,7 @@ from steelyard.identification.late_logs import FEWEST_ROWS, LateLog, late_hypoth
 from steelyard.identification.mistakes import wrong_torque_signs
 from steelyard.recording import Samples
 from steelyard.recording.diagnosis.late_torques import EARLIER, LATER
-from steelyard.regression import Factor, Information, least_squares
+from steelyard.regression import Information, least_squares
 from steelyard.regression.reduction import errors_of
 
 __all__ = ["out_of_step", "said_of_late", "wrong_signs"]
@@ -69,18 +69,11 @@ def said_of_late(late: LateLog, stated: Array, joint_names: Sequence[str]) -> st
     return f"{found.statement}; {found.evidence}. Give `torque_delay={delay}` (s) if they are."
 
 
-def wrong_signs(model: Model, factors: Sequence[Factor], base: Array, stretches: Sequence[Samples]) -> tuple[str, ...]:
+def wrong_signs(model: Model, information: Information, base: Array, stretches: Sequence[Samples]) -> tuple[str, ...]:
     """Say which torques look to have the wrong sign, where an answer (n_b,) leaves much of the torque of a joint."""
-    if not stretches or np.max(_unexplained(factors, base)) < WRONG:
+    if not stretches or not np.any(information.joint_relative_error(base) >= WRONG):
         return ()
     return tuple(
         f"{found.statement}: with the other one {found.evidence}. `steelyard doctor` examines a log of them."
         for found in wrong_torque_signs(model, Samples.joined(stretches))
     )
-
-
-def _unexplained(factors: Sequence[Factor], base: Array) -> Array:
-    """Return the part (N,) of the torque of each joint that base parameters leave."""
-    left = [np.linalg.norm(one.triangle[:, :-1] @ base[list(one.columns)] - one.triangle[:, -1]) for one in factors]
-    sizes = [np.linalg.norm(one.triangle[:, -1]) for one in factors]
-    return np.array([part / size if size > 0.0 else 0.0 for part, size in zip(left, sizes, strict=True)])

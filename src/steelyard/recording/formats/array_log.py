@@ -18,7 +18,7 @@ from steelyard.errors import InputError, SteelyardError
 
 from ..column_styles import LABELS
 from .dates import origin_of_dates, seconds_of_texts
-from .log_file import Columns, LogFile, common_length, offset_of, reason_of
+from .log_file import Columns, LogFile, common_length, less_offset, offset_of, reason_of
 
 __all__ = ["MOST_JOINTS", "ArrayLog", "StoredArray", "dates_stored", "part_of", "texts_of"]
 
@@ -71,9 +71,7 @@ class StoredArray:
                 offset = offset_of(np.ravel(raw(0, 1, shape.index(max(shape))))[0])
 
         def take(start: int, stop: int, axis: int) -> NDArray[np.float64]:
-            part = raw(start, stop, axis)
-            part = part.astype(np.int64) - offset if offset else part
-            return np.asarray(part, dtype=np.float64)
+            return less_offset(raw(start, stop, axis), offset)
 
         return cls(path, shape, take, offset)
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 __all__ = [
     "LONGEST_DATE",
+    "PER_SECOND",
     "is_date",
     "origin_of_dates",
     "origin_of_times",
@@ -27,6 +28,7 @@ LONGEST_DATE = 60
 """Characters of a text that may be a date."""
 LATEST = 9_200_000_000
 """s since 1970 beyond which 64 bits hold no ns."""
+PER_SECOND = {"s": 1, "ms": 1000, "us": 1_000_000, "ns": 1_000_000_000}
 MISSING = ("", "NaT", "None", "nan")
 CLOCK = r"(?<time>\d\d:\d\d:\d\d)"
 FORMS = (
@@ -162,7 +164,7 @@ def seconds_of_times(array: NDArray[Any], origin: int = 0) -> NDArray[np.float64
     array([2.5, nan])
     """
     unit, count = np.datetime_data(array.dtype)
-    per_second = {"s": 1, "ms": 1000, "us": 1_000_000, "ns": 1_000_000_000}.get(unit)
+    per_second = PER_SECOND.get(unit)
     if per_second is None or count != 1:
         per_second, array = 1_000_000_000, array.astype(f"{array.dtype.kind}8[ns]")
     whole = array.astype(np.int64) - origin * per_second // 1_000_000_000

@@ -7,7 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from fractions import Fraction
 from pathlib import Path
-from typing import IO, ClassVar, Protocol, Self
+from typing import IO, Any, ClassVar, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,7 @@ __all__ = [
     "column_length",
     "common_length",
     "flattened",
+    "less_offset",
     "offset_of",
     "reading_as",
     "reason_of",
@@ -209,6 +210,17 @@ def offset_of(first: object) -> int:
     """
     whole = int(first) if isinstance(first, int | np.integer) else 0
     return whole if LARGEST_EXACT <= abs(whole) < 2**63 else 0
+
+
+def less_offset(whole: NDArray[Any], offset: int) -> NDArray[np.float64]:
+    """Return whole numbers less an offset, which is taken off before they are rounded; others where it is 0.
+
+    Examples
+    --------
+    >>> less_offset(np.array([2**60, 2**60 + 1]), 2**60).tolist()
+    [0.0, 1.0]
+    """
+    return np.asarray(whole.astype(np.int64) - offset if offset else whole, dtype=np.float64)
 
 
 def column_length(columns: Columns) -> int:

@@ -19,7 +19,7 @@ from ..columns import LogColumns
 from ..measurements import Measurements
 from .data_frames import frame_arrays, is_frame
 from .dates import origin_of_dates, origin_of_times, seconds_of_texts, seconds_of_times
-from .log_file import Columns, LogFile, flattened, offset_of
+from .log_file import Columns, LogFile, flattened, less_offset, offset_of
 
 __all__ = ["MemoryLog", "is_table", "memory_log"]
 
@@ -234,7 +234,7 @@ def _numbers(array: NDArray[Any], offset: int, origin: int) -> NDArray[np.float6
     if array.dtype.kind in "mM":
         return seconds_of_times(array, origin)
     if offset:
-        return np.asarray((array.astype(np.int64) - offset).astype(np.float64))
+        return less_offset(array, offset)
     if array.dtype.kind == "O":
         try:  # numbers with None among them
             return array.astype(np.float64)

@@ -22,7 +22,7 @@ from ..column_styles import LABELS
 from .array_in_file import ArrayInFile, unpacked
 from .dates import LONGEST_DATE, origin_of_dates, origin_of_times, seconds_of_texts, seconds_of_times
 from .decoded import decoded_once
-from .log_file import Columns, LogFile, common_length, offset_of, reading_as
+from .log_file import Columns, LogFile, common_length, less_offset, offset_of, reading_as
 
 __all__ = ["NpzFile"]
 
@@ -186,7 +186,7 @@ class NpzFile(LogFile):
         if member.kind.kind in "mM":
             return seconds_of_times(values, member.origin)
         if not member.holds_dates:
-            return (values.astype(np.int64) - member.offset if member.offset else values).astype(np.float64)
+            return less_offset(values, member.offset)
         seconds = seconds_of_texts(values, member.origin)
         if seconds is None:
             raise InputError(

@@ -14,7 +14,7 @@ from steelyard.errors import InputError
 from steelyard.files import reading_table, shown
 
 from .data_frames import INDEX
-from .dates import origin_of_dates
+from .dates import PER_SECOND, origin_of_dates
 from .log_file import Columns, LogFile, offset_of, regrouped_columns
 
 __all__ = ["TableFile"]
@@ -215,7 +215,7 @@ class TableFile(LogFile):
             return 0
         if isinstance(kind, pl.String | pl.Categorical | pl.Enum):
             return origin_of_dates([self._first(name)])
-        return self._first(name) * (1_000_000_000 // int(_per_second(kind))) if _is_time(kind) else 0
+        return self._first(name) * (1_000_000_000 // _per_second(kind)) if _is_time(kind) else 0
 
     def _first(self, name: str) -> Any:
         """Return the first value of a column, of a time in whole numbers of its own unit; 0 where none is there."""
@@ -235,8 +235,8 @@ def _is_time(kind: Any) -> bool:
     return bool(kind.is_temporal() and kind != pl.Date)
 
 
-def _per_second(kind: Any) -> float:
-    return {"ms": 1e3, "us": 1e6, "ns": 1e9}[getattr(kind, "time_unit", "ns")]
+def _per_second(kind: Any) -> int:
+    return PER_SECOND[getattr(kind, "time_unit", "ns")]
 
 
 def _element_names(path: Path, name: str, width: int) -> list[str]:
