@@ -213,8 +213,9 @@ class PredictionVerdict:
     def relative_noise(self) -> float:
         """Size of the white noise relative to the torques over all the joints; NaN where it could not be told apart."""
         seen = np.isfinite(self.joint_error)
-        size, noise = (float(np.linalg.norm(values[seen])) for values in (self.joint_error, self.noise_floor))
-        return self.relative_error * noise / size if size > 0.0 else float("nan")
+        if not seen.any() or np.isnan(self.noise_floor[seen]).any():
+            return float("nan")
+        return float(np.sqrt(max(self.relative_error**2 - self.model_error**2, 0.0)))
 
     @property
     def clause(self) -> str:
@@ -520,7 +521,7 @@ def prediction_verdict(
     """
     beta = np.asarray(base, dtype=float)
     names = info.joint_names if info.has_joint_errors else ("all",)
-    training, own_torque = _root_mean_squares([info], beta)
+    training, own_torque, counts = _root_mean_squares([info], beta)
     torque = own_torque
     floor, white = white_noise(info, beta)
     if len(floor) != len(names):
@@ -530,7 +531,7 @@ def prediction_verdict(
     own_noise = np.minimum(np.nan_to_num(floor), training)
     if validation:
         count = len(validation)
-        error, torque = _root_mean_squares(validation, beta)
+        error, torque, counts = _root_mean_squares(validation, beta)
         # Logs differ in their noise: that of faster motions, of another day or another sensor is another one.
         floor = _without(few_rows, "validation", _white_noise_of_all(validation, beta, floor))
         source = f"{count} validation logs" if count > 1 else "the validation log"
@@ -540,12 +541,13 @@ def prediction_verdict(
     else:
         error, tested = training, False
         source = UNTESTED
-    whole = float(np.linalg.norm(error) / np.linalg.norm(torque))
-    own = float(np.linalg.norm(training) / np.linalg.norm(own_torque))
+    of_all = np.sqrt(counts * torque**2)  # over all rows of all joints, as `Information.relative_error`
+    whole = float(np.linalg.norm(np.sqrt(counts) * error) / np.linalg.norm(of_all))
+    own = info.relative_error(beta)
     if fit_error is not None and np.isfinite(fit_error):
         own = float(fit_error)
     noise = np.minimum(np.nan_to_num(floor), error)
-    model = float(np.sqrt(np.sum(error**2 - noise**2)) / np.linalg.norm(torque))
+    model = float(np.sqrt(np.sum(counts * (error**2 - noise**2))) / np.linalg.norm(of_all))
     with np.errstate(divide="ignore", invalid="ignore"):
         relative = np.where(torque > 0.0, error / torque, np.nan)
         held_out = np.nan_to_num(np.sqrt(error**2 - noise**2) / torque)
@@ -615,13 +617,13 @@ def _without(few: Sequence[FewRows], role: str, floor: Array) -> Array:
     return np.asarray(np.where(least > 0.0, np.minimum(floor, least), floor))
 
 
-def _root_mean_squares(data: Sequence[Information], base: Array) -> tuple[Array, Array]:
-    """Return those of the residuals and of the torques of each joint, over all data together."""
+def _root_mean_squares(data: Sequence[Information], base: Array) -> tuple[Array, Array, Array]:
+    """Return those of the residuals and of the torques of each joint over all data together, and how many rows."""
     groups = [information.measured for information in data]
     counts = np.maximum(np.sum([[f.count for f in factors] for factors in groups], axis=0), 1)
     residuals = np.sum([[f.residual2(base) for f in factors] for factors in groups], axis=0)
     torques = np.sum([[f.norm2 for f in factors] for factors in groups], axis=0)
-    return np.sqrt(residuals / counts), np.sqrt(torques / counts)
+    return np.sqrt(residuals / counts), np.sqrt(torques / counts), counts
 
 
 def _word(model: float, own: float, worst: float, worst_of_fit: float, tested: bool) -> Word:
