@@ -89,10 +89,10 @@ class _Unpacked(io.RawIOBase):
     A few kB of bzip2, xz or zstd may stand for as many GB.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, source: _Source) -> None:
+        self._source, self._place = source, 0  # first, since what is not whole is closed, too
         self._path = path
         self._bound = Unpacking(path, path.stat().st_size, RATIO)
-        self._source, self._place = _source(path), 0
 
     def readable(self) -> bool:
         return True
@@ -157,4 +157,4 @@ def open_compressed(path: Path) -> IO[bytes]:
         import gzip
 
         return cast("IO[bytes]", gzip.open(path, "rb"))
-    return io.BufferedReader(_Unpacked(path), READ)
+    return io.BufferedReader(_Unpacked(path, _source(path)), READ)
