@@ -8,7 +8,7 @@ from two_joint_arm import LINKS, two_joint_model
 
 import steelyard as sy
 from steelyard.identification import near_standstill
-from steelyard.identification.near_standstill import SLOW, standstill_errors
+from steelyard.identification.near_standstill import FALL, SLOW, standstill_errors
 from steelyard.regression import ParameterCovariance
 from steelyard.regression.reduction import residuals
 
@@ -32,8 +32,8 @@ def truth(model):
     return values
 
 
-def samples_of(model, truth, seed, breakaway=0.0, rows=6000):
-    """Rows at 250 Hz with white noise, and friction beside the model's that falls off with speed."""
+def samples_of(model, truth, seed, breakaway=0.0, rows=6000, width=0.05):
+    """Rows at 250 Hz with white noise, and friction beside the model's that falls off over a part of the velocities."""
     random = np.random.default_rng(seed)
     t = np.arange(rows) / 250.0
     a, b = random.normal(size=(2, 3, 2))
@@ -44,7 +44,7 @@ def samples_of(model, truth, seed, breakaway=0.0, rows=6000):
     ddq = -np.sum(w**2 * (a * np.sin(phase) + b * np.cos(phase)), axis=1)
     usual = np.sqrt(np.mean(dq**2, axis=0))
     torque = model.inverse_dynamics(q, dq, ddq, truth) + NOISE * random.normal(size=q.shape)
-    torque += breakaway * np.sign(dq) * np.exp(-np.abs(dq) / (0.05 * usual))
+    torque += breakaway * np.sign(dq) * np.exp(-np.abs(dq) / (width * usual))
     return sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque, t=t)
 
 
@@ -80,6 +80,30 @@ def test_the_change_is_that_of_a_fit_without_these_rows(model, truth, monkeypatc
         assert np.all(variance >= 0.0)
 
 
+def test_the_change_is_that_of_a_fit_with_two_more_columns(model, truth, monkeypatch):
+    """Least squares of NumPy with these columns beside those of the model say the same."""
+    samples = samples_of(model, truth, 1, breakaway=0.5, width=0.3)
+    found, by_parts = [], near_standstill._with
+    monkeypatch.setattr(near_standstill, "_with", lambda *all: found.append(by_parts(*all)) or found[-1])
+    info, plain, errors = told(model, samples, base=model.base_parameters().values(1.01 * truth))
+    (change, variance), (first, second) = found[0], info.joint_weights("joint")
+    W = np.asarray(model.kernel("regressor", base=True)(samples.q, samples.dq, samples.ddq))
+    parts = np.abs(samples.dq) / np.sqrt(np.mean(samples.dq**2, axis=0))
+    still = parts < min(SLOW)
+    falls = np.where(still | (parts >= near_standstill.FALLEN * FALL), 0.0, np.exp(-((parts / FALL) ** 2)))
+    added = np.zeros((samples.count, 2, 4))
+    for joint in range(2):
+        added[:, joint, 2 * joint : 2 * joint + 2] = np.stack([still, falls], axis=2)[:, joint]
+    added *= np.sign(samples.dq)[:, :, None]
+    scale = np.array([first, second])
+    columns = np.concatenate([W.reshape(samples.count, 2, -1), added], axis=2) * scale[:, None]
+    again = np.linalg.lstsq(columns.reshape(2 * samples.count, -1), (samples.torque * scale).ravel(), rcond=None)[0]
+    # Beside each other the columns of two joints change a little; here each joint's were added to the model alone.
+    assert change == pytest.approx(again[: info.base_count] - plain.base, rel=0.02, abs=2e-3)
+    assert np.all(variance > 0.0)
+    assert np.all(errors**2 >= (change**2 - variance) * (1.0 - 1e-9))
+
+
 @pytest.mark.slow
 def test_its_variance_is_that_of_many_logs(model, truth, monkeypatch):
     changes, by_parts = [], near_standstill._without
@@ -106,10 +130,11 @@ def test_a_model_that_is_right_keeps_its_intervals(model, truth):
 
 
 @pytest.mark.slow
-def test_intervals_hold_the_truth_where_friction_near_standstill_is_another(model, truth):
+@pytest.mark.parametrize("width", [0.05, 0.25])
+def test_intervals_hold_the_truth_where_friction_near_standstill_is_another(model, truth, width):
     true_base, coulomb = model.base_parameters().values(truth), []
     for seed in range(40):
-        info, plain, errors = told(model, samples_of(model, truth, seed, breakaway=0.3))
+        info, plain, errors = told(model, samples_of(model, truth, seed, breakaway=0.3, width=width))
         places = [list(info.base_names).index(f"Fcj{joint}") for joint in (1, 2)]
         halves = 1.96 * np.asarray(plain.standard_error)[places]
         wider = np.hypot(halves, 0.0 if errors is None else 1.96 * errors[places])

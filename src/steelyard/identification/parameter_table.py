@@ -479,7 +479,8 @@ def parameter_table(
     if wider and told is not None:
         sentences.append(
             f"Intervals are wider than noise asks for where {listed(wider, MOST_SENTENCES)} would come out otherwise "
-            "without the rows in which joints hardly move: friction there is not that of the model."
+            "without the rows in which joints hardly move, or with friction that falls off with speed: that of slow "
+            "joints is not that of the model."
         )
     if at_rest:
         sentences.append(
