@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from payload_logs import SimulatedArm
 
 import steelyard as sy
 from steelyard.identification import examine
@@ -88,6 +89,45 @@ def test_rows_of_a_long_log_are_read_again(arm, tmp_path):
     reader_rows = sy.identify(path, file, chunk_rows=20_000)
     ((found,),) = reader_rows.mistakes.values()
     assert found.settings["processing"]["delay"] == pytest.approx(0.012, abs=0.004)
+
+
+@pytest.fixture(scope="module")
+def many():
+    """The robot file of a UR5, and logs that Pinocchio plays."""
+    arm, random = SimulatedArm("ur5"), np.random.default_rng(5)
+    return arm, [arm.log(random) for _ in range(10)]
+
+
+@pytest.mark.slow
+def test_a_delay_of_many_logs_is_told_once_and_counts_as_that_of_all(many, tmp_path):
+    """Of ten logs four are looked at; intervals counted the delay of these alone, two fifths of it at most."""
+    arm, logs = many
+    (tmp_path / "robot.toml").write_text(f'[description]\nurdf = "{arm.path}"\n[processing]\ncutoff = 8.0\n')
+    for number, log in enumerate(logs):
+        late(log, 0.006).save(tmp_path / f"run{number}.csv")
+    result = sy.identify(tmp_path / "robot.toml", [str(tmp_path / f"run{number}.csv") for number in range(10)])
+    ((found,),) = result.mistakes.values()
+    assert found.statement.startswith("The torques of all logs look to be logged")
+    assert found.evidence.endswith("4 of 10 logs were looked at, and stand for all")
+    assert found.settings["processing"]["delay"] == pytest.approx(0.006, abs=0.001)
+    truth = {}
+    for joint in range(6):
+        values = (arm.viscous, arm.coulomb, arm.offset)
+        truth.update({f"{name}j{joint + 1}": one[joint] for name, one in zip(("Fv", "Fc", "Fo"), values, strict=True)})
+    held = [row.lower <= truth[row.name] <= row.upper for row in result.parameters if row.name in truth]
+    assert sum(held) >= len(held) - 1
+
+
+@pytest.mark.slow
+def test_one_late_log_among_others_is_told_by_itself(many, tmp_path):
+    arm, logs = many
+    (tmp_path / "robot.toml").write_text(f'[description]\nurdf = "{arm.path}"\n[processing]\ncutoff = 8.0\n')
+    given = [logs[0], late(logs[1], 0.02), logs[2]]
+    names = [str(log.save(tmp_path / f"run{number}.csv")) for number, log in enumerate(given)]
+    result = sy.identify(tmp_path / "robot.toml", names)
+    ((name, (found,)),) = result.mistakes.items()
+    assert name == names[1]
+    assert found.settings["processing"]["delay"] == pytest.approx(0.02, abs=0.004)
 
 
 def test_one_joint_that_is_late_is_named():

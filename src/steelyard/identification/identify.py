@@ -362,8 +362,12 @@ def identify(
             unconstrained,
             term_scales=None if plausible is None else plausible.term_deviations,
             drifts=[drift for found in read.drifts.values() for drift in found],
-            errors=[one.change for one in late] if tilted is None else [tilted.change],
-            errors_of="the delay of the torques" if tilted is None else "the tilt of the base",
+            error=tilted.change
+            if tilted is not None
+            else np.sum([one.change for one in late], axis=0)
+            if late
+            else None,
+            error_of="the delay of the torques" if tilted is None else "the tilt of the base",
             standstill=standstill,
         )
         assert table.covariance is not None

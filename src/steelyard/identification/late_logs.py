@@ -38,7 +38,7 @@ DENSE_ROWS = 20_000
 ENOUGH_ROWS, FEWEST_ROWS = 4096, 100
 """Rows of stretches together that are enough, and of one that count at all."""
 MOST_LOGS = 4
-"""Logs that are looked at, the first of the fit: those of one robot have the same delay mostly."""
+"""Logs that are looked at, evenly spread: those of one robot have the same delay mostly."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,13 +51,18 @@ class LateLog:
     delays, deviations : ndarray
         (N,) s, of each joint, and their standard deviations; zero of joints that are not late.
     change : ndarray
-        (n_b,) by how much the base parameters of a regression over all logs are off because of it.
+        (n_b,) by how much the base parameters of a regression over all logs are off because of it, and of as many rows
+        of logs that were not looked at as it stands for.
     largest : float
-        The largest of it, in half-widths of the interval of 95 % of the parameter.
+        The largest change by all the logs that are late, in half-widths of the interval of 95 % of the parameter.
     errors : (float, float)
         Relative error of the torques of the log, and what is left of it without the delay.
     explained : ndarray of bool
         (N,) which joints are late by themselves, so that most of their error is left without the delay.
+    looked_at : (int, int)
+        How many logs were looked at, and how many there are.
+    alike : bool
+        Whether it stands for all of them, of which it has the name of the first.
     """
 
     name: str
@@ -67,6 +72,8 @@ class LateLog:
     largest: float
     errors: tuple[float, float]
     explained: NDArray[np.bool_]
+    looked_at: tuple[int, int] = (1, 1)
+    alike: bool = False
 
 
 def late_logs(
@@ -77,7 +84,10 @@ def late_logs(
     errors: Sequence[Sequence[Array]],
     unconstrained: Estimate,
 ) -> list[LateLog]:
-    """Return those of the first logs whose torques are late; none where `delay` is found by the logs anyway.
+    """Return those of some logs whose torques are late; none where `delay` is found by the logs anyway.
+
+    What a delay does to the numbers depends on how many logs have it: each log that is looked at stands for as large a
+    part of all rows as it is of those that were looked at.
 
     Parameters
     ----------
@@ -93,23 +103,51 @@ def late_logs(
     unconstrained : Estimate
         Least squares of all logs.
     """
-    model, processing, found = reader.model, reader.processing, []
-    if isinstance(processing.delay, str):
+    model, processing = reader.model, reader.processing
+    if isinstance(processing.delay, str) or not logs:
         return []
-    for log, one, left in zip(logs[:MOST_LOGS], reduced, errors, strict=False):
-        if isinstance(log, GivenSamples) and log.samples.t is None:
+    chosen = np.unique(np.linspace(0, len(logs) - 1, MOST_LOGS).round().astype(int))
+    stretches: dict[int, list[tuple[Samples, Array]]] = {}
+    for number in chosen.tolist():
+        log, one = logs[number], reduced[number]
+        if one.information.count == 0 or (isinstance(log, GivenSamples) and log.samples.t is None):
             continue
-        stretches = list(zip(one.drawn.windows, left, strict=True))
+        stretches[number] = list(zip(one.drawn.windows, errors[number], strict=True))
         if sum(window.count for window in one.drawn.windows) < min(one.drawn.seen, ENOUGH_ROWS):
             try:
                 dense = reader.dense(log, DENSE_ROWS)
             except InputError:  # a stretch by itself, which may be at rest
                 dense = None
-            stretches = [] if dense is None else [(dense, errors_of(model, dense, unconstrained.base))]
-        late = late_log(one.name, model, information, one.information, unconstrained, stretches, processing.cutoff)
-        if late is not None:
-            found.append(late)
-    return found
+            stretches[number] = [] if dense is None else [(dense, errors_of(model, dense, unconstrained.base))]
+    if not stretches:
+        return []
+
+    def late(name: str, of: Information, own: Information, rows: list[tuple[Samples, Array]]) -> LateLog | None:
+        return late_log(name, model, of, own, unconstrained, rows, processing.cutoff, stand_for=of.count / own.count)
+
+    looked_at = len(stretches), len(logs)
+    counts = {number: reduced[number].information.count for number in stretches}
+    found = []
+    for number, rows in stretches.items():
+        one = late(reduced[number].name, information, reduced[number].information, rows)
+        if one is not None:
+            found.append(replace(one, change=counts[number] / sum(counts.values()) * one.change, looked_at=looked_at))
+    if len(stretches) > 1:
+        # Short logs tell together what none tells by itself. What their delay does to numbers that rest on them is what
+        # it does to those of all logs, which have other motions.
+        of_these = Information.total([reduced[number].information for number in stretches])
+        every = late(reduced[0].name, of_these, of_these, [stretch for rows in stretches.values() for stretch in rows])
+        if every is not None and all(_agree(one, every) for one in found):
+            return [replace(every, looked_at=looked_at, alike=True)]
+    change = np.sum([one.change for one in found], axis=0, initial=0.0)
+    largest = in_half_widths(change, unconstrained.standard_error) if found else 0.0
+    return [replace(one, largest=largest) for one in found if largest >= MATTERS or one.explained.any()]
+
+
+def _agree(one: LateLog, other: LateLog) -> bool:
+    """Whether the delays of a log may be those of others."""
+    difference = np.abs(one.delays - other.delays)
+    return bool(np.all(difference <= SURE * np.hypot(one.deviations, other.deviations)))
 
 
 def late_log(
@@ -122,6 +160,7 @@ def late_log(
     cutoff: object = None,
     least: tuple[float, float] = (LATER, EARLIER),
     twice: bool = False,
+    stand_for: float = 1.0,
 ) -> LateLog | None:
     """Tell whether the torques of a log are late, so much that the numbers of the answer say something else.
 
@@ -146,13 +185,15 @@ def late_log(
         Whether a joint that is late by itself must be so at the lower cutoff, too. *Measured*: joint 4 of a KR300,
         whose counterbalance the model lacks, is late by 61 and 71 ms in 10 s of its logs, and by 87 and by nothing at
         the lower cutoff; single joints of a WAM that are late by 30 or 60 ms differ by 0.3 ms.
+    stand_for : float
+        How many times as many rows are as late.
     """
     stretches = [(samples, errors) for samples, errors in stretches if samples.count >= FEWEST_ROWS]
     predicted = [(samples, samples.torque - errors) for samples, errors in stretches]
     found = late_torques(model, predicted, least)
     if found is None or not found.told.any():
         return None
-    change = _change(found, found.told, model, information, own, unconstrained)
+    change = stand_for * _change(found, found.told, model, information, own, unconstrained)
     if not (in_half_widths(change, unconstrained.standard_error) >= MATTERS or found.explained.any()):
         return None
     delays, deviations, alone = found.told, found.told_deviations, found.explained
@@ -171,7 +212,8 @@ def late_log(
             deviations, certain = np.where(alone, found.told_deviations, deviations), certain | alone
         alone = alone & certain
         delays, deviations = np.where(certain, delays, 0.0), np.where(certain, deviations, 0.0)
-        change = _change(found, np.hypot(delays, deviations) * np.sign(delays), model, information, own, unconstrained)
+        sizes = np.hypot(delays, deviations) * np.sign(delays)
+        change = stand_for * _change(found, sizes, model, information, own, unconstrained)
     largest = in_half_widths(change, unconstrained.standard_error)
     if not (largest >= MATTERS or alone.any()):
         return None
@@ -260,6 +302,9 @@ def late_hypotheses(
             f"numbers of the answer move by up to {one.largest:.2g} times the half-width that noise alone gives their "
             "intervals of 95 %"
         )
+        seen, count = one.looked_at
+        if seen < count:
+            evidence += f"; {seen} of {count} logs were looked at, and stand for all"
         if one.explained.any():
             evidence = f"the error falls from {percent(one.errors[0], 2)} to {percent(one.errors[1], 2)}"
         gain = 0.5 * (delay / max(deviation, 1e-9)) ** 2
@@ -281,15 +326,16 @@ def late_hypotheses(
 def _statement(late: LateLog, joint_names: Sequence[str]) -> str:
     """Say by how much the torques of which joints are late, a sentence without a full stop."""
     delays = late.delays
+    of_all = " of all logs" if late.alike else ""
     if len(set(delays.tolist())) == 1:
-        return f"The torques look to be logged {_said(delays[0], late.deviations[0])}"
+        return f"The torques{of_all} look to be logged {_said(delays[0], late.deviations[0])}"
     told = zip(joint_names, delays, late.deviations, late.explained, strict=True)
     parts = [
         f"{name}'s {_said(delay, deviation)}{' (or its positions later)' if alone and delay < 0.0 else ''}"
         for name, delay, deviation, alone in told
         if delay
     ]
-    return f"Torques look to be logged later or earlier than the motion: {', '.join(parts)}"
+    return f"Torques{of_all} look to be logged later or earlier than the motion: {', '.join(parts)}"
 
 
 def _said(delay: float, deviation: float) -> str:

@@ -64,6 +64,10 @@ ROUNDING = 1e-8
 WIDER = 1.5
 """Times as wide as by noise is an interval of which it is said that friction near standstill widens it."""
 
+OTHERWISE = 0.3
+"""Part of the change by a delay, or by a tilt, that may be otherwise for each number: it is of first order, and of some
+rows. Beside noise that is a tenth of it, intervals along one direction alone would hold nothing else that can exist."""
+
 RETURNS = 1.1
 """Times as wide as by noise is some interval where it is said that what returns with the motion widens them."""
 
@@ -359,8 +363,8 @@ def parameter_table(
     cad: ArrayLike | None = None,
     term_scales: ArrayLike | None = None,
     drifts: Sequence[FrictionDrift] = (),
-    errors: Sequence[Array] = (),
-    errors_of: str = "the delay of the torques",
+    error: Array | None = None,
+    error_of: str = "the delay of the torques",
     standstill: Array | None = None,
 ) -> ParameterTable:
     """Tell what every parameter, mass, centre of mass, principal moment and friction of an answer rests on.
@@ -385,11 +389,11 @@ def parameter_table(
         Parameters of terms that would make the whole torque of their joints, such as `term_deviations` tells.
     drifts : sequence of FrictionDrift, optional
         What `friction_drifts` found in the logs.
-    errors : sequence of (n_b,), optional
-        Changes of the base parameters that count as a standard deviation each, beside noise: those of delays, or of a
-        base that is tilted.
-    errors_of : str
-        What makes them, for the sentence that says so.
+    error : (n_b,), optional
+        Change of the base parameters that counts as a standard deviation beside noise: that of delays, or of a base
+        that is tilted.
+    error_of : str
+        What makes it, for the sentence that says so.
     standstill : (n_b,), optional
         Further standard deviations of the base parameters, each by itself: those of friction near standstill, see
         `standstill_errors`.
@@ -403,7 +407,7 @@ def parameter_table(
     if parameters is None:
         raise InputError("parameter_table needs an estimate with standard parameters, such as that of fit.")
     asked, about = _quantities(feasible_set, parameters)
-    covariance, wider, returns = _covariance(info, unconstrained, errors, standstill)
+    covariance, wider, returns = _covariance(info, unconstrained, error, standstill)
     values = np.array([quantity.value(parameters) for quantity in asked])
     source = feasible_set.model.robot.parameters if cad is None else cad
     described = _described(feasible_set, np.asarray(source, dtype=float), asked, about)
@@ -472,8 +476,8 @@ def parameter_table(
         if len(changes) > 1:
             hold = "change in the course of a log; intervals hold them from its begin to its end"
         sentences.append(f"{listed(changes, MOST_SENTENCES)} {hold}.")
-    if len(errors) and told is not None:
-        sentences.append(f"Intervals are as wide as {errors_of} asks for.")
+    if error is not None and told is not None:
+        sentences.append(f"Intervals are as wide as {error_of} asks for.")
     if returns and told is not None:
         sentences.append(sentence_of_returning(info.returning, info.joint_names))
     if wider and told is not None:
@@ -573,7 +577,7 @@ def _said_of_rotors(
 def _covariance(
     info: Information,
     unconstrained: Estimate,
-    errors: Sequence[Array],
+    error: Array | None,
     standstill: Array | None,
 ) -> tuple[ParameterCovariance, list[str], bool]:
     """Return the covariance with all further errors, and what makes numbers less sure than noise.
@@ -590,8 +594,8 @@ def _covariance(
         returns = bool(np.any(np.isfinite(by_noise) & (covariance.standard_error > RETURNS * by_noise)))
     if 0.0 < unconstrained.relative_error < EXACT:
         covariance = replace(covariance, root=covariance.root * (EXACT / unconstrained.relative_error))
-    for change in errors:
-        covariance = covariance.with_error(change)
+    if error is not None:
+        covariance = covariance.with_error(error).with_independent_errors(OTHERWISE * np.abs(error))
     wider = np.zeros(info.base_count, dtype=bool)
     if standstill is not None:
         by_noise = covariance.standard_error
