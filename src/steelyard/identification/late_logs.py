@@ -86,8 +86,8 @@ def late_logs(
 ) -> list[LateLog]:
     """Return those of some logs whose torques are late; none where `delay` is found by the logs anyway.
 
-    What a delay does to the numbers depends on how many logs have it: each log that is looked at stands for as large a
-    part of all rows as it is of those that were looked at.
+    What a delay does to the numbers depends on how many logs have it. Where those that are looked at have one together,
+    each of them stands for as large a part of all rows as it is of theirs.
 
     Parameters
     ----------
@@ -122,23 +122,22 @@ def late_logs(
     if not stretches:
         return []
 
-    def late(name: str, of: Information, own: Information, rows: list[tuple[Samples, Array]]) -> LateLog | None:
-        return late_log(name, model, of, own, unconstrained, rows, processing.cutoff, stand_for=of.count / own.count)
-
-    looked_at = len(stretches), len(logs)
-    counts = {number: reduced[number].information.count for number in stretches}
-    found = []
-    for number, rows in stretches.items():
-        one = late(reduced[number].name, information, reduced[number].information, rows)
-        if one is not None:
-            found.append(replace(one, change=counts[number] / sum(counts.values()) * one.change, looked_at=looked_at))
+    looked_at, every, stands_for = (len(stretches), len(logs)), None, 1.0
     if len(stretches) > 1:
         # Short logs tell together what none tells by itself. What their delay does to numbers that rest on them is what
         # it does to those of all logs, which have other motions.
         of_these = Information.total([reduced[number].information for number in stretches])
-        every = late(reduced[0].name, of_these, of_these, [stretch for rows in stretches.values() for stretch in rows])
-        if every is not None and all(_agree(one, every) for one in found):
-            return [replace(every, looked_at=looked_at, alike=True)]
+        rows = [stretch for own in stretches.values() for stretch in own]
+        every = late_log(reduced[0].name, model, of_these, of_these, unconstrained, rows, processing.cutoff)
+        stands_for = 1.0 if every is None else information.count / of_these.count
+    found = []
+    for number, rows in stretches.items():
+        name, own = reduced[number].name, reduced[number].information
+        one = late_log(name, model, information, own, unconstrained, rows, processing.cutoff, stand_for=stands_for)
+        if one is not None:
+            found.append(replace(one, looked_at=looked_at if stands_for > 1.0 else (1, 1)))
+    if every is not None and all(_agree(one, every) for one in found):
+        return [replace(every, looked_at=looked_at, alike=True)]
     change = np.sum([one.change for one in found], axis=0, initial=0.0)
     largest = in_half_widths(change, unconstrained.standard_error) if found else 0.0
     return [replace(one, largest=largest) for one in found if largest >= MATTERS or one.explained.any()]
