@@ -568,7 +568,6 @@ class LogReader:
     def _note_columns(self, log: str, layout: Layout | None) -> None:
         """Keep what the columns of a log were understood to be."""
         if layout is not None:
-            layout = layout.of_joints(self.model.robot.position_units)
             for other, one in self.layouts.items():
                 if one == layout:
                     layout = one  # of thousands of logs

@@ -36,7 +36,7 @@ from .column_styles import (
     unit_left_open,
     units_said,
 )
-from .columns import CURRENT_UNITS, PER_SECOND, TIME_UNITS, LogColumns
+from .columns import CURRENT_UNITS, LENGTHS, PER_SECOND, TIME_UNITS, LogColumns
 
 __all__ = ["ColumnMeaning", "Joints", "Layout", "find_columns", "label_columns", "names_of", "numbered_columns"]
 
@@ -385,6 +385,7 @@ class _Search:
         self._check_counts(found)
         self._require_same_joints(found)
         units = self._units(found)
+        self._require_units_of_joints(found, units)
         time, time_unit, time_rest, by = self._time(found["position"].topic)
         table = []
         if time is not None:
@@ -404,7 +405,7 @@ class _Search:
             for name, own in channels
             for i, column in enumerate(own)
         ]
-        return Layout(
+        layout = Layout(
             time=time,
             time_unit=time_unit,
             position=columns["position"],
@@ -418,6 +419,7 @@ class _Search:
             has_matrix=has_matrix,
             channels=channels,
         )
+        return layout if self.robot is None else layout.of_joints(self.robot.position_units)
 
     def _channels(self, joints: int | None) -> tuple[tuple[str, tuple[str, ...]], ...]:
         """Return the columns of what else is read."""
@@ -784,7 +786,7 @@ class _Search:
             self._ask_unit(kind, group)
             usual: tuple[str, ...] = ("N·m",) * count
             if kind == "position":
-                usual = (self._convention(group),) * count
+                usual = self._conventions(group)
             elif kind != "torque":
                 usual = tuple(PER_SECOND[unit] for unit in units["position"])
                 usual = usual if kind == "velocity" else tuple(PER_SECOND[unit] for unit in usual)
@@ -798,6 +800,25 @@ class _Search:
                     "each joint, with `gain = [...]` in [log]."
                 )
         return units
+
+    def _require_units_of_joints(self, found: Mapping[str, _Group], units: Mapping[str, tuple[str, ...]]) -> None:
+        """Refuse degrees of a joint that slides and millimetres of one that turns; radians may be a default."""
+        for kind in ("position", "velocity"):
+            if kind not in found or self._matrix(kind) is not None:
+                continue
+            columns = found[kind].columns
+            for i, (column, slides) in enumerate(zip(columns, self._slides(len(columns)), strict=True)):
+                unit = units[kind][i]
+                if self.robot is None or (slides and unit.startswith("rad")) or slides == (unit in LENGTHS):
+                    continue
+                moves, fitting = ("slides", "mm") if slides else ("turns", "deg")
+                per_second = "/s" * (kind == "velocity")
+                each = [fitting + per_second if k == i else one for k, one in enumerate(units[kind])]
+                line = ", ".join(f'"{one}"' for one in each)
+                raise InputError(
+                    f"{self.source}: the column {column!r} of the joint {self._joint(kind, i)}, which {moves}, is in "
+                    f"{unit}; state its own unit with `{kind}_unit = [{line}]` in [log]."
+                )
 
     def _ask_unit(self, kind: str, group: _Group) -> None:
         """Refuse columns whose names have words for a unit that is not understood; none has one where a matrix has."""
@@ -814,8 +835,25 @@ class _Search:
                     f"there; state `{key}_unit` in [log], or what one of it is on the diagonal of `{own}`."
                 )
 
-    def _convention(self, group: _Group) -> str:
-        """Return the unit of positions that do not say theirs, by who writes such names."""
+    def _conventions(self, group: _Group) -> tuple[str, ...]:
+        """Return the unit of each position that does not say its own, by who writes such names.
+
+        Who writes degrees writes millimetres of joints that slide: as degrees, the stroke of a SCARA of 0.2 m was read
+        as 3.5 m, its quill weighed a tenth, and the prediction was as good.
+        """
+        slides = self._slides(len(group.columns))
+        turning = [column for column, slide in zip(group.columns, slides, strict=True) if not slide]
+        unit = self._convention(group, turning or group.columns, any(slides))
+        of_slides = "mm" if unit == "deg" else "m"
+        return tuple(of_slides if slide else unit for slide in slides)
+
+    def _slides(self, count: int) -> tuple[bool, ...]:
+        """Return which of so many columns are those of joints that slide, as far as the robot tells."""
+        units = () if self.robot is None else self.robot.position_units
+        return tuple(unit == "m" for unit in units) if len(units) == count else (False,) * count
+
+    def _convention(self, group: _Group, turning: Sequence[str], any_slides: bool) -> str:
+        """Return the unit of positions that do not say theirs, where the joint turns."""
         if all(group.units) or group.by == _STATED:
             return "rad"
         style = group.style
@@ -825,7 +863,8 @@ class _Search:
             style = next((other.style for other in alike if other.style.unit is not None), style)
         if style.unit is None:
             return "rad"
-        largest = self._largest(group.columns)
+        largest = self._largest(turning)
+        beside = " (those of joints that slide in mm)" if any_slides else ""
         if style.unit != BY_SIZE:
             if group.by == _NAME and largest is not None and largest <= _SURELY_DEGREES:
                 raise InputError(
@@ -833,14 +872,14 @@ class _Search:
                     f"degrees and others in radians, and none is beyond {largest:.3g}; say which with "
                     '`position_unit = "deg"` or `position_unit = "rad"` in [log].'
                 )
-            self.guesses.append(f"The positions {_ends(group.columns)} are read in {style.unit}: {style.note}.")
+            self.guesses.append(f"The positions {_ends(group.columns)} are read in {style.unit}{beside}: {style.note}.")
             return style.unit
         unit = "deg" if largest is not None and largest > _SURELY_DEGREES else "rad"
         other = "rad" if unit == "deg" else "deg"
         reach = "" if largest is None else f", since they reach {largest:.3g}"
         self.guesses.append(
-            f'The positions {_ends(group.columns)} are read in {unit}{reach}; state `position_unit = "{other}"` in '
-            "[log] if that is wrong."
+            f"The positions {_ends(group.columns)} are read in {unit}{beside if unit == 'deg' else ''}{reach}; state "
+            f'`position_unit = "{other}"` in [log] if that is wrong.'
         )
         return unit
 

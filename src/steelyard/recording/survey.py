@@ -14,6 +14,7 @@ from steelyard.files import listed
 from steelyard.files.arguments import LARGEST
 from steelyard.graph.column_passes import ColumnFacts, column_facts
 
+from .columns import LENGTHS
 from .measurements import Measurements
 
 if TYPE_CHECKING:
@@ -43,6 +44,9 @@ SLOWEST_RATE, FASTEST_RATE = 10.5, 5e4
 MANY_TURNS = 8.0 * pi
 """rad, or m, beyond which a position is remarked on: 26 degrees taken for radians are more, and few joints turn four
 times."""
+LEISURELY = 8.0
+"""Positions a second up to which many turns are those of a table that turns without end: in degrees it would turn at no
+more than 1.3 revolutions a minute, and behind gears of 1:100 at no more than 0.8."""
 FULL_TURN = 2.2 * pi
 """rad up to which positions in degrees reach once they are converted; those of motors reach any number of turns."""
 MOSTLY = 0.9
@@ -430,22 +434,14 @@ class LogSurvey:
                 f"The rate is {rate:.6g} Hz, faster than robots are controlled; check `time_unit` and `rate` in [log]."
             )
         reach = np.abs(self.q).max(axis=0)
-        turns = reach > MANY_TURNS
-        fast = ~turns & (self.speed > FASTEST_JOINT)
+        far, slides = reach > MANY_TURNS, self._slides
+        turns = far & ~slides & (self.speed > LEISURELY)
+        fast = ~far & (self.speed > FASTEST_JOINT)
         strange = self._no_positions()
         if strange:
             remarks.append(capital(strange))
-        elif turns.any():
-            j = int(np.argmax(reach))
-            names = ", ".join(self.label(i) for i in map(int, np.flatnonzero(turns)))
-            degrees = 'in degrees (`position_unit = "deg"` in [log]), or they are ' * bool(
-                reach[j] * DEGREE <= FULL_TURN
-            )
-            remarks.append(
-                f"Positions go through many turns of a joint ({names}; the farthest from {self.q[0, j]:.5g} to "
-                f"{self.q[1, j]:.5g}); it may be that they are {degrees}those of the motors, in front of gears, "
-                "or in a unit of their own (`position_matrix` in [log] makes radians of either)."
-            )
+        elif turns.any() or np.any(far & slides):
+            remarks.append(self._far_away(reach, turns, far & slides))
         if fast.any():
             j = int(np.argmax(np.where(fast, self.speed, 0.0)))
             names = ", ".join(self.label(i) for i in map(int, np.flatnonzero(fast)))
@@ -455,6 +451,41 @@ class LogSurvey:
                 "motors in front of gears."
             )
         return tuple(remarks)
+
+    @property
+    def _slides(self) -> NDArray[np.bool_]:
+        """(N,) which joints slide, as far as the units of the columns tell."""
+        layout, slides = self.first_row.layout, np.zeros(len(self.speed), dtype=bool)
+        if layout is not None and len(layout.units["position"]) == len(slides):
+            slides[:] = [unit in LENGTHS for unit in layout.units["position"]]
+        return slides
+
+    def _far_away(self, reach: Array, turns: NDArray[np.bool_], slides: NDArray[np.bool_]) -> str:
+        """Say which joints turn many times, or slide farther than slides are long, and what unit that suggests."""
+
+        def farthest_of(which: NDArray[np.bool_]) -> str:
+            j = int(np.argmax(np.where(which, reach, 0.0)))
+            names = ", ".join(self.label(i) for i in map(int, np.flatnonzero(which)))
+            return f"({names}; the farthest from {self.q[0, j]:.5g} to {self.q[1, j]:.5g})"
+
+        said, units, others = [], {}, ["in a unit of their own"]
+        if turns.any():
+            said.append(f"go through many turns of a joint {farthest_of(turns)}")
+            others.insert(0, "those of the motors, in front of gears")
+            if reach[turns].max() * DEGREE <= FULL_TURN:
+                units["deg"] = "degrees"
+        if slides.any():
+            said.append(f"go farther than joints slide {farthest_of(slides)}")
+            units["mm"] = "millimetres"
+        each = [f'"{"mm" if slide else "deg"}"' for slide in self._slides]
+        line = f"[{', '.join(each)}]" if len(units) > 1 else "".join(f'"{unit}"' for unit in units)
+        if units:
+            others.insert(0, f"in {' and '.join(units.values())} (`position_unit = {line}` in [log])")
+        made = "radians of either" if turns.any() else "metres of them"
+        return (
+            f"Positions {', and '.join(said)}; it may be that they are {', or '.join(others)} (`position_matrix` in "
+            f"[log] makes {made})."
+        )
 
     def _filled_remarks(self) -> tuple[str, ...]:
         counts = zip(self._filled, ("positions", "torques"), strict=True)
@@ -763,7 +794,9 @@ def position_jumps(
             continue
         usual = np.nanquantile(off, 1.0 - FEW) if len(off) > 1.0 / FEW else np.inf
         pushed = np.maximum(PUSHED * times**2, max(UNUSUAL * usual, SLIPPED))
-        rows = np.flatnonzero(off > np.minimum(farthest(times), pushed)) + 2
+        # What is in a unit in which the joint outruns all others, as a slide in millimetres, is bounded by no speed.
+        outruns = np.count_nonzero(np.abs(here) > FASTEST_JOINT * times) > SWIFT * len(here)
+        rows = np.flatnonzero(off > (pushed if outruns else np.minimum(farthest(times), pushed))) + 2
         found[j] = rows if rows.size <= FEW * len(q) else rows[:0]
     return tuple(found)
 
