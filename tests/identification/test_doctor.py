@@ -498,8 +498,11 @@ TURN_AND_SLIDE = """<robot name="polar"><link name="base"/>
   <limit lower="0" upper="0.6" velocity="9" effort="99"/></joint></robot>"""
 
 
-def polar(folder, limits):
-    """Write the description of a boom that turns and reaches out; return its path, a motion, and its torques."""
+def polar(folder, limits, rotor=0.0):
+    """Write the description of a boom that turns and reaches out; return its path, a motion, and its torques.
+
+    `rotor` is what the motor of the slide adds to its mass, kg.
+    """
     path = folder / "polar.urdf"
     ends = 'lower="-2" upper="2"', 'lower="0" upper="0.6"'
     text = TURN_AND_SLIDE
@@ -516,6 +519,7 @@ def polar(folder, limits):
         [(0.52 + 2.0 * x**2) * ddq[:, 0] + 4.0 * x * dx * dq[:, 0], 2.0 * (ddq[:, 1] - x * dq[:, 0] ** 2)], axis=1
     )
     torque += np.array([0.2, 0.5]) * np.sign(dq) + np.array([0.1, 0.8]) * dq
+    torque[:, 1] += rotor * ddq[:, 1]
     return path, q, torque + 0.01 * torque.std(axis=0) * np.random.default_rng(5).normal(size=q.shape)
 
 
@@ -569,9 +573,24 @@ def test_stamps_that_are_all_the_same_do_not_go_back(arm, tmp_path):
     assert "more digits" in finding.advice
 
 
+def test_rotors_that_identify_takes_in_unasked_are_no_fault(tmp_path):
+    """A log of any arm with gears was faulty beside its bare description, for which the answer was right."""
+    path, q, torque = polar(tmp_path, limits=True, rotor=3.0)
+    log = {"t": T, "q": q, "tau": torque}
+    found = examine(log, path)
+    assert found.findings == ()
+    assert "Ia2 = 3" in found.facts["rotors"]
+    robot = tmp_path / "stated.toml"
+    kinds = "".join(f'[[terms]]\nkind = "{kind}"\n' for kind in ("viscous", "coulomb", "offset"))
+    robot.write_text(f'{kinds}[description]\nurdf = "polar.urdf"\n')
+    assert "lacks the inertia of the rotors" in examine(log, robot).findings[0].statement
+
+
 GANTRY = """<robot name="gantry"><link name="frame"/>
-<link name="bridge"><inertial><mass value="90"/><inertia ixx="9" iyy="9" izz="9" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<link name="ram"><inertial><mass value="40"/><inertia ixx="4" iyy="4" izz="4" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="bridge"><inertial><mass value="90"/>
+  <inertia ixx="9" iyy="9" izz="9" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="ram"><inertial><mass value="40"/>
+  <inertia ixx="4" iyy="4" izz="4" ixy="0" ixz="0" iyz="0"/></inertial></link>
 <joint name="x" type="prismatic"><parent link="frame"/><child link="bridge"/><axis xyz="1 0 0"/></joint>
 <joint name="z" type="prismatic"><parent link="bridge"/><child link="ram"/><axis xyz="0 0 1"/></joint></robot>"""
 

@@ -39,9 +39,10 @@ from steelyard.regression.time_blocks import TimeBlocks
 from steelyard.robot import Robot, RobotFile
 from steelyard.robot.description import read_description
 
+from .default_terms import rotors_of_log
 from .doubts import mistakes_in_logs
 from .examination import HARMS, Examination, Finding, Harm, merged, stated_remedy
-from .given import GivenLog, GivenRobot, GivenSamples, One, given_constraints, given_logs, given_robot
+from .given import GivenLog, GivenRobot, GivenSamples, One, given_constraints, given_logs, given_robot, wider_model
 from .late_logs import LateLog, late_hypotheses, late_logs
 from .log_reader import DRAWN_ROWS, LogReader, LogTask, ReducedLog, against_limits
 from .prediction_verdict import few_rows_of, said_of
@@ -599,6 +600,7 @@ class _Patient:
             else:
                 fit = better
                 self.add(finding)
+        fit = self._with_rotors(fit)
         information, estimate = fit.log.information, fit.estimate
         if information.count <= information.base_count:
             statement = f"The log leaves {information.count} rows for {information.base_count} base parameters."
@@ -671,6 +673,19 @@ class _Patient:
         change = change_in_log(self.model, blocks, log.drawn.samples)
         drifts = () if change else friction_drifts(blocks, self.model.base_parameters().names)
         return _Fit(reader, log, least_squares(log.information, "joint"), stretches, change, drifts)
+
+    def _with_rotors(self, fit: _Fit) -> _Fit:
+        """Fit with the inertia of rotors where nobody states terms and the log shows it, as `identify` does unasked."""
+        assert self.model is not None
+        wider = wider_model(self._file(), self.model)
+        if wider is None:
+            return fit
+        decision = rotors_of_log(fit.reader, self.log, wider, POINTS)
+        if not decision.taken:
+            return fit
+        self.model = wider
+        self.facts["rotors"] = f"the model has the inertia of a rotor at every joint: {decision.reason}"
+        return self._fit()
 
     def _better_with(self, finding: Finding, before: _Fit) -> _Fit | None:
         """Fit the model with the remedy of a finding that the motion alone suggests; None where that does not help."""
