@@ -586,6 +586,19 @@ def test_rotors_that_identify_takes_in_unasked_are_no_fault(tmp_path):
     assert "lacks the inertia of the rotors" in examine(log, robot).findings[0].statement
 
 
+def test_a_joint_without_a_torque_that_moves_is_not_to_be_held_still(tmp_path):
+    """The log was said to say nothing of it, and with it held the other joints were weighed wrongly."""
+    path, q, torque = polar(tmp_path, limits=True)
+    log = {"t": T, "turn_pos": q[:, 0], "reach_pos": q[:, 1], "reach_tau": torque[:, 1]}
+    found = examine(log, path)
+    assert not [one for one in found.findings if "locked" in one.toml]
+    result = sy.identify(path, log)
+    assert result.parameters["m2"].value == pytest.approx(2.0, rel=0.02)  # by what the turning asks of the slide
+    assert np.isnan(result.prediction.joint_error[0])
+    (told,) = [one for one in result.remarks if "No torque of turn was logged" in one]
+    assert "the motion is used" in told
+
+
 GANTRY = """<robot name="gantry"><link name="frame"/>
 <link name="bridge"><inertial><mass value="90"/>
   <inertia ixx="9" iyy="9" izz="9" ixy="0" ixz="0" iyz="0"/></inertial></link>

@@ -143,7 +143,10 @@ def _spell(value: float) -> str:
 
 
 def _stacked(raw: Sequence[Columns], names: Sequence[str]) -> NDArray[np.float64]:
-    return side_by_side([[part[name] for name in names] for part in raw])
+    """The columns side by side, with NaN where a joint has none."""
+    return side_by_side(
+        [[part[name] if name else np.full(len(next(iter(part.values()))), np.nan) for name in names] for part in raw]
+    )
 
 
 def _scaled(array: NDArray[np.float64], scales: Sequence[float]) -> NDArray[np.float64]:

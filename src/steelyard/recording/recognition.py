@@ -94,6 +94,7 @@ class Layout:
         None where there is a rate alone.
     time_unit : str
     position, torque : tuple of str
+        The torque of a joint is empty where none was logged of it.
     velocity, acceleration : tuple of str, or None
     time_rest : (str, str) or None
         The column that holds what is left of whole seconds, and its unit.
@@ -133,7 +134,12 @@ class Layout:
         """Names of all columns to be read, each once."""
         groups = [self.stamps, self.position, self.velocity or (), self.acceleration or (), self.torque]
         groups += [columns for _, columns in self.channels]
-        return tuple(dict.fromkeys(name for group in groups for name in group))
+        return tuple(dict.fromkeys(name for group in groups for name in group if name))
+
+    @property
+    def without_torque(self) -> tuple[int, ...]:
+        """The joints, from 0, of which no torque was logged."""
+        return tuple(k for k, name in enumerate(self.torque) if not name)
 
     def seconds(self, raw: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
         """Return the times of rows, s."""
@@ -396,6 +402,7 @@ class _Search:
             table += [
                 ColumnMeaning(column, self._joint(kind, i), kind, unit, group.told())
                 for i, (column, unit) in enumerate(zip(group.columns, units[kind], strict=True))
+                if column
             ]
         has_matrix = any(self._matrix(kind) is not None for kind in found)
         columns = {kind: group.columns for kind, group in found.items()}
@@ -460,11 +467,12 @@ class _Search:
         if isinstance(stated, str):
             stated = self._expanded(kind, stated)
         if stated is not None:
-            for name in stated:
+            named = [name for name in stated if name or kind != "torque"]  # empty where none was logged
+            for name in named:
                 self._require(name, kind)
             if counts and self._matrix(kind) is None and (doubt := self._doubt_of_order(kind, stated)):
                 self.guesses.append(f"The {kind} is read in the robot's order, as {_ends(stated)}: {doubt}.")
-            if len(set(stated)) != len(stated):
+            if len(set(named)) != len(named):
                 raise InputError(f"{self.source}: `{kind}` in [log] names a column twice; each joint needs its own.")
             said = tuple(_unit_of(name, kind) for name in stated)
             return _Group(stated, said, ColumnStyle("", kind, ()), _STATED)
@@ -473,7 +481,33 @@ class _Search:
             certain = any(not group.style.last_resort for group in candidates)
             if not certain and self.columns.gain is not None and (currents := self._candidates("current")):
                 candidates = currents
+            whole = any(len(one.columns) == self._expected(kind) for one in candidates)
+            if not whole and (part := self._torques_of_some()) is not None:
+                return part
         return self._chosen(kind, candidates)
+
+    def _torques_of_some(self) -> _Group | None:
+        """Return the torques that are named by joints, where positions are there of all and torques of some.
+
+        The drive of a rail or of a gripper often has a controller of its own. Such joints move the others all the same,
+        and the arm would be weighed wrongly with them held still. Torques of fewer than half of the joints are asked
+        about: they may be those of a sensor at the tool.
+        """
+        whole = any(group.by == _NAME and not group.labels for group in self.groups.get("position", ()))
+        parts = [one for one in self.groups.get("part of torque", ()) if one.by == _NAME and not one.style.last_resort]
+        if not whole or len(parts) != 1 or self._matrix("torque") is not None:
+            return None
+        (part,) = parts
+        if len(part.columns) < len(part.labels):
+            return None
+        own = [joint for joint in self.joint_names if joint not in part.labels]
+        there = dict(zip(own, zip(part.columns, part.units, strict=True), strict=True))
+        columns, units = zip(*(there.get(joint, ("", None)) for joint in self.joint_names), strict=True)
+        names = _listing([joint for joint in self.joint_names if joint in part.labels])
+        self.guesses.append(
+            f"No torque of {names} was logged: the motion is used, and the torques of the other joints."
+        )
+        return replace(part, columns=columns, units=units, labels=())
 
     def _candidates(self, kind: str) -> list[_Group]:
         """Return the groups of columns that may be a quantity, those with the columns of another one left out."""
@@ -731,11 +765,7 @@ class _Search:
                 if matrix is None and len(group.columns) < need:
                     instead = f', or leave out what was measured of this kind with `{kind} = "none"`'
                     if kind == "torque":
-                        instead = (
-                            "; where that of a joint was not logged, add an empty column for it and state "
-                            '`missing = "fill"` in [log] and `exclude_joints = [NUMBER]` in [processing], which use '
-                            "the rest"
-                        )
+                        instead = ', and "" for a joint of which none was logged'
                 raise InputError(
                     f"{self.source} has {len(group.columns)} columns of {kind} ({_listing(group.columns)}) for {need} "
                     f"{why}; name one for each with `{kind}` in [log]{instead}."
@@ -826,7 +856,7 @@ class _Search:
             return
         named = "".join(self.joint_names).casefold()
         for column, unit in zip(group.columns, group.units, strict=True):
-            word = unit_left_open(column, kind)
+            word = unit_left_open(column, kind) if column else None
             if unit is None and word is not None and word.casefold() not in named:
                 key = "velocity" if kind == "acceleration" else kind
                 own = f"{'torque' if kind == 'torque' else 'position'}_matrix"
