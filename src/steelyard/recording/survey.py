@@ -18,7 +18,7 @@ from .columns import LENGTHS
 from .measurements import Measurements
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from numpy.typing import ArrayLike
 
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 __all__ = [
     "LogSurvey",
     "position_jumps",
+    "require_no_degrees",
     "stuck_torques",
     "turn_remarks",
     "turned_on",
@@ -49,6 +50,9 @@ LEISURELY = 8.0
 more than 1.3 revolutions a minute, and behind gears of 1:100 at no more than 0.8."""
 FULL_TURN = 2.2 * pi
 """rad up to which positions in degrees reach once they are converted; those of motors reach any number of turns."""
+FURTHER_TURNS = 2
+"""Whole turns that a position may be away from the limits of its joint: encoders count from 0 to a turn where a
+description has half a turn to either side, and no torque of links depends on it."""
 MOSTLY = 0.9
 """Share of the rows, in parts of a log that reach beyond a turn in degrees, whose positions are whole numbers in a log
 of counts: in some they may be filled in."""
@@ -514,22 +518,30 @@ class LogSurvey:
         ranges = high - low
         tolerance = 0.02 + 0.01 * np.where(np.isfinite(ranges), ranges, 0.0)
 
+        usual = ("rad",) * len(self.speed) if units is None else tuple(units)
+
+        def ends(j: int, k: int, scale: float = 1.0) -> tuple[float, float]:
+            """Return the ends of the positions of column k as those of joint j, perhaps moved by whole turns."""
+            found = scale * reach_low[k], scale * reach_high[k]
+            if usual[j] != "rad" or not np.isfinite(ranges[j]):
+                return found
+            turns = round((low[j] + high[j] - sum(found)) / (2.0 * TURN))
+            return (found[0] + turns * TURN, found[1] + turns * TURN) if abs(turns) <= FURTHER_TURNS else found
+
         def fits(j: int, k: int, scale: float = 1.0) -> bool:
             """Say whether the positions of column k would fit joint j."""
-            return bool(
-                scale * reach_low[k] >= low[j] - tolerance[j] and scale * reach_high[k] <= high[j] + tolerance[j]
-            )
+            lowest, highest = ends(j, k, scale)
+            return bool(lowest >= low[j] - tolerance[j] and highest <= high[j] + tolerance[j])
 
         joints = range(len(self.speed))
         outside = [j for j in joints if not fits(j, j)]
-        usual = ("rad",) * len(self.speed) if units is None else tuple(units)
         # Three times beyond is no calibration error: with all joints fitting after the change of unit, it is certain.
         # As millimetres nearly everything fits, so that slides must be beyond by more, about the root of a thousand.
         beyond = {"rad": (3.0, 0.5), "m": (30.0, 0.1)}
         far = [
             j
             for j, (times, least) in enumerate(beyond[one] for one in usual)
-            if j in outside and max(-reach_low[j], reach_high[j]) > times * max(abs(low[j]), abs(high[j]), least)
+            if j in outside and max(-ends(j, j)[0], ends(j, j)[1]) > times * max(abs(low[j]), abs(high[j]), least)
         ]
         layout = self.first_row.layout
         read = () if layout is None else layout.units["position"]
@@ -603,7 +615,6 @@ def stuck_torques(
     return np.flatnonzero((lowest == highest) & (travel > 1e-3))
 
 
-@np.errstate(over="ignore", invalid="ignore")  # the step between two huge numbers is infinite, and no turn
 def turned_on(q: NDArray[np.float64], facts: ColumnFacts | None = None) -> tuple[NDArray[np.float64], tuple[int, ...]]:
     """Take jumps by a whole turn out of positions, as encoders of joints that turn on and on make them.
 
@@ -634,27 +645,76 @@ def turned_on(q: NDArray[np.float64], facts: ColumnFacts | None = None) -> tuple
     """
     jumps = np.zeros(q.shape[1], dtype=int)
     result = q
-    facts = column_facts(q) if facts is None else facts
-    far = ~(facts.high - facts.low <= TURN - STEADY)  # true also where values are missing
+    for j, there, steps, of_turns in _whole_turns(q, column_facts(q) if facts is None else facts, TURN, STEADY):
+        jumps[j] = len(of_turns)
+        change = np.zeros(len(there))
+        change[of_turns + 1] = -np.sign(steps[of_turns]) * TURN
+        turns = np.cumsum(change)
+        result = result.copy() if result is q else result
+        result[there, j] += turns
+    return result, tuple(jumps.tolist())
+
+
+def _whole_turns(
+    q: NDArray[np.float64], facts: ColumnFacts, turn: float, steady: float
+) -> Iterator[tuple[int, NDArray[np.intp], NDArray[np.float64], NDArray[np.intp]]]:
+    """Find jumps by a whole turn: of each joint with such the rows that are there, their steps, and which these are."""
+    with np.errstate(over="ignore", invalid="ignore"):  # the step between two huge numbers is infinite, and no turn
+        far = ~(facts.high - facts.low <= turn - steady)  # true also where values are missing
     for j in map(int, np.flatnonzero(far)):  # no step of the others is as long
         there = np.flatnonzero(np.isfinite(q[:, j]))
-        steps = np.diff(q[there, j])
-        of_turns = np.flatnonzero(np.abs(np.abs(steps) - TURN) < STEADY)
-        if not len(of_turns) or np.median(np.abs(steps)) >= STEADY:
+        with np.errstate(over="ignore", invalid="ignore"):
+            steps = np.diff(q[there, j])
+            of_turns = np.flatnonzero(np.abs(np.abs(steps) - turn) < steady)
+        if not len(of_turns) or np.median(np.abs(steps)) >= steady:
             continue
         # Noise makes several jumps in a row, to and fro; the steps before and after them are small.
         others = np.delete(np.arange(-1, len(steps) + 1), of_turns + 1)
-        small = np.concatenate([[True], np.abs(steps) < STEADY, [True]])[others + 1]
+        small = np.concatenate([[True], np.abs(steps) < steady, [True]])[others + 1]
         after = np.searchsorted(others, of_turns)
         of_turns = of_turns[small[after - 1] & small[after]]
-        jumps[j] = len(of_turns)
         if len(of_turns):
-            change = np.zeros(len(there))
-            change[of_turns + 1] = -np.sign(steps[of_turns]) * TURN
-            turns = np.cumsum(change)
-            result = result.copy() if result is q else result
-            result[there, j] += turns
-    return result, tuple(jumps.tolist())
+            yield j, there, steps, of_turns
+
+
+def require_no_degrees(
+    q: NDArray[np.float64], columns: Sequence[str], source: str, facts: ColumnFacts | None = None
+) -> None:
+    """Refuse positions that jump by 360 and go on as before: degrees that are logged modulo a turn, read in radians.
+
+    Their jumps were told as those of an encoder that slips, and the rows that they left as too few.
+
+    Parameters
+    ----------
+    q : ndarray
+        (S, N), rad or m; NaN where values are missing.
+    columns : sequence of str
+        What they are called in the log.
+    source : str
+        For the message.
+    facts : ColumnFacts, optional
+        Of `q`, where they are known.
+
+    Raises
+    ------
+    InputError
+        Where there are such.
+
+    Examples
+    --------
+    >>> degrees = np.linspace(0.0, 800.0, 2000)
+    >>> require_no_degrees(np.radians(degrees)[:, None], ["q1"], "log.csv")
+    >>> require_no_degrees(np.mod(degrees, 360.0)[:, None], ["q1"], "log.csv")
+    Traceback (most recent call last):
+    steelyard.errors.InputError: log.csv: the position 'q1' jumps by 360 2 times and goes on as before, as ...
+    """
+    facts = column_facts(q) if facts is None else facts
+    for j, _, _, of_turns in _whole_turns(q, facts, TURN / DEGREE, STEADY / DEGREE):
+        often = f" {len(of_turns)} times" if len(of_turns) > 1 else ""
+        raise InputError(
+            f"{source}: the position {columns[j]!r} jumps by 360{often} and goes on as before, as degrees do that are "
+            'logged modulo a turn; state `position_unit = "deg"` in [log].'
+        )
 
 
 @np.errstate(over="ignore", invalid="ignore")
