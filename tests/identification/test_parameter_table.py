@@ -16,7 +16,7 @@ from steelyard.dynamics import ByJoint, Coulomb, Model, PolynomialFriction, Roto
 from steelyard.errors import InputError
 from steelyard.estimators import EntropicPrior, proved_estimate
 from steelyard.estimators.cross_validation import cross_validation, term_deviations
-from steelyard.feasibility import DensityInBox, FeasibleSet, LinearBound, TotalMass
+from steelyard.feasibility import DensityInBox, FeasibleSet, LinearBound, MeasuredMass, TotalMass
 from steelyard.identification.parameter_table import LinkRows, ParameterRow, ParameterTable, parameter_table
 from steelyard.recording import Samples
 from steelyard.regression.drift import friction_drifts
@@ -286,6 +286,23 @@ def test_all_links_weigh_what_each_of_them_does_at_least(tmp_path) -> None:
     assert table["m1"].lower == 0.0
     assert table["total mass"].lower == table["m2"].lower
     assert table["total mass"].upper == pytest.approx(11.0, abs=0.01)
+
+
+def test_a_mass_that_is_stated_is_that_and_in_no_conflict(tmp_path) -> None:
+    """It lay "outside its interval of 11 to 11 kg", and that of a link was assumed, since a rotor might hold it."""
+    (tmp_path / "robot.urdf").write_text(GANTRY)
+    model, random = Model(Robot.from_urdf(tmp_path / "robot.urdf")), np.random.default_rng(5)
+    q, dq, ddq = random.uniform(-1.0, 1.0, (3, 400, 2))
+    torque = np.column_stack([(8.0 + 3.0) * ddq[:, 0], 3.0 * (ddq[:, 1] + 9.81)]) + 0.01 * random.normal(size=q.shape)
+    info = sy.Information.from_samples(model, Samples(q=q, dq=dq, ddq=ddq, torque=torque))
+    for stated, name in ((TotalMass(equal=10.99), "total mass"), (MeasuredMass(7.99, links=["bridge"]), "m1")):
+        feasible_set = FeasibleSet(model, constraints=[stated])
+        table = parameter_table(info, feasible_set, sy.fit(info, feasible_set), sy.least_squares(info))
+        row = table[name]
+        assert not row.is_outside
+        assert (row.lower, row.upper) == pytest.approx((row.value, row.value), abs=1e-6)
+        assert row.basis == "bounded"
+        assert not table.conflict
 
 
 @pytest.mark.slow

@@ -68,6 +68,11 @@ WIDER = 1.5
 RETURNS = 1.1
 """Times as wide as by noise is some interval where it is said that what returns with the motion widens them."""
 
+STATED = 1e-6
+"""Half-width of an interval relative to the value up to which a constraint of the user states the number: solvers meet
+it to rounding. A total mass that was stated lay "outside its interval of 625 to 625 kg", and a stated mass of a link
+was "assumed, 0 to 75 kg", since a rotor might hold it."""
+
 DRAWN = 0.01
 """Of the half-width of an interval, by which a value lies beyond its end at least that the prior draws out of it; less
 is the rounding of solvers."""
@@ -431,15 +436,19 @@ def parameter_table(
             ranges = [values[index], *values[index] * np.array(changes.get(quantity.name, ()))]
             low, high = min(told[0][index], *ranges), max(told[1][index], *ranges)
             half = 0.5 * (high - low)
-            is_drawn = max(told[0][index] - values[index], values[index] - told[1][index]) > DRAWN * half
+            stated = half <= STATED * abs(values[index])
+            away = max(told[0][index] - values[index], values[index] - told[1][index])
+            is_drawn = away > max(DRAWN * half, STATED * abs(values[index]))
             if is_drawn and quantity.name not in changes:  # data and physics tell another value
                 low, high = told[0][index], told[1][index]
             widest = (1.0 if quantity.name in changes else 2.0) * MEASURED * scales[index]
-            if not is_drawn and alone[index] <= MEASURED * scales[index] and half <= widest:
+            if stated:
+                basis = "bounded"
+            elif not is_drawn and alone[index] <= MEASURED * scales[index] and half <= widest:
                 basis = "measured"
             elif half <= BOUNDED * scales[index]:
                 basis = "bounded"
-            if shares.size and np.isfinite(alone[index]):
+            if shares.size and np.isfinite(alone[index]) and not stated:
                 share = _share(quantity, parameters, shares)
                 # What the data tell is the number and its shares of rotors, and no rotor has a negative inertia.
                 if np.any(share > 0.0):
