@@ -498,8 +498,11 @@ TURN_AND_SLIDE = """<robot name="polar"><link name="base"/>
   <limit lower="0" upper="0.6" velocity="9" effort="99"/></joint></robot>"""
 
 
-def polar(folder, limits):
-    """Write the description of a boom that turns and reaches out; return its path, a motion, and its torques."""
+def polar(folder, limits, rotor=0.0):
+    """Write the description of a boom that turns and reaches out; return its path, a motion, and its torques.
+
+    `rotor` is what the motor of the slide adds to its mass, kg.
+    """
     path = folder / "polar.urdf"
     ends = 'lower="-2" upper="2"', 'lower="0" upper="0.6"'
     text = TURN_AND_SLIDE
@@ -516,6 +519,7 @@ def polar(folder, limits):
         [(0.52 + 2.0 * x**2) * ddq[:, 0] + 4.0 * x * dx * dq[:, 0], 2.0 * (ddq[:, 1] - x * dq[:, 0] ** 2)], axis=1
     )
     torque += np.array([0.2, 0.5]) * np.sign(dq) + np.array([0.1, 0.8]) * dq
+    torque[:, 1] += rotor * ddq[:, 1]
     return path, q, torque + 0.01 * torque.std(axis=0) * np.random.default_rng(5).normal(size=q.shape)
 
 
@@ -530,7 +534,8 @@ def test_units_of_joints_that_turn_and_of_those_that_slide_are_told_apart(tmp_pa
     log = {"t": T, "q1": q[:, 0] * scale[0], "q2": q[:, 1] * scale[1], "tau1": torque[:, 0], "tau2": torque[:, 1]}
     found = examine(log, path)
     told = tomllib.loads(found.toml)["log"]["position_unit"]
-    assert told == list(units) or (told, units) == ("deg", ("deg", "m"))  # of all that can be in degrees
+    of_their_kind = {"deg": ("deg", "m"), "mm": ("rad", "mm")}  # one unit is that of all joints that can have it
+    assert told == list(units) or of_their_kind[told] == units
     robot = tmp_path / "robot.toml"
     robot.write_text(f'[description]\nurdf = "polar.urdf"\n{found.toml}')
     assert examine(log, robot).findings == ()
@@ -566,3 +571,64 @@ def test_stamps_that_are_all_the_same_do_not_go_back(arm, tmp_path):
     (finding,) = alike.findings
     assert "repeats the time 1.7e+09 s of the row before (4999 rows do so)" in finding.statement
     assert "more digits" in finding.advice
+
+
+def test_rotors_that_identify_takes_in_unasked_are_no_fault(tmp_path):
+    """A log of any arm with gears was faulty beside its bare description, for which the answer was right."""
+    path, q, torque = polar(tmp_path, limits=True, rotor=3.0)
+    log = {"t": T, "q": q, "tau": torque}
+    found = examine(log, path)
+    assert found.findings == ()
+    assert "Ia2 = 3" in found.facts["rotors"]
+    robot = tmp_path / "stated.toml"
+    kinds = "".join(f'[[terms]]\nkind = "{kind}"\n' for kind in ("viscous", "coulomb", "offset"))
+    robot.write_text(f'{kinds}[description]\nurdf = "polar.urdf"\n')
+    assert "lacks the inertia of the rotors" in examine(log, robot).findings[0].statement
+
+
+def test_a_joint_without_a_torque_that_moves_is_not_to_be_held_still(tmp_path):
+    """The log was said to say nothing of it, and with it held the other joints were weighed wrongly."""
+    path, q, torque = polar(tmp_path, limits=True)
+    log = {"t": T, "turn_pos": q[:, 0], "reach_pos": q[:, 1], "reach_tau": torque[:, 1]}
+    found = examine(log, path)
+    assert not [one for one in found.findings if "locked" in one.toml]
+    result = sy.identify(path, log)
+    assert result.parameters["m2"].value == pytest.approx(2.0, rel=0.02)  # by what the turning asks of the slide
+    assert np.isnan(result.prediction.joint_error[0])
+    (told,) = [one for one in result.remarks if "No torque of turn was logged" in one]
+    assert "the motion is used" in told
+
+
+GANTRY = """<robot name="gantry"><link name="frame"/>
+<link name="bridge"><inertial><mass value="90"/>
+  <inertia ixx="9" iyy="9" izz="9" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="ram"><inertial><mass value="40"/>
+  <inertia ixx="4" iyy="4" izz="4" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="x" type="prismatic"><parent link="frame"/><child link="bridge"/><axis xyz="1 0 0"/></joint>
+<joint name="z" type="prismatic"><parent link="bridge"/><child link="ram"/><axis xyz="0 0 1"/></joint></robot>"""
+
+
+def test_joints_that_wait_between_their_moves_are_no_fault_where_their_rows_are_left_out(tmp_path):
+    """Each log of picks and places was faulty, and `doctor` ended with 1."""
+    path = tmp_path / "gantry.urdf"
+    path.write_text(GANTRY)
+    random = np.random.default_rng(4)
+    masses, friction = np.array([130.0, 40.0]), np.array([40.0, 25.0])
+    dq, ddq = np.zeros((len(T), 2)), np.zeros((len(T), 2))
+    for j in range(2):
+        at, place = 0.3, 0.0
+        while at < 18.5:  # moves of least jerk, with rests between
+            length, away = random.uniform(0.5, 1.2), random.uniform(-0.6, 0.6) - place
+            s = np.clip((T - at) / length, 0.0, 1.0)
+            dq[:, j] += away * 30.0 * (s * (1.0 - s)) ** 2 / length
+            ddq[:, j] += away * 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s) / length**2
+            at, place = at + length + random.uniform(0.3, 0.9), place + away
+    q = np.cumsum(dq, axis=0) / 250.0
+    hold = np.where(dq == 0.0, 0.6 * np.sin(0.9 * T)[:, None], np.sign(dq))  # what holds a joint is anything
+    torque = masses * ddq + [0.0, 40.0 * 9.81] + friction * hold + 20.0 * dq + random.normal(size=q.shape)
+    log = {"t": T, "q": np.round(q, 6), "tau": torque}
+    found = examine(written(log, tmp_path / "log.csv"), path)
+    assert found.findings == ()
+    robot = tmp_path / "robot.toml"
+    robot.write_text('[description]\nurdf = "gantry.urdf"\n[processing]\nvelocity_threshold = "none"\n')
+    assert [one.kind for one in examine(tmp_path / "log.csv", robot).findings] == ["stiction"]

@@ -283,6 +283,43 @@ def test_a_counterbalance_that_the_model_lacks_is_named(monkeypatch, tmp_path, s
     assert counterbalanced_joint(mended) is None
 
 
+HEAVY = """<link name="l{0}"><inertial><origin xyz="{1}"/><mass value="{2}"/>
+  <inertia ixx="{3}" ixy="0" ixz="0" iyy="{4}" iyz="0" izz="{4}"/></inertial></link>
+<joint name="j{0}" type="revolute"><parent link="l{5}"/><child link="l{0}"/><origin xyz="{6}"/>
+  <axis xyz="{7}"/><limit lower="-3" upper="3" velocity="6" effort="90"/></joint>"""
+HEAVY_LINKS = (
+    (1, "0 0.01 -0.05", 6.0, 0.04, 0.04, 0, "0 0 0.15", "0 0 1"),
+    (2, "0.22 0 0.05", 11.0, 0.03, 0.245, 1, "0 0.12 0", "0 1 0"),
+    (3, "0.15 0.01 0.02", 4.0, 0.007, 0.057, 2, "0.45 -0.05 0", "0 1 0"),
+    (4, "0.01 0.05 0.03", 3.5, 0.02, 0.02, 3, "0.38 0 0", "0 1 0"),
+)
+
+
+@pytest.mark.parametrize("share", [0.6, pytest.param(0.0, marks=pytest.mark.slow)])
+def test_a_counterbalance_that_turns_the_weight_of_a_link_round_is_named(monkeypatch, tmp_path, share):
+    """It carries some of the weight of joint 2. No mass came out far from the described one, and nothing was said."""
+    links = "".join(HEAVY.format(*one) for one in HEAVY_LINKS)
+    monkeypatch.setitem(globals(), "URDF", f'<robot name="arm"><link name="l0"/>{links}</robot>')
+    path = tmp_path / "arm.urdf"
+    path.write_text(URDF)
+    weight = GRAVITY * (11.0 * 0.22 + (4.0 + 3.5) * 0.45)  # of the arm, stretched up to joint 4, about joint 2
+    for seed in [2] if share else range(4):
+        log = recorded("", seed, noise=0.03)
+        log["tau2"] = log["tau2"] + share * weight * np.cos(log["q2"])
+        result = sy.identify(sy.Robot.from_urdf(path).with_terms(sy.Viscous(), sy.Coulomb(), sy.Offset()), log)
+        found = counterbalanced_joint(result)
+        steps = [one for one in next_steps(result) if one.action.startswith("State the counterbalance of j2")]
+        if not share:
+            assert found is None
+            assert not steps
+            continue
+        assert found.joint == found.link == 1
+        assert found.turned
+        assert found.torque == pytest.approx(share * weight, rel=0.1)
+        assert found.aligned == pytest.approx(-np.pi / 2.0, abs=0.05)
+        assert "The weight of l2 comes out on the other side of the axis of j2 than it is known" in steps[0].reason
+
+
 @pytest.mark.parametrize("cause", ["", "payload", "gravity", "oscillation", "drift"])
 def test_no_counterbalance_is_named_where_none_is(robot, cause):
     assert counterbalanced_joint(sy.identify(robot, recorded(cause, 3))) is None

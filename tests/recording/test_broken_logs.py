@@ -56,7 +56,7 @@ BROKEN: dict[str, tuple[Callable[[Columns], Columns], dict[str, Any], dict[str, 
         without("tau2"),
         {},
         {},
-        ["1 columns of torque (tau1) for 2 joints", "an empty column"],
+        ["1 columns of torque (tau1) for 2 joints", '"" for a joint of which none was logged'],
     ),
     "velocities of fewer joints": (without("dq2"), {}, {}, ["1 columns of velocity (dq1)", '`velocity = "none"`']),
     "two groups of torques": (

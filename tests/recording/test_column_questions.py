@@ -435,3 +435,27 @@ def test_forces_of_joints_that_slide_stand_beside_torques_of_those_that_turn() -
     assert found.units["torque"] == ("N", "N", "N·m")
     with pytest.raises(InputError, match=r"torques for x, y, but has c_torque"):  # a sensor at the tool
         find(["t", "x_pos", "y_pos", "c_pos", "force_x", "force_y", "c_torque"], "xyc")
+
+
+def test_torques_of_some_joints_beside_the_positions_of_all(tmp_path) -> None:
+    """The joint without a torque was to be held still, though it moved; an arm on a rail was weighed wrongly so."""
+    t = np.arange(400) / 100.0
+    columns = {"t": t, "rail_pos": 0.3 * np.sin(t), "arm_pos": np.sin(2.0 * t), "arm_tau": np.cos(t)}
+    path = tmp_path / "log.csv"
+    np.savetxt(path, np.column_stack(list(columns.values())), delimiter=",", header=",".join(columns), comments="")
+    for stated in ({}, {"torque": ["", "arm_tau"]}):
+        recording = Recording.read(path, stated, joints=("rail", "arm"))
+        assert recording.layout is not None
+        assert recording.layout.torque == ("", "arm_tau")
+        assert recording.layout.names == ("t", "rail_pos", "arm_pos", "arm_tau")
+        np.testing.assert_allclose(recording.q, np.column_stack([columns["rail_pos"], columns["arm_pos"]]), atol=1e-9)
+        np.testing.assert_allclose(recording.torque[:, 1], columns["arm_tau"], atol=1e-9)
+        samples = recording.process(cutoff=10.0)
+        assert samples.used_rows.any(axis=0).tolist() == [False, True]
+    guess = "No torque of rail was logged: the motion is used, and the torques of the other joints."
+    assert Recording.read(path, joints=("rail", "arm")).layout.guesses == (guess,)
+    with pytest.raises(InputError, match=r'1 columns of torque .* for 2 joints; .* and "" for a joint of which none'):
+        Recording.read(path, {"torque": ["arm_tau"]}, joints=("rail", "arm"))
+    without = {name: values for name, values in columns.items() if name != "arm_tau"}
+    with pytest.raises(InputError, match="no column"):
+        find(list(without), ("rail", "arm"))

@@ -64,3 +64,34 @@ def test_damaged_numbers_are_no_turns() -> None:
     found, jumps = turned_on(q)
     assert jumps == (0,)
     np.testing.assert_array_equal(found, q)
+
+
+@pytest.mark.parametrize("low", [0.0, -180.0])
+def test_degrees_modulo_a_turn_are_told_and_the_line_mends_them(low, tmp_path):
+    """They were said to be of an encoder that slips, and to leave too few rows: a longer motion was asked for."""
+    degrees = np.mod(np.degrees(ANGLE) - low, 360.0) + low
+    path = tmp_path / "log.csv"
+    table = np.column_stack([T, degrees, np.cos(T), np.sin(T)])
+    np.savetxt(path, table, delimiter=",", header="t,q1,q2,tau1,tau2", comments="", fmt="%.9g")
+    with pytest.raises(
+        sy.InputError, match=r"'q1' jumps by 360 \d+ times .* state `position_unit = \"deg\"` in \[log\]"
+    ):
+        sy.Recording.read(path, joints=2)
+    found = sy.Recording.read(path, {"position_unit": "deg"}, joints=2)
+    turns = (found.q - ANGLE) / (2 * np.pi)
+    np.testing.assert_allclose(turns, np.ones((len(T), 1)) * np.round(turns[0]), atol=1e-6)
+    rail = np.column_stack([T, np.mod(np.degrees(ANGLE), 360.0), np.cos(T), np.sin(T)])  # of motors, by a matrix
+    matrix = {"position_matrix": [["pi/180", 0], [0, "pi/180"]]}
+    np.savetxt(path, rail, delimiter=",", header="t,q1,q2,tau1,tau2", comments="", fmt="%.9g")
+    assert sy.Recording.read(path, matrix, joints=2).q.shape == ANGLE.shape
+
+
+def test_positions_a_whole_turn_away_are_within_limits():
+    """An encoder that counts from 0 to a turn has a joint of +-1 rad go up to 6.28; its zero was to be checked."""
+    angle = np.sin(ANGLE) + 2 * np.pi * np.array([1, -2])
+    log = sy.Recording(t=T, q=angle, torque=np.column_stack([np.cos(T), np.sin(T)]))
+    wide, fast = np.array([1.1, 1.1]), np.array([99.0, 99.0])
+    assert log.check_against(-wide, wide, fast) == ()
+    told = log.check_against([-1.1, -0.5], [1.1, 0.5], fast)
+    assert len(told) == 1
+    assert "joint 2" in told[0]

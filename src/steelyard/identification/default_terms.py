@@ -17,11 +17,14 @@ from steelyard.estimators.plausible_fit import TriedPrior, tried_prior
 from steelyard.feasibility import FeasibleSet
 from steelyard.regression import Estimate, Information, least_squares
 from steelyard.regression.factor import solve
+from steelyard.regression.reduction import empty_factors
+from steelyard.regression.time_blocks import TimeBlocks
 from steelyard.robot import RobotFile
 
-from .given import wider_model
+from .given import GivenLog, wider_model
+from .log_reader import LogReader, LogTask
 
-__all__ = ["RotorDecision", "decide_rotors", "model_of_estimate", "model_with"]
+__all__ = ["RotorDecision", "decide_rotors", "model_of_estimate", "model_with", "rotors_of_log"]
 
 SURE_ROTOR = 4.0
 """Standard errors by which a rotor inertia must stand above zero, and farther than any other stands below it: what a
@@ -150,6 +153,23 @@ def decide_rotors(
             change = f"{'falls' if rise <= 0.0 else 'rises'} by {100.0 * abs(rise):.2g} %"
             return replace(taken, reason=f"{shown}; the error on stretches of the log that were left out {change}")
     return _near_the_description(without, taken, weights)
+
+
+def rotors_of_log(reader: LogReader, log: GivenLog, wider: Model, samples: int) -> RotorDecision:
+    """Decide by one log, read as `reader` decided, whether its model lacks the inertia of rotors.
+
+    Parameters
+    ----------
+    reader : LogReader
+    log : path, Recording or samples
+    wider : Model
+        That of the reader with rotor inertias.
+    samples : int
+        How many are kept of the log.
+    """
+    reduced = reader.reduced(LogTask(log, samples, samples, 1, True), wider)
+    stretches = reduced.information.stretches(TimeBlocks.of_held(empty_factors(wider), reduced.blocks))
+    return decide_rotors(FeasibleSet(reader.model), wider, reduced.information, stretches)
 
 
 def _shown(model: Model, estimate: Estimate) -> str:

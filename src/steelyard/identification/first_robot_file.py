@@ -16,22 +16,19 @@ from steelyard.display import html_table, shortened, text_table
 from steelyard.dynamics import Model
 from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError
-from steelyard.feasibility import FeasibleSet
 from steelyard.recording import LogColumns
 from steelyard.recording.columns import FIND
 from steelyard.recording.correction import Settings, toml_value
 from steelyard.recording.formats import LogFiles
 from steelyard.recording.logged_joints import LoggedJoints, logged_joints
 from steelyard.recording.recognition import Layout
-from steelyard.regression.reduction import empty_factors
-from steelyard.regression.time_blocks import TimeBlocks
 from steelyard.robot import RobotFile
 from steelyard.robot.description import URDF, description_format
 
-from .default_terms import decide_rotors
+from .default_terms import rotors_of_log
 from .doctor import POINTS, examine
 from .examination import Examination, merged
-from .log_reader import LogReader, LogTask
+from .log_reader import LogReader
 
 __all__ = ["FirstRobotFile", "Guess", "first_robot_file"]
 
@@ -289,12 +286,10 @@ class _Draft:
         reader = LogReader(file, model)
         try:
             reader.decide([self._path], lambda _: None)
-            log = reader.reduced(LogTask(self._path, POINTS, POINTS, 1, True), wider)
+            decision = rotors_of_log(reader, self._path, wider, POINTS)
         except InputError:  # a log that cannot be used has its findings already
             self.left_out = "where motors drive through gears; the log does not tell"
             return
-        stretches = log.information.stretches(TimeBlocks.of_held(empty_factors(wider), log.blocks))
-        decision = decide_rotors(FeasibleSet(model), wider, log.information, stretches)
         if decision.taken:
             self.terms["rotor_inertia"] = decision.reason
         else:

@@ -34,6 +34,7 @@ from steelyard.recording.automatic import DECISION_ROWS
 from steelyard.recording.cutoff.by_torques import HIGHEST
 from steelyard.recording.diagnosis import DETECTORS, faulty_rows
 from steelyard.recording.formats import require_unwritten, written_states
+from steelyard.recording.options import AUTO
 from steelyard.recording.recognition import Layout
 from steelyard.recording.samples import regrouped
 from steelyard.recording.survey import LogSurvey
@@ -568,7 +569,6 @@ class LogReader:
     def _note_columns(self, log: str, layout: Layout | None) -> None:
         """Keep what the columns of a log were understood to be."""
         if layout is not None:
-            layout = layout.of_joints(self.model.robot.position_units)
             for other, one in self.layouts.items():
                 if one == layout:
                     layout = one  # of thousands of logs
@@ -588,7 +588,9 @@ class LogReader:
         self.clock_origin = recording.clock_origin
         handled = [option for option in DETECTORS if getattr(self.processing, option) is not False]
         part = f" (Seen in the first {recording.count} rows.)" if recording.count == chunks.CHOICE_ROWS else ""
-        self.remarks.extend(f"{log}: {sentence}{part}" for sentence in faulty_rows(recording, handled))
+        decided = self.processing.velocity_threshold != AUTO  # before, nobody knows which rows are left out
+        slowest = self.processing.for_joints("velocity_threshold", recording) if decided else None
+        self.remarks.extend(f"{log}: {sentence}{part}" for sentence in faulty_rows(recording, handled, slowest))
         if recording.layout is not None and self.model.robot.described_joints:
             from steelyard.recording.logged_joints import locked_that_move  # few robots have such joints
 

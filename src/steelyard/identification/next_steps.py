@@ -585,11 +585,18 @@ def _counterbalance(identification: Identification) -> Iterator[NextStep]:
         return
     robot = identification.model.robot
     joint, link = robot.joint_names[found.joint], robot.link_names[found.link]
+    what, instead = (
+        f"{link} comes out at {found.found:.3g} kg where {found.known:.3g} kg are known beforehand",
+        f"{link} would weigh {found.with_term:.3g} kg",
+    )
+    if found.turned:
+        what = f"The weight of {link} comes out on the other side of the axis of {joint} than it is known to be"
+        instead = f"{link} would have {found.with_term:.3g} kg on the side where it is known to have {found.known:.3g}"
     yield NextStep(
         f"State the counterbalance of {joint}, if it has one.",
-        f"{link} comes out at {found.found:.3g} kg where {found.known:.3g} kg are known beforehand. With a torque at "
+        f"{what}. With a torque at "
         f"{joint} that goes as the sine of its position, up to {found.torque:.2g} N·m, as a spring, a gas spring or a "
-        f"hydraulic counterbalance has it, {link} would weigh {found.with_term:.3g} kg. Fits with links that near to "
+        f"hydraulic counterbalance has it, {instead}. Fits with links that near to "
         f"what is known would leave {found.share:.0%} less of the squared error of {joint} with it than without, on "
         "stretches of the logs that are left out in turn. Where robot.toml states no terms yet, state viscous, coulomb "
         "and offset beside it.",

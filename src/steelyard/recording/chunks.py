@@ -206,7 +206,7 @@ class LogStream:
         signals = convert(parts, self.layout, self.columns, self.files.name)
         t, _ = times(signals, self.columns, self.files, first, self.origin, self.stated)
         return Recording(
-            **signals_fields(signals, t, self.files.name),
+            **signals_fields(signals, t, self.layout, self.files.name),
             source=self.files.name,
             joint_names=self.joint_names,
             stated_rate=self.rate,

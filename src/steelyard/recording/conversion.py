@@ -19,7 +19,7 @@ from .formats import Columns, LogFiles
 from .measurements import check_order
 from .recognition import Layout
 from .samples import is_finite
-from .survey import turned_on, without_dropouts, without_wild
+from .survey import require_no_degrees, turned_on, without_dropouts, without_wild
 
 __all__ = [
     "Signals",
@@ -143,7 +143,10 @@ def _spell(value: float) -> str:
 
 
 def _stacked(raw: Sequence[Columns], names: Sequence[str]) -> NDArray[np.float64]:
-    return side_by_side([[part[name] for name in names] for part in raw])
+    """The columns side by side, with NaN where a joint has none."""
+    return side_by_side(
+        [[part[name] if name else np.full(len(next(iter(part.values()))), np.nan) for name in names] for part in raw]
+    )
 
 
 def _scaled(array: NDArray[np.float64], scales: Sequence[float]) -> NDArray[np.float64]:
@@ -174,10 +177,18 @@ def log_columns(columns: LogColumns | dict[str, Any] | None) -> LogColumns:
     return columns if isinstance(columns, LogColumns) else LogColumns.from_dict(columns)
 
 
-def signals_fields(signals: Signals, t: NDArray[np.float64], source: str) -> dict[str, Any]:
-    """Return the arrays of a Recording by the names of its fields, with values filled and turns put together."""
+def signals_fields(signals: Signals, t: NDArray[np.float64], layout: Layout, source: str) -> dict[str, Any]:
+    """Return the arrays of a Recording by the names of its fields, with values filled and turns put together.
+
+    Raises
+    ------
+    InputError
+        Where positions are degrees modulo a turn that were read in radians, or a column has too few numbers.
+    """
     fields: dict[str, Any] = {"t": t, "position_missing": None, "torque_missing": None}
     facts = column_facts(signals.q)
+    if not layout.has_matrix:
+        require_no_degrees(signals.q, layout.position, source, facts)
     q, _ = turned_on(signals.q, facts)
     q = without_wild(t, q, facts if q is signals.q else None)
     signals = replace(signals, q=q, torque=without_dropouts(signals.torque))

@@ -246,9 +246,10 @@ class Processing(TomlSection):
         return np.full(joints, given)
 
     def excluded(self, recording: Measurements) -> list[int]:
-        """Return the indices of the excluded joints."""
+        """Return the indices of the joints that are excluded, or of which no torque was logged."""
         names = recording.joint_names or ()
-        indices = []
+        layout = recording.layout
+        indices = [] if layout is None or layout.has_matrix else list(layout.without_torque)
         for joint in self.exclude_joints:
             if isinstance(joint, int) and 1 <= joint <= recording.joint_count:
                 indices.append(joint - 1)

@@ -36,7 +36,7 @@ from .column_styles import (
     unit_left_open,
     units_said,
 )
-from .columns import CURRENT_UNITS, PER_SECOND, TIME_UNITS, LogColumns
+from .columns import CURRENT_UNITS, LENGTHS, PER_SECOND, TIME_UNITS, LogColumns
 
 __all__ = ["ColumnMeaning", "Joints", "Layout", "find_columns", "label_columns", "names_of", "numbered_columns"]
 
@@ -94,6 +94,7 @@ class Layout:
         None where there is a rate alone.
     time_unit : str
     position, torque : tuple of str
+        The torque of a joint is empty where none was logged of it.
     velocity, acceleration : tuple of str, or None
     time_rest : (str, str) or None
         The column that holds what is left of whole seconds, and its unit.
@@ -133,7 +134,12 @@ class Layout:
         """Names of all columns to be read, each once."""
         groups = [self.stamps, self.position, self.velocity or (), self.acceleration or (), self.torque]
         groups += [columns for _, columns in self.channels]
-        return tuple(dict.fromkeys(name for group in groups for name in group))
+        return tuple(dict.fromkeys(name for group in groups for name in group if name))
+
+    @property
+    def without_torque(self) -> tuple[int, ...]:
+        """The joints, from 0, of which no torque was logged."""
+        return tuple(k for k, name in enumerate(self.torque) if not name)
 
     def seconds(self, raw: Mapping[str, NDArray[np.float64]]) -> NDArray[np.float64]:
         """Return the times of rows, s."""
@@ -385,6 +391,7 @@ class _Search:
         self._check_counts(found)
         self._require_same_joints(found)
         units = self._units(found)
+        self._require_units_of_joints(found, units)
         time, time_unit, time_rest, by = self._time(found["position"].topic)
         table = []
         if time is not None:
@@ -395,6 +402,7 @@ class _Search:
             table += [
                 ColumnMeaning(column, self._joint(kind, i), kind, unit, group.told())
                 for i, (column, unit) in enumerate(zip(group.columns, units[kind], strict=True))
+                if column
             ]
         has_matrix = any(self._matrix(kind) is not None for kind in found)
         columns = {kind: group.columns for kind, group in found.items()}
@@ -404,7 +412,7 @@ class _Search:
             for name, own in channels
             for i, column in enumerate(own)
         ]
-        return Layout(
+        layout = Layout(
             time=time,
             time_unit=time_unit,
             position=columns["position"],
@@ -418,6 +426,7 @@ class _Search:
             has_matrix=has_matrix,
             channels=channels,
         )
+        return layout if self.robot is None else layout.of_joints(self.robot.position_units)
 
     def _channels(self, joints: int | None) -> tuple[tuple[str, tuple[str, ...]], ...]:
         """Return the columns of what else is read."""
@@ -458,11 +467,12 @@ class _Search:
         if isinstance(stated, str):
             stated = self._expanded(kind, stated)
         if stated is not None:
-            for name in stated:
+            named = [name for name in stated if name or kind != "torque"]  # empty where none was logged
+            for name in named:
                 self._require(name, kind)
             if counts and self._matrix(kind) is None and (doubt := self._doubt_of_order(kind, stated)):
                 self.guesses.append(f"The {kind} is read in the robot's order, as {_ends(stated)}: {doubt}.")
-            if len(set(stated)) != len(stated):
+            if len(set(named)) != len(named):
                 raise InputError(f"{self.source}: `{kind}` in [log] names a column twice; each joint needs its own.")
             said = tuple(_unit_of(name, kind) for name in stated)
             return _Group(stated, said, ColumnStyle("", kind, ()), _STATED)
@@ -471,7 +481,33 @@ class _Search:
             certain = any(not group.style.last_resort for group in candidates)
             if not certain and self.columns.gain is not None and (currents := self._candidates("current")):
                 candidates = currents
+            whole = any(len(one.columns) == self._expected(kind) for one in candidates)
+            if not whole and (part := self._torques_of_some()) is not None:
+                return part
         return self._chosen(kind, candidates)
+
+    def _torques_of_some(self) -> _Group | None:
+        """Return the torques that are named by joints, where positions are there of all and torques of some.
+
+        The drive of a rail or of a gripper often has a controller of its own. Such joints move the others all the same,
+        and the arm would be weighed wrongly with them held still. Torques of fewer than half of the joints are asked
+        about: they may be those of a sensor at the tool.
+        """
+        whole = any(group.by == _NAME and not group.labels for group in self.groups.get("position", ()))
+        parts = [one for one in self.groups.get("part of torque", ()) if one.by == _NAME and not one.style.last_resort]
+        if not whole or len(parts) != 1 or self._matrix("torque") is not None:
+            return None
+        (part,) = parts
+        if len(part.columns) < len(part.labels):
+            return None
+        own = [joint for joint in self.joint_names if joint not in part.labels]
+        there = dict(zip(own, zip(part.columns, part.units, strict=True), strict=True))
+        columns, units = zip(*(there.get(joint, ("", None)) for joint in self.joint_names), strict=True)
+        names = _listing([joint for joint in self.joint_names if joint in part.labels])
+        self.guesses.append(
+            f"No torque of {names} was logged: the motion is used, and the torques of the other joints."
+        )
+        return replace(part, columns=columns, units=units, labels=())
 
     def _candidates(self, kind: str) -> list[_Group]:
         """Return the groups of columns that may be a quantity, those with the columns of another one left out."""
@@ -729,11 +765,7 @@ class _Search:
                 if matrix is None and len(group.columns) < need:
                     instead = f', or leave out what was measured of this kind with `{kind} = "none"`'
                     if kind == "torque":
-                        instead = (
-                            "; where that of a joint was not logged, add an empty column for it and state "
-                            '`missing = "fill"` in [log] and `exclude_joints = [NUMBER]` in [processing], which use '
-                            "the rest"
-                        )
+                        instead = ', and "" for a joint of which none was logged'
                 raise InputError(
                     f"{self.source} has {len(group.columns)} columns of {kind} ({_listing(group.columns)}) for {need} "
                     f"{why}; name one for each with `{kind}` in [log]{instead}."
@@ -784,7 +816,7 @@ class _Search:
             self._ask_unit(kind, group)
             usual: tuple[str, ...] = ("N·m",) * count
             if kind == "position":
-                usual = (self._convention(group),) * count
+                usual = self._conventions(group)
             elif kind != "torque":
                 usual = tuple(PER_SECOND[unit] for unit in units["position"])
                 usual = usual if kind == "velocity" else tuple(PER_SECOND[unit] for unit in usual)
@@ -799,13 +831,32 @@ class _Search:
                 )
         return units
 
+    def _require_units_of_joints(self, found: Mapping[str, _Group], units: Mapping[str, tuple[str, ...]]) -> None:
+        """Refuse degrees of a joint that slides and millimetres of one that turns; radians may be a default."""
+        for kind in ("position", "velocity"):
+            if kind not in found or self._matrix(kind) is not None:
+                continue
+            columns = found[kind].columns
+            for i, (column, slides) in enumerate(zip(columns, self._slides(len(columns)), strict=True)):
+                unit = units[kind][i]
+                if self.robot is None or (slides and unit.startswith("rad")) or slides == (unit in LENGTHS):
+                    continue
+                moves, fitting = ("slides", "mm") if slides else ("turns", "deg")
+                per_second = "/s" * (kind == "velocity")
+                each = [fitting + per_second if k == i else one for k, one in enumerate(units[kind])]
+                line = ", ".join(f'"{one}"' for one in each)
+                raise InputError(
+                    f"{self.source}: the column {column!r} of the joint {self._joint(kind, i)}, which {moves}, is in "
+                    f"{unit}; state its own unit with `{kind}_unit = [{line}]` in [log]."
+                )
+
     def _ask_unit(self, kind: str, group: _Group) -> None:
         """Refuse columns whose names have words for a unit that is not understood; none has one where a matrix has."""
         if self._matrix(kind) is not None or (kind == "torque" and self.columns.gain is not None):
             return
         named = "".join(self.joint_names).casefold()
         for column, unit in zip(group.columns, group.units, strict=True):
-            word = unit_left_open(column, kind)
+            word = unit_left_open(column, kind) if column else None
             if unit is None and word is not None and word.casefold() not in named:
                 key = "velocity" if kind == "acceleration" else kind
                 own = f"{'torque' if kind == 'torque' else 'position'}_matrix"
@@ -814,8 +865,25 @@ class _Search:
                     f"there; state `{key}_unit` in [log], or what one of it is on the diagonal of `{own}`."
                 )
 
-    def _convention(self, group: _Group) -> str:
-        """Return the unit of positions that do not say theirs, by who writes such names."""
+    def _conventions(self, group: _Group) -> tuple[str, ...]:
+        """Return the unit of each position that does not say its own, by who writes such names.
+
+        Who writes degrees writes millimetres of joints that slide: as degrees, the stroke of a SCARA of 0.2 m was read
+        as 3.5 m, its quill weighed a tenth, and the prediction was as good.
+        """
+        slides = self._slides(len(group.columns))
+        turning = [column for column, slide in zip(group.columns, slides, strict=True) if not slide]
+        unit = self._convention(group, turning or group.columns, any(slides))
+        of_slides = "mm" if unit == "deg" else "m"
+        return tuple(of_slides if slide else unit for slide in slides)
+
+    def _slides(self, count: int) -> tuple[bool, ...]:
+        """Return which of so many columns are those of joints that slide, as far as the robot tells."""
+        units = () if self.robot is None else self.robot.position_units
+        return tuple(unit == "m" for unit in units) if len(units) == count else (False,) * count
+
+    def _convention(self, group: _Group, turning: Sequence[str], any_slides: bool) -> str:
+        """Return the unit of positions that do not say theirs, where the joint turns."""
         if all(group.units) or group.by == _STATED:
             return "rad"
         style = group.style
@@ -825,7 +893,8 @@ class _Search:
             style = next((other.style for other in alike if other.style.unit is not None), style)
         if style.unit is None:
             return "rad"
-        largest = self._largest(group.columns)
+        largest = self._largest(turning)
+        beside = " (those of joints that slide in mm)" if any_slides else ""
         if style.unit != BY_SIZE:
             if group.by == _NAME and largest is not None and largest <= _SURELY_DEGREES:
                 raise InputError(
@@ -833,14 +902,14 @@ class _Search:
                     f"degrees and others in radians, and none is beyond {largest:.3g}; say which with "
                     '`position_unit = "deg"` or `position_unit = "rad"` in [log].'
                 )
-            self.guesses.append(f"The positions {_ends(group.columns)} are read in {style.unit}: {style.note}.")
+            self.guesses.append(f"The positions {_ends(group.columns)} are read in {style.unit}{beside}: {style.note}.")
             return style.unit
         unit = "deg" if largest is not None and largest > _SURELY_DEGREES else "rad"
         other = "rad" if unit == "deg" else "deg"
         reach = "" if largest is None else f", since they reach {largest:.3g}"
         self.guesses.append(
-            f'The positions {_ends(group.columns)} are read in {unit}{reach}; state `position_unit = "{other}"` in '
-            "[log] if that is wrong."
+            f"The positions {_ends(group.columns)} are read in {unit}{beside if unit == 'deg' else ''}{reach}; state "
+            f'`position_unit = "{other}"` in [log] if that is wrong.'
         )
         return unit
 

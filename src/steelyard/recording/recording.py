@@ -125,7 +125,7 @@ class Recording(Measurements):
             blocks = (stamps[start : start + CLOCK_ROWS] for start in range(0, len(stamps), CLOCK_ROWS))
             clock = clock_at(columns.rate, blocks)
         t, rate = times(signals, columns, files, clock=clock)
-        fields = signals_fields(signals, t, files.name)
+        fields = signals_fields(signals, t, layout, files.name)
         recording = cls(
             **fields,
             remarks=(*layout.guesses, *turn_remarks(signals.q, names_of(joints))),

@@ -14,10 +14,11 @@ from steelyard.files import listed
 from steelyard.files.arguments import LARGEST
 from steelyard.graph.column_passes import ColumnFacts, column_facts
 
+from .columns import LENGTHS
 from .measurements import Measurements
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from numpy.typing import ArrayLike
 
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 __all__ = [
     "LogSurvey",
     "position_jumps",
+    "require_no_degrees",
     "stuck_torques",
     "turn_remarks",
     "turned_on",
@@ -43,8 +45,14 @@ SLOWEST_RATE, FASTEST_RATE = 10.5, 5e4
 MANY_TURNS = 8.0 * pi
 """rad, or m, beyond which a position is remarked on: 26 degrees taken for radians are more, and few joints turn four
 times."""
+LEISURELY = 8.0
+"""Positions a second up to which many turns are those of a table that turns without end: in degrees it would turn at no
+more than 1.3 revolutions a minute, and behind gears of 1:100 at no more than 0.8."""
 FULL_TURN = 2.2 * pi
 """rad up to which positions in degrees reach once they are converted; those of motors reach any number of turns."""
+FURTHER_TURNS = 2
+"""Whole turns that a position may be away from the limits of its joint: encoders count from 0 to a turn where a
+description has half a turn to either side, and no torque of links depends on it."""
 MOSTLY = 0.9
 """Share of the rows, in parts of a log that reach beyond a turn in degrees, whose positions are whole numbers in a log
 of counts: in some they may be filled in."""
@@ -430,22 +438,14 @@ class LogSurvey:
                 f"The rate is {rate:.6g} Hz, faster than robots are controlled; check `time_unit` and `rate` in [log]."
             )
         reach = np.abs(self.q).max(axis=0)
-        turns = reach > MANY_TURNS
-        fast = ~turns & (self.speed > FASTEST_JOINT)
+        far, slides = reach > MANY_TURNS, self._slides
+        turns = far & ~slides & (self.speed > LEISURELY)
+        fast = ~far & (self.speed > FASTEST_JOINT)
         strange = self._no_positions()
         if strange:
             remarks.append(capital(strange))
-        elif turns.any():
-            j = int(np.argmax(reach))
-            names = ", ".join(self.label(i) for i in map(int, np.flatnonzero(turns)))
-            degrees = 'in degrees (`position_unit = "deg"` in [log]), or they are ' * bool(
-                reach[j] * DEGREE <= FULL_TURN
-            )
-            remarks.append(
-                f"Positions go through many turns of a joint ({names}; the farthest from {self.q[0, j]:.5g} to "
-                f"{self.q[1, j]:.5g}); it may be that they are {degrees}those of the motors, in front of gears, "
-                "or in a unit of their own (`position_matrix` in [log] makes radians of either)."
-            )
+        elif turns.any() or np.any(far & slides):
+            remarks.append(self._far_away(reach, turns, far & slides))
         if fast.any():
             j = int(np.argmax(np.where(fast, self.speed, 0.0)))
             names = ", ".join(self.label(i) for i in map(int, np.flatnonzero(fast)))
@@ -455,6 +455,41 @@ class LogSurvey:
                 "motors in front of gears."
             )
         return tuple(remarks)
+
+    @property
+    def _slides(self) -> NDArray[np.bool_]:
+        """(N,) which joints slide, as far as the units of the columns tell."""
+        layout, slides = self.first_row.layout, np.zeros(len(self.speed), dtype=bool)
+        if layout is not None and len(layout.units["position"]) == len(slides):
+            slides[:] = [unit in LENGTHS for unit in layout.units["position"]]
+        return slides
+
+    def _far_away(self, reach: Array, turns: NDArray[np.bool_], slides: NDArray[np.bool_]) -> str:
+        """Say which joints turn many times, or slide farther than slides are long, and what unit that suggests."""
+
+        def farthest_of(which: NDArray[np.bool_]) -> str:
+            j = int(np.argmax(np.where(which, reach, 0.0)))
+            names = ", ".join(self.label(i) for i in map(int, np.flatnonzero(which)))
+            return f"({names}; the farthest from {self.q[0, j]:.5g} to {self.q[1, j]:.5g})"
+
+        said, units, others = [], {}, ["in a unit of their own"]
+        if turns.any():
+            said.append(f"go through many turns of a joint {farthest_of(turns)}")
+            others.insert(0, "those of the motors, in front of gears")
+            if reach[turns].max() * DEGREE <= FULL_TURN:
+                units["deg"] = "degrees"
+        if slides.any():
+            said.append(f"go farther than joints slide {farthest_of(slides)}")
+            units["mm"] = "millimetres"
+        each = [f'"{"mm" if slide else "deg"}"' for slide in self._slides]
+        line = f"[{', '.join(each)}]" if len(units) > 1 else "".join(f'"{unit}"' for unit in units)
+        if units:
+            others.insert(0, f"in {' and '.join(units.values())} (`position_unit = {line}` in [log])")
+        made = "radians of either" if turns.any() else "metres of them"
+        return (
+            f"Positions {', and '.join(said)}; it may be that they are {', or '.join(others)} (`position_matrix` in "
+            f"[log] makes {made})."
+        )
 
     def _filled_remarks(self) -> tuple[str, ...]:
         counts = zip(self._filled, ("positions", "torques"), strict=True)
@@ -483,22 +518,30 @@ class LogSurvey:
         ranges = high - low
         tolerance = 0.02 + 0.01 * np.where(np.isfinite(ranges), ranges, 0.0)
 
+        usual = ("rad",) * len(self.speed) if units is None else tuple(units)
+
+        def ends(j: int, k: int, scale: float = 1.0) -> tuple[float, float]:
+            """Return the ends of the positions of column k as those of joint j, perhaps moved by whole turns."""
+            found = scale * reach_low[k], scale * reach_high[k]
+            if usual[j] != "rad" or not np.isfinite(ranges[j]):
+                return found
+            turns = round((low[j] + high[j] - sum(found)) / (2.0 * TURN))
+            return (found[0] + turns * TURN, found[1] + turns * TURN) if abs(turns) <= FURTHER_TURNS else found
+
         def fits(j: int, k: int, scale: float = 1.0) -> bool:
             """Say whether the positions of column k would fit joint j."""
-            return bool(
-                scale * reach_low[k] >= low[j] - tolerance[j] and scale * reach_high[k] <= high[j] + tolerance[j]
-            )
+            lowest, highest = ends(j, k, scale)
+            return bool(lowest >= low[j] - tolerance[j] and highest <= high[j] + tolerance[j])
 
         joints = range(len(self.speed))
         outside = [j for j in joints if not fits(j, j)]
-        usual = ("rad",) * len(self.speed) if units is None else tuple(units)
         # Three times beyond is no calibration error: with all joints fitting after the change of unit, it is certain.
         # As millimetres nearly everything fits, so that slides must be beyond by more, about the root of a thousand.
         beyond = {"rad": (3.0, 0.5), "m": (30.0, 0.1)}
         far = [
             j
             for j, (times, least) in enumerate(beyond[one] for one in usual)
-            if j in outside and max(-reach_low[j], reach_high[j]) > times * max(abs(low[j]), abs(high[j]), least)
+            if j in outside and max(-ends(j, j)[0], ends(j, j)[1]) > times * max(abs(low[j]), abs(high[j]), least)
         ]
         layout = self.first_row.layout
         read = () if layout is None else layout.units["position"]
@@ -572,7 +615,6 @@ def stuck_torques(
     return np.flatnonzero((lowest == highest) & (travel > 1e-3))
 
 
-@np.errstate(over="ignore", invalid="ignore")  # the step between two huge numbers is infinite, and no turn
 def turned_on(q: NDArray[np.float64], facts: ColumnFacts | None = None) -> tuple[NDArray[np.float64], tuple[int, ...]]:
     """Take jumps by a whole turn out of positions, as encoders of joints that turn on and on make them.
 
@@ -603,27 +645,76 @@ def turned_on(q: NDArray[np.float64], facts: ColumnFacts | None = None) -> tuple
     """
     jumps = np.zeros(q.shape[1], dtype=int)
     result = q
-    facts = column_facts(q) if facts is None else facts
-    far = ~(facts.high - facts.low <= TURN - STEADY)  # true also where values are missing
+    for j, there, steps, of_turns in _whole_turns(q, column_facts(q) if facts is None else facts, TURN, STEADY):
+        jumps[j] = len(of_turns)
+        change = np.zeros(len(there))
+        change[of_turns + 1] = -np.sign(steps[of_turns]) * TURN
+        turns = np.cumsum(change)
+        result = result.copy() if result is q else result
+        result[there, j] += turns
+    return result, tuple(jumps.tolist())
+
+
+def _whole_turns(
+    q: NDArray[np.float64], facts: ColumnFacts, turn: float, steady: float
+) -> Iterator[tuple[int, NDArray[np.intp], NDArray[np.float64], NDArray[np.intp]]]:
+    """Find jumps by a whole turn: of each joint with such the rows that are there, their steps, and which these are."""
+    with np.errstate(over="ignore", invalid="ignore"):  # the step between two huge numbers is infinite, and no turn
+        far = ~(facts.high - facts.low <= turn - steady)  # true also where values are missing
     for j in map(int, np.flatnonzero(far)):  # no step of the others is as long
         there = np.flatnonzero(np.isfinite(q[:, j]))
-        steps = np.diff(q[there, j])
-        of_turns = np.flatnonzero(np.abs(np.abs(steps) - TURN) < STEADY)
-        if not len(of_turns) or np.median(np.abs(steps)) >= STEADY:
+        with np.errstate(over="ignore", invalid="ignore"):
+            steps = np.diff(q[there, j])
+            of_turns = np.flatnonzero(np.abs(np.abs(steps) - turn) < steady)
+        if not len(of_turns) or np.median(np.abs(steps)) >= steady:
             continue
         # Noise makes several jumps in a row, to and fro; the steps before and after them are small.
         others = np.delete(np.arange(-1, len(steps) + 1), of_turns + 1)
-        small = np.concatenate([[True], np.abs(steps) < STEADY, [True]])[others + 1]
+        small = np.concatenate([[True], np.abs(steps) < steady, [True]])[others + 1]
         after = np.searchsorted(others, of_turns)
         of_turns = of_turns[small[after - 1] & small[after]]
-        jumps[j] = len(of_turns)
         if len(of_turns):
-            change = np.zeros(len(there))
-            change[of_turns + 1] = -np.sign(steps[of_turns]) * TURN
-            turns = np.cumsum(change)
-            result = result.copy() if result is q else result
-            result[there, j] += turns
-    return result, tuple(jumps.tolist())
+            yield j, there, steps, of_turns
+
+
+def require_no_degrees(
+    q: NDArray[np.float64], columns: Sequence[str], source: str, facts: ColumnFacts | None = None
+) -> None:
+    """Refuse positions that jump by 360 and go on as before: degrees that are logged modulo a turn, read in radians.
+
+    Their jumps were told as those of an encoder that slips, and the rows that they left as too few.
+
+    Parameters
+    ----------
+    q : ndarray
+        (S, N), rad or m; NaN where values are missing.
+    columns : sequence of str
+        What they are called in the log.
+    source : str
+        For the message.
+    facts : ColumnFacts, optional
+        Of `q`, where they are known.
+
+    Raises
+    ------
+    InputError
+        Where there are such.
+
+    Examples
+    --------
+    >>> degrees = np.linspace(0.0, 800.0, 2000)
+    >>> require_no_degrees(np.radians(degrees)[:, None], ["q1"], "log.csv")
+    >>> require_no_degrees(np.mod(degrees, 360.0)[:, None], ["q1"], "log.csv")
+    Traceback (most recent call last):
+    steelyard.errors.InputError: log.csv: the position 'q1' jumps by 360 2 times and goes on as before, as ...
+    """
+    facts = column_facts(q) if facts is None else facts
+    for j, _, _, of_turns in _whole_turns(q, facts, TURN / DEGREE, STEADY / DEGREE):
+        often = f" {len(of_turns)} times" if len(of_turns) > 1 else ""
+        raise InputError(
+            f"{source}: the position {columns[j]!r} jumps by 360{often} and goes on as before, as degrees do that are "
+            'logged modulo a turn; state `position_unit = "deg"` in [log].'
+        )
 
 
 @np.errstate(over="ignore", invalid="ignore")
@@ -763,7 +854,9 @@ def position_jumps(
             continue
         usual = np.nanquantile(off, 1.0 - FEW) if len(off) > 1.0 / FEW else np.inf
         pushed = np.maximum(PUSHED * times**2, max(UNUSUAL * usual, SLIPPED))
-        rows = np.flatnonzero(off > np.minimum(farthest(times), pushed)) + 2
+        # What is in a unit in which the joint outruns all others, as a slide in millimetres, is bounded by no speed.
+        outruns = np.count_nonzero(np.abs(here) > FASTEST_JOINT * times) > SWIFT * len(here)
+        rows = np.flatnonzero(off > (pushed if outruns else np.minimum(farthest(times), pushed))) + 2
         found[j] = rows if rows.size <= FEW * len(q) else rows[:0]
     return tuple(found)
 

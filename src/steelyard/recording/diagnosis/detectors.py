@@ -702,8 +702,17 @@ FEW = {"stiction": 0.1, "saturation": 1e-3, "stuck_torque": 0.0, "repeated": 1e-
 """Shares of a joint's rows below which they are not remarked on: every robot stands a while where it turns around."""
 
 
-def faulty_rows(recording: Measurements, handled: Collection[str] = ()) -> tuple[str, ...]:
+def faulty_rows(
+    recording: Measurements, handled: Collection[str] = (), slowest: NDArray[np.float64] | None = None
+) -> tuple[str, ...]:
     """Return the sentences on rows that would harm a regression, and on none of the `handled` options of [processing].
+
+    Parameters
+    ----------
+    recording : Measurements
+    handled : collection of str
+    slowest : ndarray, optional
+        (N,) rad/s or m/s: slower rows of a joint are left out in any case, and with them those in which it rests.
 
     Examples
     --------
@@ -715,14 +724,16 @@ def faulty_rows(recording: Measurements, handled: Collection[str] = ()) -> tuple
     (1, 0)
     """
     searched = {option: detector for option, detector in DETECTORS.items() if option not in handled}
-    return tuple(text for option, detector in searched.items() for text in fault(detector(recording), option))
+    return tuple(text for option, detector in searched.items() for text in fault(detector(recording), option, slowest))
 
 
-def fault(rows: Intervals, option: str) -> tuple[str, ...]:
-    """Return the sentences on what a detector found, where it is enough to harm a regression."""
+def fault(rows: Intervals, option: str, slowest: NDArray[np.float64] | None = None) -> tuple[str, ...]:
+    """Return the sentences on what a detector found, where it is enough to harm a regression; see `faulty_rows`."""
     if not rows:
         return ()
     flags = rows.flags & (rows.flags.mean(axis=0) >= FEW[option])
+    if option == "stiction" and slowest is not None:
+        flags &= ~(slowest > 0.0)
     return tuple(with_remedy(replace(rows, flags=flags), option))
 
 

@@ -69,12 +69,12 @@ class Diagnosis:
             found += list(self.missing.sentences())
         return tuple(found)
 
-    def faults(self, handled: Collection[str] = ()) -> dict[str, tuple[str, ...]]:
+    def faults(self, handled: Collection[str] = (), slowest: Array | None = None) -> dict[str, tuple[str, ...]]:
         """Return the sentences on rows that would harm a regression, by the option of [processing] that handles them.
 
-        Options that are `handled` already, and those of which there is nothing to say, are left out.
+        Options that are `handled` already, and those of which there is nothing to say, are left out; see `faulty_rows`.
         """
-        found = {option: fault(getattr(self, option), option) for option in DETECTORS if option not in handled}
+        found = {option: fault(getattr(self, option), option, slowest) for option in DETECTORS if option not in handled}
         return {option: sentences for option, sentences in found.items() if sentences}
 
     def __repr__(self) -> str:
