@@ -23,7 +23,7 @@ from steelyard.online.robot_knowledge import Learner
 from steelyard.online.segments import Segment, SegmentFamily, SegmentPlanner, starting_points
 from steelyard.online.simulated_excitation import SimulatedExcitation
 from steelyard.robot import RobotFile
-from steelyard.simulation import Sensors, simulate
+from steelyard.simulation import Measurement, Sensors, simulate
 
 LIMITS = {"lower": -2.0, "upper": 2.0, "velocity": 2.0, "acceleration": 6.0, "torque": [60.0, 30.0]}
 BODY = sy.Inertia.from_com(3.0, [-0.2, 0.02, 0.0], 0.02 * np.eye(3)).parameters
@@ -98,6 +98,19 @@ def test_an_excitation_that_ends_after_a_stop_ends_when_that_is_known(model: sy.
     known = np.flatnonzero(np.isfinite(ends))[0]
     assert excitation.end >= 0.01 * known - 1e-9
     assert excitation.finished
+
+
+def test_a_robot_at_rest_after_its_last_motion_is_not_stopped_again(model: sy.Model) -> None:
+    """One that gravity holds beyond a limit of position was stopped for ever, and never finished."""
+    excitation = ActiveExcitation(model, LIMITS, sample_time=0.01, longest=1e-9)
+    for k in range(300):
+        excitation.command(0.01 * k, [2.0 + 1e-4 * min(max(k - 100, 0), 100), -0.3])
+    assert excitation.interruptions == []
+    assert [step.stage for step in excitation.steps] == ["hold", "done"]
+    assert excitation.finished
+    ((time, what),) = excitation.exceeded
+    assert time == pytest.approx(1.01)
+    assert what.startswith("joint1 passed a limit of position: ")
 
 
 @pytest.mark.parametrize("below", [0.005, 0.0005])
@@ -205,6 +218,36 @@ def test_robots_far_lighter_or_heavier_than_assumed_are_caught(model: sy.Model, 
     result = simulate(model, part * TRUE, [0.2, -0.3], [0.0, 0.0], 2.0, excitation, sensors=sensors)
     assert np.abs(result.dq).max() <= 0.5 * 2.0
     assert np.abs(result.dq[-100:]).max() < 0.1
+    assert np.abs(result.q - [0.2, -0.3]).max() < 0.2
+    assert excitation.taken_back == []
+
+
+class Noisy:
+    """A controller that is told positions with white noise."""
+
+    def __init__(self, controller: ActiveExcitation, noise: float, seed: int) -> None:
+        self.sample_time, self._controller = controller.sample_time, controller
+        self._noise, self._random = noise, np.random.default_rng(seed)
+
+    def _told(self, measurement: Measurement) -> Measurement:
+        return replace(measurement, q=measurement.q + self._noise * self._random.normal(size=measurement.q.shape))
+
+    def start(self, measurement: Measurement) -> None:
+        self._controller.start(self._told(measurement))
+
+    def torque(self, measurement: Measurement) -> np.ndarray:
+        return self._controller.torque(self._told(measurement))
+
+
+@pytest.mark.parametrize("noise", [2e-4, pytest.param(5e-5, marks=pytest.mark.slow)])
+def test_noise_of_positions_is_no_swing(model: sy.Model, noise: float) -> None:
+    """Taken for swings, 20 times a second, it let arms go: they turned at up to five times their limits of velocity."""
+    excitation = ActiveExcitation(model, LIMITS, longest=1e-9)
+    sensors = Sensors(encoder_resolution=2.0 * np.pi / 2**17, velocity="none")
+    held = np.array([1.0 if name.startswith("F") else 0.0 for name in model.parameter_names])
+    told = Noisy(excitation, noise, 3)
+    result = simulate(model, (1.0 - held) * TRUE, [0.2, -0.3], [0.0, 0.0], 0.8, told, sensors=sensors)
+    assert np.abs(result.dq).max() <= 0.5 * 2.0
     assert np.abs(result.q - [0.2, -0.3]).max() < 0.2
     assert excitation.taken_back == []
 

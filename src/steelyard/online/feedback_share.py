@@ -44,6 +44,10 @@ COARSE = 0.1
 bits one reading within 1 ms is 0.6 of a limit of 2.5 rad/s: behind such peaks no joint was seen to get faster, and arms
 of ten times the credible masses fell at up to 2.7 times their limits. With 0.05 a Panda swung, with 0.4 it fell."""
 READINGS = 1.0  # of the encoder within a sample, which a swing must exceed, too: coarse ones jump by a third of it
+NOISY = 4.0
+"""Standard deviations of white noise of a position that count as one reading of its encoder, whose steps have 3.5."""
+STRETCH, FEWEST, NEWEST = 24, 8, 0.1
+"""Samples over which the noise is measured, and after which it is first known; what the last stretch counts for."""
 WITHIN = 0.02
 """s from one turn to the next, which are a swing if the damping drove the joint between them. A joint that turned
 within this time does not escape: without that, shares rose with the swing of light joints, to 128 and 3.5 limits of
@@ -74,6 +78,10 @@ class FeedbackShare:
     forward : ndarray
         (N,) the shares at which the first joint no longer escaped, 1 at most: what of the assumed masses the robot has.
         More of their weight would throw a light robot up.
+    reading : ndarray
+        (N,) how coarse positions are: a step of an encoder, or some standard deviations of noise; 0 while not known.
+    speeds : ndarray
+        (N,) velocities as far as the positions show them: neither steps nor noise of an encoder.
     taken_back : list of (float, int)
         Times at which a share was taken back, s, and the indices of the joints.
 
@@ -97,14 +105,15 @@ class FeedbackShare:
         self.values: Array = np.full(size, FIRST)
         self.forward = self.values
         self.taken_back: list[tuple[float, int]] = []
-        self._seen, self._step = np.zeros(size), COARSE * velocity
+        self.speeds, self.reading, self._step = np.zeros(size), np.zeros(size), COARSE * velocity
         self._least, self._escape, self._runaway = SWING * velocity, ESCAPE * velocity, RUNAWAY * velocity
         self._urgent = URGENT * velocity
         self._most = np.full(size, MOST)
         self._direction, self._extreme = np.zeros(size), np.zeros(size)  # no direction before a joint moves
         # Times of the last turn that may be the first of a swing, of the last turn, and of the largest velocity since.
         self._turned, self._since, self._fastest = np.full((3, size), -np.inf)
-        self._work, self._reading = np.zeros(size), np.full(size, np.inf)
+        self._work, self._step_seen = np.zeros(size), np.full(size, np.inf)
+        self._noise = _PositionNoise(size)
         self._escapes, self._caught = np.zeros(size, dtype=bool), False
         self._last: tuple[float, Array] | None = None
 
@@ -128,21 +137,24 @@ class FeedbackShare:
         if self._last is not None and t > self._last[0]:
             passed, way = t - self._last[0], q - self._last[1]
             self._work += damping * (way - passed * wanted)
-            moved = way != 0.0
-            self._reading = np.where(moved, np.minimum(self._reading, np.abs(way)), self._reading)
+            self._step_seen = np.where(way != 0.0, np.minimum(self._step_seen, np.abs(way)), self._step_seen)
+            known = np.isfinite(self._step_seen)
+            noise = self._noise.deviations(q)
+            steps = np.array([self._step_seen, NOISY * noise])
+            reading = self.reading = np.where(np.isfinite(steps), steps, 0.0).max(axis=0)
             # Time over which one reading is `COARSE`, and of the filter: none before a reading is known.
-            lasts = np.where(np.isfinite(self._reading), self._reading / self._step, 0.0)
-            self._seen = dq + np.exp(-passed / np.maximum(lasts, 1e-9)) * (self._seen - dq)
-            dq, within = self._seen, np.maximum(passed, lasts)
-            least = np.maximum(self._least, READINGS * self._reading / within)
+            lasts = reading / self._step
+            self.speeds = dq + np.exp(-passed / np.maximum(lasts, 1e-9)) * (self.speeds - dq)
+            dq, within = self.speeds, np.maximum(passed, lasts)
+            least = np.where(known, np.maximum(self._least, READINGS * reading / within), np.inf)
+            least[(self._direction != 0.0) & np.isinf(noise)] = np.inf  # noise turns back at once, which is no swing
             further = self._direction * (dq - self._extreme) > 0.0
             steady = (self._work <= 0.0) & (t - self._since > WITHIN)
             beyond = np.where(steady, self._direction * (dq - wanted), 0.0)
             runs_away = may_rise & further & (beyond > self._runaway)
             self._fastest = np.where(further, t, self._fastest)
             escapes = (beyond > self._escape) & (t - self._fastest < GROWS)
-            blind = np.isfinite(self._reading) & (self._reading > 3.0 * self._escape * within)
-            escapes |= blind  # a velocity that a coarse encoder shows in jumps does not tell
+            escapes |= reading > 3.0 * self._escape * within  # a velocity that is shown in jumps does not tell
             self._caught = self._caught or bool((self._escapes & ~escapes).any())
             self._escapes = escapes
             enough = min(SPARE * float(self.forward.max()), 1.0) if self._caught and not escapes.any() else 1.0
@@ -179,3 +191,28 @@ class FeedbackShare:
             self._most[back] = np.maximum(CEILING * self.values[back], LEAST)
             self.values = np.where(back, np.maximum(TAKEN_BACK * self.values, LEAST), self.values)
             self.taken_back.append((t, joint))
+
+
+class _PositionNoise:
+    """The standard deviation of white noise of measured positions, by their third differences.
+
+    Neighbouring ones of noise have a mean product of -15 times its variance. Those of a motion are small, and of one
+    sign for longer, but where it swings with fewer than four samples a period.
+    """
+
+    def __init__(self, size: int) -> None:
+        self._variances = np.full(size, np.inf)
+        self._positions: list[Array] = []
+
+    def deviations(self, q: Array) -> Array:
+        """Take in positions (N,) of the next sample, and return the standard deviations (N,); infinite at first."""
+        self._positions.append(q.copy())
+        count, first = len(self._positions), bool(np.isinf(self._variances).any())
+        if count > (FEWEST if first else STRETCH):
+            third = np.diff(self._positions, 3, axis=0)
+            found = np.maximum(np.mean(-third[1:] * third[:-1], axis=0), 0.0) / 15.0
+            if count <= STRETCH:
+                return np.asarray(np.sqrt(found))
+            self._variances = found if first else self._variances + NEWEST * (found - self._variances)
+            self._positions = self._positions[-3:]
+        return np.asarray(np.sqrt(self._variances))
