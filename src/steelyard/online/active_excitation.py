@@ -229,6 +229,9 @@ class ActiveExcitation:
     exceeded : list of (float, str)
         Times at which a joint was first measured to turn faster than its limit of velocity, or beyond a limit of
         position, and why.
+    changes : list of (float, str)
+        Times at which what was measured last contradicted what was measured before, and at which joints: the robot has
+        changed, and what was measured before is forgotten.
     played : list of ndarray
         (N,) position of the reference at every call.
 
@@ -302,6 +305,7 @@ class ActiveExcitation:
         self.steps: list[ExcitationStep] = []
         self.interruptions: list[tuple[float, str]] = []
         self.exceeded: list[tuple[float, str]] = []
+        self.changes: list[tuple[float, str]] = []
         self.played: list[Array] = []
         self._begin()
 
@@ -552,6 +556,7 @@ class ActiveExcitation:
         self.steps.clear()
         self.interruptions.clear()
         self.exceeded.clear()
+        self.changes.clear()
         self.played.clear()
 
     @cached_property
@@ -582,7 +587,7 @@ class ActiveExcitation:
     def _next(self, log: Array, time: float, state: State) -> _Plan:
         """Learn from what was recorded, and plan the motion that begins at a time in a state of the reference."""
         knowledge, self._used = self._learner.learnt(log, self._used, self._knowledge)
-        done = knowledge.expected_error <= self.accuracy and knowledge.is_measured
+        done = knowledge.expected_error <= self.accuracy and knowledge.is_measured and not knowledge.contradicted
         left = self._started + self.longest - STILL - time
         if done or left < SHORTEST:
             return _Plan(time, knowledge, np.inf)
@@ -739,6 +744,15 @@ class ActiveExcitation:
             if t < following.time - 0.5 * self.sample_time:
                 return
             self._waiting = None
+            if following.knowledge is not self._knowledge and following.knowledge.contradicted:
+                joints = ", ".join(following.knowledge.contradicted)
+                self.changes.append(
+                    (
+                        t - self._started,
+                        f"the torques of {joints} are no longer those of before: the robot carries something else, or "
+                        "its friction or a torque sensor has changed; it is learnt anew",
+                    )
+                )
             self._knowledge = following.knowledge
             if following.played == np.inf:
                 self._finish(t)
