@@ -23,7 +23,7 @@ from steelyard.online.robot_knowledge import Learner
 from steelyard.online.segments import Segment, SegmentFamily, SegmentPlanner, starting_points
 from steelyard.online.simulated_excitation import SimulatedExcitation
 from steelyard.robot import RobotFile
-from steelyard.simulation import Sensors, simulate
+from steelyard.simulation import Measurement, Sensors, simulate
 
 LIMITS = {"lower": -2.0, "upper": 2.0, "velocity": 2.0, "acceleration": 6.0, "torque": [60.0, 30.0]}
 BODY = sy.Inertia.from_com(3.0, [-0.2, 0.02, 0.0], 0.02 * np.eye(3)).parameters
@@ -98,6 +98,19 @@ def test_an_excitation_that_ends_after_a_stop_ends_when_that_is_known(model: sy.
     known = np.flatnonzero(np.isfinite(ends))[0]
     assert excitation.end >= 0.01 * known - 1e-9
     assert excitation.finished
+
+
+def test_a_robot_at_rest_after_its_last_motion_is_not_stopped_again(model: sy.Model) -> None:
+    """One that gravity holds beyond a limit of position was stopped for ever, and never finished."""
+    excitation = ActiveExcitation(model, LIMITS, sample_time=0.01, longest=1e-9)
+    for k in range(300):
+        excitation.command(0.01 * k, [2.0 + 1e-4 * min(max(k - 100, 0), 100), -0.3])
+    assert excitation.interruptions == []
+    assert [step.stage for step in excitation.steps] == ["hold", "done"]
+    assert excitation.finished
+    ((time, what),) = excitation.exceeded
+    assert time == pytest.approx(1.02)
+    assert what.startswith("joint1 passed a limit of position: ")
 
 
 @pytest.mark.parametrize("below", [0.005, 0.0005])
@@ -205,6 +218,36 @@ def test_robots_far_lighter_or_heavier_than_assumed_are_caught(model: sy.Model, 
     result = simulate(model, part * TRUE, [0.2, -0.3], [0.0, 0.0], 2.0, excitation, sensors=sensors)
     assert np.abs(result.dq).max() <= 0.5 * 2.0
     assert np.abs(result.dq[-100:]).max() < 0.1
+    assert np.abs(result.q - [0.2, -0.3]).max() < 0.2
+    assert excitation.taken_back == []
+
+
+class Noisy:
+    """A controller that is told positions with white noise."""
+
+    def __init__(self, controller: ActiveExcitation, noise: float, seed: int) -> None:
+        self.sample_time, self._controller = controller.sample_time, controller
+        self._noise, self._random = noise, np.random.default_rng(seed)
+
+    def _told(self, measurement: Measurement) -> Measurement:
+        return replace(measurement, q=measurement.q + self._noise * self._random.normal(size=measurement.q.shape))
+
+    def start(self, measurement: Measurement) -> None:
+        self._controller.start(self._told(measurement))
+
+    def torque(self, measurement: Measurement) -> np.ndarray:
+        return self._controller.torque(self._told(measurement))
+
+
+@pytest.mark.parametrize("noise", [2e-4, pytest.param(5e-5, marks=pytest.mark.slow)])
+def test_noise_of_positions_is_no_swing(model: sy.Model, noise: float) -> None:
+    """Taken for swings, 20 times a second, it let arms go: they turned at up to five times their limits of velocity."""
+    excitation = ActiveExcitation(model, LIMITS, longest=1e-9)
+    sensors = Sensors(encoder_resolution=2.0 * np.pi / 2**17, velocity="none")
+    held = np.array([1.0 if name.startswith("F") else 0.0 for name in model.parameter_names])
+    told = Noisy(excitation, noise, 3)
+    result = simulate(model, (1.0 - held) * TRUE, [0.2, -0.3], [0.0, 0.0], 0.8, told, sensors=sensors)
+    assert np.abs(result.dq).max() <= 0.5 * 2.0
     assert np.abs(result.q - [0.2, -0.3]).max() < 0.2
     assert excitation.taken_back == []
 
@@ -573,6 +616,57 @@ def test_what_is_assumed_gives_way_where_what_is_measured_contradicts_it(model: 
         assert known[1] == pytest.approx(known[0] / np.sqrt(trust))
 
 
+def test_torques_that_are_not_those_of_before_tell_that_the_robot_changed(model: sy.Model) -> None:
+    learner = Learner(model, MotionLimits.for_robot(model.robot, LIMITS), cutoff=4.8, sample_time=0.001)
+    load, noise = np.zeros_like(TRUE), np.array([0.3, 0.15])
+    load[13:23] = sy.Inertia.from_com(0.5, [0.05, 0.0, 0.0], np.zeros((3, 3))).parameters
+    random = np.random.default_rng(8)
+
+    def measured(parameters: np.ndarray) -> sy.Information:
+        q, dq, ddq = (random.uniform(-size, size, (4000, 2)) for size in (2.0, 2.0, 6.0))
+        torque = model.inverse_dynamics(q, dq, ddq, parameters) + noise * random.normal(size=q.shape)
+        return sy.Information.from_samples(model, sy.Samples(q=q, dq=dq, ddq=ddq, torque=torque))
+
+    known = replace(learner.known(TRUE, noise, measured(TRUE), 1.0), stretches=2)
+    assert learner._contradicted(measured(TRUE), known) == ()
+    assert learner._contradicted(measured(TRUE + load), known) == tuple(model.robot.joint_names)
+    assert learner._contradicted(measured(TRUE + load), replace(known, stretches=1)) == ()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("mass", [0.0, 2.0])
+def test_a_robot_that_takes_something_up_is_learnt_anew(model: sy.Model, mass: float) -> None:
+    """The mixture of both robots was expected to be known to 2.5 % where 41 % were true of the one that there is."""
+    load = np.zeros_like(TRUE)
+    load[13:23] = sy.Inertia.from_com(mass, [0.05, 0.0, 0.0], np.zeros((3, 3))).parameters
+    random, rate, stretch = np.random.default_rng(6), 0.02, 250
+    t = rate * np.arange(4 * stretch)
+    turns = 2.0 * np.pi * np.outer(t, [0.3, 0.5, 0.8])
+    size, phase = random.uniform(0.2, 0.5, (2, 3)), random.uniform(0.0, 6.0, (2, 3))
+    pace = 2.0 * np.pi * np.array([0.3, 0.5, 0.8])
+    q, dq, ddq = (
+        np.stack([f(turns + phase[k]) @ (size[k] * pace**n) for k in range(2)], axis=1)
+        for n, f in enumerate((np.sin, np.cos, lambda x: -np.sin(x)))
+    )
+    robots = [TRUE, TRUE, TRUE + load, TRUE + load]
+    parts = [slice(k * stretch, (k + 1) * stretch) for k in range(4)]
+    torque = np.concatenate(
+        [model.inverse_dynamics(q[p], dq[p], ddq[p], robot) for p, robot in zip(parts, robots, strict=True)]
+    )
+    log = np.column_stack([t, q, torque + np.array([0.3, 0.15]) * random.normal(size=q.shape)])
+    learner = Learner(model, MotionLimits.for_robot(model.robot, LIMITS), cutoff=4.8, sample_time=rate)
+    known, used, found = learner.assumed(), 0.0, []
+    for k in range(4):
+        known, used = learner.learnt(log[: (k + 1) * stretch], used, known)
+        found.append(known.contradicted)
+    changed = tuple(model.robot.joint_names) if mass else ()
+    assert found == [(), (), changed, ()]
+    predicted = model.inverse_dynamics(q, dq, ddq, known.parameters)
+    true = model.inverse_dynamics(q, dq, ddq, TRUE + load)
+    assert np.linalg.norm(predicted - true) < 0.02 * np.linalg.norm(true)
+    assert known.expected_error < 0.1
+
+
 THREE = """<robot name="arm"><link name="base"/>
 <link name="l1"><inertial><origin xyz="-0.06 0.27 -0.16"/><mass value="{0}"/>
   <inertia ixx="{1}" iyy="{1}" izz="{1}" ixy="0" ixz="0" iyz="0"/></inertial></link>
@@ -664,6 +758,25 @@ def test_feedback_rises_behind_coarse_readings_and_at_most_doubles(sample_time: 
         speeds.append(dq[0])
     assert max(speeds) < 2.0
     assert 1.0 < max(rises) <= 2.0 + 1e-9
+
+
+@pytest.mark.parametrize("late", [4, 8])
+def test_a_swing_that_is_measured_late_is_taken_back(late: int) -> None:
+    """Its damping seems to take energy from it, as the torque of now is seen with the motion of before."""
+    share, q, dq, told, speeds = FeedbackShare(np.array([2.0])), np.zeros(1), np.full(1, 0.05), [], []
+    torque = np.zeros(1)
+    for k in range(3000):
+        told.append((q, dq))
+        seen = told[max(k - late, 0)]
+        torque = (
+            -2000.0 / late * share.follow(0.001 * k, seen[0], np.zeros(1), seen[1], torque, np.array([False])) * seen[1]
+        )
+        dq = dq + 0.001 * torque
+        q = q + 0.001 * dq
+        speeds.append(abs(dq[0]))
+    assert max(speeds) < 2.0
+    assert max(speeds[-500:]) < 0.3
+    assert len(share.taken_back) > 0
 
 
 @pytest.mark.slow

@@ -227,7 +227,11 @@ class ActiveExcitation:
         Times at which a joint began to swing, since it has less inertia than its feedback was for, and its name: the
         feedback was taken back there.
     exceeded : list of (float, str)
-        Times at which a joint was first measured to turn faster than its limit of velocity, and why.
+        Times at which a joint was first measured to turn faster than its limit of velocity, or beyond a limit of
+        position, and why.
+    changes : list of (float, str)
+        Times at which what was measured last contradicted what was measured before, and at which joints: the robot has
+        changed, and what was measured before is forgotten.
     played : list of ndarray
         (N,) position of the reference at every call.
 
@@ -252,6 +256,7 @@ class ActiveExcitation:
     _command: Array
     _damping: Array
     _fast: NDArray[np.bool_]
+    _outside: NDArray[np.bool_]
 
     def __init__(
         self,
@@ -300,6 +305,7 @@ class ActiveExcitation:
         self.steps: list[ExcitationStep] = []
         self.interruptions: list[tuple[float, str]] = []
         self.exceeded: list[tuple[float, str]] = []
+        self.changes: list[tuple[float, str]] = []
         self.played: list[Array] = []
         self._begin()
 
@@ -343,23 +349,26 @@ class ActiveExcitation:
         k = reference.index(t)
         error, speed_error = reference.q[k] - q, reference.dq[k] - dq
         self.played.append(reference.q[k])
-        reason = self._trouble(q, dq, error)
+        plan = self._plan
+        assert plan is not None
+        full = np.abs(self._command) >= self.limits.torque
+        # A joint that its own stiffness drives back does not run away, however fast it becomes.
+        may_rise = ~full & (self._stage != "exciting") & (error * speed_error >= 0.0)
+        share = self._share.follow(t, q, reference.dq[k], dq, self._damping, may_rise)
+        # Neither steps nor noise of an encoder are a motion.
+        speeds = self._share.speeds
+        reason = self._trouble(t, q, speeds, error)
         if reason:
-            self._break_off(t, q, dq, reason)
-            reference, k = self._reference, 0
+            self._break_off(t, q, speeds, reason)
+            plan, reference, k = self._plan, self._reference, 0
+            assert plan is not None
             assert reference is not None
             error, speed_error = reference.q[0] - q, reference.dq[0] - dq
         self._largest = np.maximum(self._largest, np.abs(error))
         self._largest_speed = np.maximum(self._largest_speed, np.abs(speed_error))
         dt = min(max(t - self._last_time, 0.0), 5.0 * self.sample_time)
         self._last_time = t
-        plan = self._plan
-        assert plan is not None
-        full = np.abs(self._command) >= self.limits.torque
-        self._tell_excess(t, dq, full)
-        # A joint that its own stiffness drives back does not run away, however fast it becomes.
-        may_rise = ~full & (self._stage != "exciting") & (error * speed_error >= 0.0)
-        share = self._share.follow(t, q, reference.dq[k], dq, self._damping, may_rise)
+        self._tell_excess(t, q, speeds, full)
         # A joint that needs more feedback than was thought is heavier than was thought.
         room, width = np.minimum(np.maximum(share, 1.0) * plan.bound, self.limits.torque), plan.bandwidth
         part = np.sqrt(share)
@@ -543,10 +552,11 @@ class ActiveExcitation:
         self._joins = False
         self._share = FeedbackShare(self.limits.velocity)
         self._damping = np.zeros(size)
-        self._fast = np.zeros(size, dtype=bool)
+        self._fast, self._outside = np.zeros((2, size), dtype=bool)
         self.steps.clear()
         self.interruptions.clear()
         self.exceeded.clear()
+        self.changes.clear()
         self.played.clear()
 
     @cached_property
@@ -577,7 +587,7 @@ class ActiveExcitation:
     def _next(self, log: Array, time: float, state: State) -> _Plan:
         """Learn from what was recorded, and plan the motion that begins at a time in a state of the reference."""
         knowledge, self._used = self._learner.learnt(log, self._used, self._knowledge)
-        done = knowledge.expected_error <= self.accuracy and knowledge.is_measured
+        done = knowledge.expected_error <= self.accuracy and knowledge.is_measured and not knowledge.contradicted
         left = self._started + self.longest - STILL - time
         if done or left < SHORTEST:
             return _Plan(time, knowledge, np.inf)
@@ -734,6 +744,15 @@ class ActiveExcitation:
             if t < following.time - 0.5 * self.sample_time:
                 return
             self._waiting = None
+            if following.knowledge is not self._knowledge and following.knowledge.contradicted:
+                joints = ", ".join(following.knowledge.contradicted)
+                self.changes.append(
+                    (
+                        t - self._started,
+                        f"the torques of {joints} are no longer those of before: the robot carries something else, or "
+                        "its friction or a torque sensor has changed; it is learnt anew",
+                    )
+                )
             self._knowledge = following.knowledge
             if following.played == np.inf:
                 self._finish(t)
@@ -787,12 +806,14 @@ class ActiveExcitation:
             )
         )
 
-    def _trouble(self, q: Array, dq: Array, error: Array) -> str:
+    def _trouble(self, t: float, q: Array, dq: Array, error: Array) -> str:
         """Return why the motion must be broken off, or nothing."""
-        if self._stage in ("hold", "stopping"):  # the reference stands still already, or is on its way to
-            return ""
         names = self.model.robot.joint_names
         assert self._plan is not None
+        assert self._reference is not None
+        # The reference stands still already, or is on its way to.
+        if self._stage in ("hold", "stopping") or t >= self._reference.end:
+            return ""
         way = 0.5 * dq**2 / self.limits.acceleration
         for bad, what in (
             (np.abs(error) > TRACKING, "is far from its reference"),
@@ -804,18 +825,25 @@ class ActiveExcitation:
                 return f"{names[int(np.flatnonzero(bad)[0])]} {what}"
         return ""
 
-    def _tell_excess(self, t: float, dq: Array, full: NDArray[np.bool_]) -> None:
-        """Keep when a joint first passed its limit of velocity, and why."""
-        for k in np.flatnonzero((np.abs(dq) > self.limits.velocity) & ~self._fast):
-            self._fast[k] = True
-            swings = any(joint == k for _, joint in self._share.taken_back)
-            why = "it has more inertia than its feedback was for, or was pushed"
-            if swings:
-                why = "it swings, since its inertia is far from what its feedback was for"
-            if full[k]:
-                why = "its drive is at its limit of torque"
-            name = self.model.robot.joint_names[k]
-            self.exceeded.append((t - self._started, f"{name} turned faster than its limit of velocity: {why}"))
+    def _tell_excess(self, t: float, q: Array, dq: Array, full: NDArray[np.bool_]) -> None:
+        """Keep when a joint first passed its limit of velocity or one of position, and why."""
+        coarse = self._share.reading
+        outside = (q < self.limits.lower - coarse) | (q > self.limits.upper + coarse)
+        for passed, told, what in (
+            (np.abs(dq) > self.limits.velocity, self._fast, "turned faster than its limit of velocity"),
+            (outside, self._outside, "passed a limit of position"),
+        ):
+            for k in np.flatnonzero(passed & ~told):
+                told[k] = True
+                swings = any(joint == k for _, joint in self._share.taken_back)
+                why = "it has more inertia than its feedback was for, or was pushed"
+                if told is self._outside and self._stage == "hold":
+                    why = "it sank while its weight was not known; begin further from its limits"
+                if swings:
+                    why = "it swings, since its inertia is far from what its feedback was for"
+                if full[k]:
+                    why = "its drive is at its limit of torque"
+                self.exceeded.append((t - self._started, f"{self.model.robot.joint_names[k]} {what}: {why}"))
 
     def _break_off(self, t: float, q: Array, dq: Array, reason: str) -> None:
         """Come to rest from the measured state, and plan anew, more slowly."""

@@ -41,6 +41,11 @@ FIT_ROUNDS = 6
 """In which the noise and the fit are made to agree at most. With one, what is assumed took as much from the fit as the
 noise that was believed before allows: after 9.8 s a simulated arm of 30 kg was known to 12 % where 4 % were expected,
 with six to 1.1 and 1.6 %."""
+CONTRADICTS = 25.0
+"""Times that the squared residuals of what is measured anew are those that are expected, from which on the robot is
+another one. *Measured* in 4 s each: at most 10 for nine simulated robots that stay the same, 39 and 160 for an arm that
+takes up 0.3 and 2 kg. The first estimate, of 2 s, is too sure by up to 57 and is not asked."""
+FEWEST_ROWS = 3.0  # independent rows of a joint, below which its residuals are not asked
 PRIOR_WEIGHTS = tuple(0.2 * 0.1**k for k in range(8))
 """Of the distance from the assumed distribution of mass, which grows with the ratio of inertias: with 2, one that is
 three times what is assumed was found 30 % too small, by five standard deviations; a Panda was known to 2 % in 23.9 s,
@@ -70,6 +75,10 @@ class RobotKnowledge:
         (N,) the same of each joint.
     information : Information
         Of what was measured.
+    stretches : int
+        In which it was measured.
+    contradicted : tuple of str
+        The joints of which the last stretch contradicts those before: these are forgotten.
     """
 
     parameters: Array
@@ -81,6 +90,8 @@ class RobotKnowledge:
     expected_error: float
     joint_errors: Array
     information: Information
+    stretches: int = 0
+    contradicted: tuple[str, ...] = ()
 
     @property
     def is_measured(self) -> bool:
@@ -142,7 +153,10 @@ class Learner:
         if samples is None:
             return before, begin
         fresh = Information.from_samples(self.model, samples, batch_means=False)
-        info = before.information + fresh
+        contradicted = self._contradicted(fresh, before)
+        # The stretch in which the robot changed may be of both robots: it is left out when there is another one.
+        anew = bool(contradicted or before.contradicted)
+        info = fresh if anew else before.information + fresh
         counts = np.array([factor.count for factor in info.measured]) / self.correlation
         first = FIRST_COUNT * (FIRST_NOISE * self.credible.torque_sizes) ** 2
         noise, most = before.noise, np.full(self.model.dof, np.inf)
@@ -159,7 +173,23 @@ class Learner:
             noise = most = np.minimum(noise, most)  # with few rows one joint's grows for ever, at which the others fit
             if np.all(noise > 0.95 * weighted_by):
                 break
-        return self.known(parameters, noise, info, trust), used
+        known = self.known(parameters, noise, info, trust)
+        stretches = 1 if anew else before.stretches + 1
+        return replace(known, stretches=stretches, contradicted=contradicted), used
+
+    def _contradicted(self, fresh: Information, before: RobotKnowledge) -> tuple[str, ...]:
+        """Return the joints whose torques are not those that were expected by what was measured before."""
+        if before.stretches < 2:
+            return ()
+        residual, found = np.asarray(fresh.joint_rms_error(before.base)), []
+        for k, factor in enumerate(fresh.measured):
+            if factor.count < FEWEST_ROWS * self.correlation:
+                continue
+            rows = factor.triangle[:, :-1]
+            unknown = np.sum((rows @ before.covariance[np.ix_(factor.columns, factor.columns)]) * rows) / factor.count
+            if residual[k] ** 2 > CONTRADICTS * (before.noise[k] ** 2 + unknown):
+                found.append(self.model.robot.joint_names[k])
+        return tuple(found)
 
     def _samples(self, log: Array, begin: float) -> tuple[Samples | None, float]:
         """Process what was recorded since a time; return the samples and until when they reach."""
