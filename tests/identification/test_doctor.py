@@ -608,16 +608,16 @@ GANTRY = """<robot name="gantry"><link name="frame"/>
 <joint name="z" type="prismatic"><parent link="bridge"/><child link="ram"/><axis xyz="0 0 1"/></joint></robot>"""
 
 
-def test_joints_that_wait_between_their_moves_are_no_fault_where_their_rows_are_left_out(tmp_path):
-    """Each log of picks and places was faulty, and `doctor` ended with 1."""
-    path = tmp_path / "gantry.urdf"
+def picks_and_places(folder):
+    """Write the description of a gantry; return its path, and a log of moves of least jerk with rests between."""
+    path = folder / "gantry.urdf"
     path.write_text(GANTRY)
     random = np.random.default_rng(4)
     masses, friction = np.array([130.0, 40.0]), np.array([40.0, 25.0])
     dq, ddq = np.zeros((len(T), 2)), np.zeros((len(T), 2))
     for j in range(2):
         at, place = 0.3, 0.0
-        while at < 18.5:  # moves of least jerk, with rests between
+        while at < 18.5:
             length, away = random.uniform(0.5, 1.2), random.uniform(-0.6, 0.6) - place
             s = np.clip((T - at) / length, 0.0, 1.0)
             dq[:, j] += away * 30.0 * (s * (1.0 - s)) ** 2 / length
@@ -626,9 +626,22 @@ def test_joints_that_wait_between_their_moves_are_no_fault_where_their_rows_are_
     q = np.cumsum(dq, axis=0) / 250.0
     hold = np.where(dq == 0.0, 0.6 * np.sin(0.9 * T)[:, None], np.sign(dq))  # what holds a joint is anything
     torque = masses * ddq + [0.0, 40.0 * 9.81] + friction * hold + 20.0 * dq + random.normal(size=q.shape)
-    log = {"t": T, "q": np.round(q, 6), "tau": torque}
+    return path, {"t": T, "q": np.round(q, 6), "tau": torque}
+
+
+def test_joints_that_wait_between_their_moves_are_no_fault_where_their_rows_are_left_out(tmp_path):
+    """Each log of picks and places was faulty, and `doctor` ended with 1."""
+    path, log = picks_and_places(tmp_path)
     found = examine(written(log, tmp_path / "log.csv"), path)
     assert found.findings == ()
     robot = tmp_path / "robot.toml"
     robot.write_text('[description]\nurdf = "gantry.urdf"\n[processing]\nvelocity_threshold = "none"\n')
     assert [one.kind for one in examine(tmp_path / "log.csv", robot).findings] == ["stiction"]
+
+
+def test_late_torques_of_picks_and_places_are_told(tmp_path):
+    """The search for mistakes found them, the least residual was unsure, and what `identify` goes by was not asked."""
+    path, log = picks_and_places(tmp_path)
+    (found,) = examine(written(late(log, 0.02), tmp_path / "log.csv"), path).findings
+    assert found.kind == "delay"
+    assert found.remedy["processing"]["delay"] == pytest.approx(0.02, abs=2e-3)

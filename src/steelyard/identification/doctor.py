@@ -644,8 +644,9 @@ class _Patient:
             statement = f"{hypothesis.statement}: with the line below {hypothesis.evidence}.{others}"
             harm: Harm = "worse" if hypothesis.kind in ("delay", "term", "payload", "terms") else "wrong"
             self.add(Finding(hypothesis.kind, statement, harm, hypothesis.error_before, hypothesis.settings))
-        if not found:
+        if not found or found[0].kind == "delay":  # which the least residual may not confirm
             self.late = fit.late(self.log)
+        if not found:
             for finding in unsure:
                 self.add(finding)
             self._beyond_limits(survey)
