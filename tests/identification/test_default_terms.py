@@ -173,6 +173,7 @@ def test_a_saved_estimate_and_the_bare_description_belong_together(place, found,
     assert json.loads((place / "out" / "run.json").read_text())["options"]["terms"][-1] == "rotor_inertia"
     assert check_estimate(urdf, estimate).feasible
     validation = validate_estimate(urdf, estimate, [log])
+    assert validation.prediction.relative_error == pytest.approx(found.predictions[0].feasible_error, rel=1e-6)
     assert validation.prediction.joint_relative_error == pytest.approx(
         found.predictions[0].joint_feasible_error, rel=1e-6
     )

@@ -273,13 +273,20 @@ GANTRY = """<robot name="gantry"><link name="base"/>
 <limit lower="-1" upper="1" effort="9" velocity="3"/></joint></robot>"""
 
 
-def test_all_links_weigh_what_each_of_them_does_at_least(tmp_path) -> None:
-    """Gravity weighs the lift alone; a rotor at the bridge may hold all that the bridge seems to weigh."""
+@pytest.fixture
+def gantry(tmp_path) -> tuple[Model, sy.Information]:
+    """The model of a gantry, and data by hand."""
     (tmp_path / "robot.urdf").write_text(GANTRY)
     model, random = Model(Robot.from_urdf(tmp_path / "robot.urdf")), np.random.default_rng(5)
     q, dq, ddq = random.uniform(-1.0, 1.0, (3, 400, 2))
     torque = np.column_stack([(8.0 + 3.0) * ddq[:, 0], 3.0 * (ddq[:, 1] + 9.81)]) + 0.01 * random.normal(size=q.shape)
     info = sy.Information.from_samples(model, Samples(q=q, dq=dq, ddq=ddq, torque=torque))
+    return model, info
+
+
+def test_all_links_weigh_what_each_of_them_does_at_least(gantry) -> None:
+    """Gravity weighs the lift alone; a rotor at the bridge may hold all that the bridge seems to weigh."""
+    model, info = gantry
     feasible_set = FeasibleSet(model)
     table = parameter_table(info, feasible_set, sy.fit(info, feasible_set), sy.least_squares(info))
     assert table["m2"].lower == pytest.approx(3.0, abs=0.01)
@@ -288,13 +295,9 @@ def test_all_links_weigh_what_each_of_them_does_at_least(tmp_path) -> None:
     assert table["total mass"].upper == pytest.approx(11.0, abs=0.01)
 
 
-def test_a_mass_that_is_stated_is_that_and_in_no_conflict(tmp_path) -> None:
+def test_a_mass_that_is_stated_is_that_and_in_no_conflict(gantry) -> None:
     """It lay "outside its interval of 11 to 11 kg", and that of a link was assumed, since a rotor might hold it."""
-    (tmp_path / "robot.urdf").write_text(GANTRY)
-    model, random = Model(Robot.from_urdf(tmp_path / "robot.urdf")), np.random.default_rng(5)
-    q, dq, ddq = random.uniform(-1.0, 1.0, (3, 400, 2))
-    torque = np.column_stack([(8.0 + 3.0) * ddq[:, 0], 3.0 * (ddq[:, 1] + 9.81)]) + 0.01 * random.normal(size=q.shape)
-    info = sy.Information.from_samples(model, Samples(q=q, dq=dq, ddq=ddq, torque=torque))
+    model, info = gantry
     for stated, name in ((TotalMass(equal=10.99), "total mass"), (MeasuredMass(7.99, links=["bridge"]), "m1")):
         feasible_set = FeasibleSet(model, constraints=[stated])
         table = parameter_table(info, feasible_set, sy.fit(info, feasible_set), sy.least_squares(info))

@@ -353,7 +353,7 @@ def test_numbers_of_a_joint_that_is_not_predicted_rest_on_a_model_that_is_wrong(
         for of_cube in (0.0, 1.0)
     )
     row = misled.parameters["Fvj3"]
-    assert row.basis != "measured"
+    assert row.basis == "assumed"
     assert not row.lower <= truth["Fvj3"] <= row.upper
     assert "the torque of joint3 (" in misled.caveat
     assert "joint1" not in misled.caveat  # whose torques are predicted to 1 %

@@ -215,7 +215,6 @@ def _tried(
     sine, cosine = (float(values[wider.parameter_names.index(f"T{one}1j{joint + 1}")]) for one in "sc")
     measured = information.measured[joint]
     own, wide = feasible_set.link_columns[:, 9], wider_set.link_columns[:, 9]
-    carried = np.array(_carried(model.robot, model.robot.driving_joints[joint]))
     before_it, with_it = (_away(masses, known[own]) for masses in (answer[own], values[wide]))
     driven = model.robot.driving_joints[joint]
     carried = np.array(_carried(model.robot, driven))

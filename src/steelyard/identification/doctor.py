@@ -479,8 +479,10 @@ class _Patient:
         slowest: NDArray[np.float64] | None = None,
     ) -> None:
         """Look at rows that would harm a regression, and that no option of [processing] handles by now."""
-        handled = {option for option in DETECTORS if getattr(self.processing, option) is not False}
-        for option, sentences in diagnosis.faults(handled | (set(DETECTORS) - set(options)), slowest).items():
+        handled = [option for option in DETECTORS if getattr(self.processing, option) is not False]
+        for option, sentences in diagnosis.faults(handled, slowest).items():
+            if option not in options:
+                continue
             share = float(getattr(diagnosis, option).flags.mean(axis=0).max())
             harm: Harm = "wrong" if option in ("saturation", "stuck_torque") and share > CLIPPED else "worse"
             remedy: Settings = {"processing": {option: True}}

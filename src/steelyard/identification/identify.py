@@ -355,6 +355,7 @@ def identify(
             plain = unconstrained if information is measured else least_squares(measured, weights)
             standstill = standstill_errors(model, measured, plain, left_of_fit, estimate.base)
         information = information.with_returning(left_of_fit, read.earlier, measured)
+        error = np.sum([one.change for one in late], axis=0) if late else None if tilted is None else tilted.change
         table = parameter_table(
             information,
             feasible_set if plausible is None else plausible.plausible_set,
@@ -362,11 +363,7 @@ def identify(
             unconstrained,
             term_scales=None if plausible is None else plausible.term_deviations,
             drifts=[drift for found in read.drifts.values() for drift in found],
-            error=tilted.change
-            if tilted is not None
-            else np.sum([one.change for one in late], axis=0)
-            if late
-            else None,
+            error=error,
             error_of="the delay of the torques" if tilted is None else "the tilt of the base",
             standstill=standstill,
         )

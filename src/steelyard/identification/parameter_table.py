@@ -419,13 +419,15 @@ def parameter_table(
     described = _described(feasible_set, np.asarray(source, dtype=float), asked, about)
     told: tuple[Array, Array] | None = None
     shares, rotor_names = _shares_of_rotors(feasible_set)
+    own_shares = np.array([_share(quantity, parameters, shares) for quantity in asked])
     centers, alone = _intervals_of_data(feasible_set, covariance, asked, parameters, unconstrained.base)
     if not covariance.filtered_torque and feasible_set.parameter_count > MANY_PARAMETERS:
         positive = np.array([quantity.never_negative for quantity in asked])
         told = np.where(positive, np.maximum(centers - alone, 0.0), centers - alone), centers + alone
     elif not covariance.filtered_torque:
-        base = unconstrained.base
-        told = _profiles(feasible_set, base, covariance, asked, parameters, np.isfinite(alone), shares, rotor_names)
+        holds_rotors = np.isfinite(alone) & own_shares.any(axis=1)
+        wider_set = _with_rotors_untold(feasible_set, rotor_names, shares)
+        told = _profiles(feasible_set, wider_set, unconstrained.base, covariance, asked, parameters, holds_rotors)
     scales = _scales(feasible_set, parameters, values, asked, about, term_scales)
     at_rest = _offsets_at_rest(info, feasible_set) if told is not None else []
     changes: dict[str, list[float]] = {}
@@ -453,7 +455,7 @@ def parameter_table(
             elif half <= BOUNDED * scales[index]:
                 basis = "bounded"
             if shares.size and np.isfinite(alone[index]) and not stated:
-                share = _share(quantity, parameters, shares)
+                share = own_shares[index]
                 # What the data tell is the number and its shares of rotors, and no rotor has a negative inertia.
                 if np.any(share > 0.0):
                     low = min(low, 0.0) if quantity.never_negative else -np.inf
@@ -533,25 +535,22 @@ def _shares_of_rotors(feasible_set: FeasibleSet) -> tuple[Array, list[str]]:
 
 def _profiles(
     feasible_set: FeasibleSet,
+    wider_set: FeasibleSet,
     base: Array,
     covariance: ParameterCovariance,
     asked: list[Quantity],
     parameters: Array,
-    by_data: NDArray[np.bool_],
-    shares: Array,
-    rotor_names: Sequence[str],
+    holds_rotors: NDArray[np.bool_],
 ) -> tuple[Array, Array]:
     """Ends of the intervals by data and physics.
 
-    Numbers that the data alone tell (`by_data`) with a share of a rotor of which nobody says anything are told as if
-    there were none, and one of their ends is open; physics confines the others by links that may hold rotors.
+    Numbers that the data alone tell with a share of a rotor of which nobody says anything (`holds_rotors`) are told as
+    if there were none, and one of their ends is open; physics confines the others by links that may hold rotors, see
+    `_with_rotors_untold`.
     """
     found = np.zeros((2, len(asked)))
-    rotors = by_data & np.array([bool(np.any(_share(one, parameters, shares))) for one in asked])
-    wider_set = _with_rotors_untold(feasible_set, rotor_names, shares) if shares.size else feasible_set
-    if wider_set is feasible_set:
-        rotors[:] = True
-    for chosen, among in ((rotors, feasible_set), (~rotors, wider_set)):
+    plainly = holds_rotors if wider_set is not feasible_set else np.ones(len(asked), dtype=bool)
+    for chosen, among in ((plainly, feasible_set), (~plainly, wider_set)):
         if chosen.any():
             own = list(compress(asked, chosen))
             inside, own = _within(among, feasible_set, parameters, own)
