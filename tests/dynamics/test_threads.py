@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from threadpoolctl import ThreadpoolController, threadpool_limits
 
-from steelyard.dynamics.threads import in_threads, one_thread, serial
+from steelyard.dynamics.threads import in_threads, in_turns, one_thread, require_wanted, serial
+from steelyard.files.advance import tell, watched
 
 
 @pytest.mark.parametrize("threads", [1, 2, 3])
@@ -48,6 +49,81 @@ def test_shared_work_may_share_work() -> None:
 
     with threadpool_limits(2, "blas"):
         assert in_threads(outer, range(6)) == [[item + k for k in range(5)] for item in range(6)]
+
+
+@pytest.mark.parametrize("threads", [1, 2, 3])
+@pytest.mark.parametrize("count", [0, 1, 2, 7, 8])
+def test_turns_are_in_order_and_each_is_in_one_thread(threads: int, count: int) -> None:
+    places: dict[int, set[int]] = {}
+
+    def slowly(number: int) -> int:
+        places[number] = set(in_threads(lambda _: time.sleep(0.001) or threading.get_ident(), range(4)))
+        return number * number
+
+    with threadpool_limits(threads, "blas"):
+        assert list(in_turns(slowly, count)) == [k * k for k in range(count)]
+    alone = count - 1 if count % 2 else None
+    assert all(len(found) == 1 for number, found in places.items() if number != alone)
+    assert len(set().union(*places.values())) == min(threads, 2, count) or alone is not None
+
+
+def test_of_two_that_work_at_a_time_one_tells_how_far_it_has_come() -> None:
+    told: list[float] = []
+    with threadpool_limits(2, "blas"), watched(lambda what, done, total, unit: told.append(done)):
+        list(in_turns(lambda number: tell("reading", number, 4, "rows"), 4))
+    assert sorted(told) == [0, 2]
+
+
+@pytest.mark.parametrize("interrupted", [0, 1, 2])
+def test_an_interrupt_of_one_thread_ends_the_others_soon(interrupted: int) -> None:
+    """Polars raises Ctrl-C in the thread that it works for, while the caller may wait for the work of another."""
+
+    def work(number: int) -> None:
+        if number == interrupted:
+            raise KeyboardInterrupt
+        begun = time.monotonic()
+        while number >= interrupted - 1 and time.monotonic() < begun + 60.0:
+            require_wanted()
+            time.sleep(0.001)
+
+    begun = time.monotonic()
+    with threadpool_limits(2, "blas"), pytest.raises(KeyboardInterrupt):
+        list(in_turns(work, 6))
+    assert time.monotonic() < begun + 30.0
+
+
+def test_whoever_takes_no_more_turns_ends_the_work_on_them() -> None:
+    begun, ended = [], []
+
+    def work(number: int) -> int:
+        begun.append(number)
+        try:
+            while number:
+                require_wanted()
+                time.sleep(0.001)
+        finally:
+            ended.append(number)
+        return number
+
+    with threadpool_limits(2, "blas"):
+        turns = in_turns(work, 100)
+        assert next(turns) == 0
+        turns.close()
+    assert sorted(begun) == sorted(ended)
+    assert len(begun) <= 4
+
+
+def test_an_error_comes_in_its_turn() -> None:
+    def work(number: int) -> int:
+        if number == 2:
+            raise ArithmeticError("the third")
+        return number
+
+    with threadpool_limits(2, "blas"):
+        turns = in_turns(work, 9)
+        assert [next(turns), next(turns)] == [0, 1]
+        with pytest.raises(ArithmeticError, match="the third"):
+            next(turns)
 
 
 def test_work_stays_in_its_thread_where_others_have_the_processors() -> None:

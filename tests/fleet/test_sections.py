@@ -1,19 +1,17 @@
 """A long log, section by section: the same numbers wherever and in whatever order its sections are reduced."""
 
-import contextlib
 import pickle
 import threading
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import polars as pl
 import pytest
+from threadpoolctl import threadpool_limits
 
 import steelyard as sy
 from steelyard.fleet import log_reduction
-from steelyard.identification import log_reader
 from steelyard.identification.log_reader import LogReader, LogTask, ReducedGroup, one_by_one
 from steelyard.recording import Processing, chunks
 from steelyard.recording.formats import csv_file, decoded
@@ -120,8 +118,8 @@ def test_sections_side_by_side_are_those_of_one_thread(
     monkeypatch.setattr(LogReader, "reduced_section", watched)
     found = []
     for threads in (1, 2):
-        monkeypatch.setattr(log_reader, "one_thread", lambda threads=threads: contextlib.nullcontext(threads))
-        found.append(log_reduction.packed(tuple(reduced(tmp_path / "log.parquet", one_by_one))))
+        with threadpool_limits(threads, "blas"):
+            found.append(log_reduction.packed(tuple(reduced(tmp_path / "log.parquet", one_by_one))))
         assert len(seen) == [1, 3][threads - 1]  # the main one, and two others
     assert found[0] == found[1]
 
@@ -138,10 +136,10 @@ def test_sections_end_where_one_of_them_fails(
         return own(self, log, section, *given)
 
     monkeypatch.setattr(LogReader, "reduced_section", torn)
-    monkeypatch.setattr(log_reader, "one_thread", lambda: contextlib.nullcontext(2))
-    with pytest.raises(sy.InputError, match="pulled out"):
+    with threadpool_limits(2, "blas"), pytest.raises(sy.InputError, match="pulled out"):
         reduced(tmp_path / "log.parquet", one_by_one)
-    assert not [one for one in threading.enumerate() if one.name == "steelyard reading ahead"]
+    names = [one.name for one in threading.enumerate()]
+    assert not [name for name in names if name.startswith(("steelyard reading ahead", "steelyard-in-turns"))]
 
 
 @pytest.mark.parametrize("name", ["log.csv.gz", "log.npz", "log.mcap"])
@@ -225,21 +223,3 @@ class Stops:
 
     def run(self, *_: Any) -> Any:
         raise StopsError
-
-
-@pytest.mark.parametrize("section", [0, 1])
-def test_an_interrupt_of_one_thread_ends_the_others_soon(monkeypatch: pytest.MonkeyPatch, section: int) -> None:
-    """Polars raises Ctrl-C in the thread that it works for, while the caller may wait for the section of another."""
-
-    def reduced_section(log: object, number: int, model: object, lead: int, stop: threading.Event) -> None:
-        if number == section:
-            raise KeyboardInterrupt
-        assert stop.wait(60.0)
-        raise RuntimeError("nobody waits for this section any more")
-
-    monkeypatch.setattr("steelyard.identification.log_reader.one_thread", lambda: contextlib.nullcontext(2))
-    reader = object.__new__(LogReader)
-    monkeypatch.setattr(reader, "reduced_section", reduced_section, raising=False)
-    log = SimpleNamespace(sections=4, opened=SimpleNamespace(can_move=True))
-    with pytest.raises(KeyboardInterrupt):
-        list(reader._sections(log, None))

@@ -5,15 +5,17 @@ from __future__ import annotations
 import os
 import sys
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor, wait
+from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from contextlib import ExitStack, contextmanager
-from contextvars import ContextVar
+from contextvars import ContextVar, copy_context
 from functools import cache, lru_cache, wraps
-from threading import Lock
+from threading import Event, Lock
 from typing import Any, ParamSpec, TypeVar
 
-__all__ = ["in_one_thread", "in_threads", "one_thread", "serial"]
+from steelyard.files.advance import watched
+
+__all__ = ["in_one_thread", "in_threads", "in_turns", "one_thread", "require_wanted", "serial"]
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")
@@ -104,6 +106,71 @@ def in_threads(function: Callable[[Item], Result], items: Sequence[Item]) -> lis
         for other in others:
             other.result()
         return [found[place] for place in range(len(items))]
+
+
+TOGETHER = 2
+"""Of what :func:`in_turns` works on at a time, at most: sections of long logs take some 150 MB each."""
+_UNWANTED: ContextVar[Event | None] = ContextVar("unwanted", default=None)
+
+
+def in_turns(function: Callable[[int], Result], count: int, most: int = TOGETHER) -> Generator[Result, None, None]:
+    """Yield the results of a function for 0, 1, ... `count` - 1 in this order, from several threads where there may be.
+
+    Threads that share one work wait for each other, above all at its ends; of two works each has a thread of its own,
+    and is serial in it. The last of an odd number is alone, and may use all threads. There are as many as in
+    :func:`in_threads`, but `most` at most, and no more numbers are begun beyond the one that is asked for. How far one
+    of those at work has come is told, see `steelyard.files.tell`. What takes long asks :func:`require_wanted` often.
+    """
+    with one_thread() as allowed:
+        threads = min(allowed, most, count)
+    if threads < 2:
+        yield from map(function, range(count))
+        return
+    unwanted, interrupted = Event(), Event()
+
+    def found(number: int) -> Result:
+        _UNWANTED.set(unwanted)  # in a context of its own
+        require_wanted()
+        try:
+            with ExitStack() as contexts:
+                if number % threads:
+                    contexts.enter_context(watched(None))
+                if number ^ 1 < count:
+                    contexts.enter_context(serial())
+                return function(number)
+        except KeyboardInterrupt:  # which Polars raises in the thread that it works for
+            interrupted.set()
+            unwanted.set()
+            raise
+
+    waiting: deque[Future[Result]] = deque()
+    with ThreadPoolExecutor(threads, "steelyard-in-turns") as pool:
+        try:
+            for number in range(count + threads):
+                if number < count:
+                    waiting.append(pool.submit(copy_context().run, found, number))
+                if number >= threads:
+                    try:
+                        yield waiting.popleft().result()
+                    except RuntimeError:
+                        if interrupted.is_set():  # another one was
+                            raise KeyboardInterrupt from None
+                        raise
+        finally:
+            unwanted.set()
+
+
+def require_wanted() -> None:
+    """End the work on a number of :func:`in_turns` for which nobody waits any more.
+
+    Raises
+    ------
+    RuntimeError
+        If the consumer has stopped, or another number was interrupted.
+    """
+    unwanted = _UNWANTED.get()
+    if unwanted is not None and unwanted.is_set():
+        raise RuntimeError("nobody waits for this any more")
 
 
 class _Limit:

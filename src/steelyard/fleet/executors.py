@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any, Protocol, cast
 
 from steelyard import __version__
-from steelyard.dynamics.threads import in_one_thread, serial
+from steelyard.dynamics.threads import in_one_thread, in_turns, serial
 from steelyard.errors import InputError, SteelyardError, require_package
 from steelyard.files.reading import shown
 
@@ -84,12 +84,18 @@ def _given(common: Any) -> Any:
 
 
 class Here:
-    """Runs tasks in this process, one after the other."""
+    """Runs tasks in this process, so many groups of them at a time, where linear algebra may use as many threads."""
+
+    def __init__(self, threads: int = 1) -> None:
+        self.threads = threads
 
     def run(self, leaf: Leaf, combine: Combine, common: Any, groups: Sequence[Sequence[Task]]) -> Results:
         """See `Executor.run`."""
-        for number, group in enumerate(groups):
-            yield number, _combined(combine, common, *(_leaf(leaf, common, task) for task in group))
+
+        def found(number: int) -> bytes:
+            return _combined(combine, common, *(_leaf(leaf, common, task) for task in groups[number]))
+
+        yield from enumerate(in_turns(found, len(groups), self.threads))
 
     def __repr__(self) -> str:
         return "Here()"

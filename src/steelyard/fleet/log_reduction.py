@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from steelyard.dynamics import Model
+from steelyard.dynamics.threads import TOGETHER
 from steelyard.errors import InputError
 from steelyard.files import tell
 from steelyard.identification.log_reader import (
@@ -26,7 +27,7 @@ from steelyard.recording.formats.hashes import LogContent
 from steelyard.recording.formats.registry import log_format, split_source
 
 from .checkpoints import Checkpoints, checkpoint_key, robot_content
-from .executors import Cluster, Combine, Executor, Here, Leaf, Workers
+from .executors import Cluster, Combine, Executor, Here, Leaf
 from .packed import is_whole, packed, unpacked
 
 __all__ = ["LogReduction", "run_in_order"]
@@ -184,7 +185,7 @@ class LogReduction:
     """
 
     def __init__(self, executor: Executor | None = None, checkpoints: Checkpoints | None = None) -> None:
-        self.executor: Executor = Here() if executor is None else executor
+        self.executor = executor
         self.checkpoints = checkpoints
 
     def __call__(
@@ -212,9 +213,11 @@ class LogReduction:
         keys = self._keys(common, groups, local, contents)
         hashed_groups = [[_with_content(task, contents) for task in group] for group in groups]
         say(f"reading {len(tasks)} log{'s' * (len(tasks) > 1)}")
+        # Of whole logs one is in memory at a time.
+        executor = self.executor or Here(1 if reader.processing.needs_whole_log else TOGETHER)
         done, joined = 0, None
         found_groups = run_in_order(
-            reduced_log, grouped, common, hashed_groups, self.executor, keys, self.checkpoints, local, _is_usable
+            reduced_log, grouped, common, hashed_groups, executor, keys, self.checkpoints, local, _is_usable
         )
         unusable = reader.unusable
         for (first, *_), content in zip(groups, found_groups, strict=True):
@@ -270,7 +273,7 @@ class LogReduction:
         names = list(dict.fromkeys(str(_log_task(task).log) for group in apart for task in group))
         say(f"hashing {len(names)} log{'s' * (len(names) > 1)}")
         # Processes of this machine would take longer to start than files to be hashed.
-        where = Here() if isinstance(self.executor, Workers) else self.executor
+        where = self.executor if isinstance(self.executor, Cluster) else Here(TOGETHER)
         hashes = run_in_order(hashed, first_of, None, [[name] for name in names], where)
         return {name: LogContent(*unpacked(one)[0]) for name, one in zip(names, hashes, strict=True)}
 

@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Generator, Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Hashable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from threading import Event
+from threading import Lock
 from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.dynamics import Model
-from steelyard.dynamics.threads import one_thread, serial
+from steelyard.dynamics.threads import TOGETHER, in_turns, one_thread, require_wanted
 from steelyard.errors import InputError
 from steelyard.files import listed
-from steelyard.files.advance import ahead, watched
+from steelyard.files.advance import ahead
 from steelyard.recording import (
     CutoffChoice,
     LogColumns,
@@ -72,9 +72,6 @@ __all__ = [
 
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
-
-_SECTIONS_TOGETHER = 2
-"""Sections of a log that are reduced at a time, at most: each takes some 150 MB."""
 
 _FITTED_ROWS = 1000
 """Rows to which the preliminary model of what is drawn is fitted. Joints of arms have up to 60 columns; 4000 rows took
@@ -242,17 +239,31 @@ class LogReduction(Protocol):
 
 
 def one_by_one(reader: LogReader, tasks: Sequence[LogTask], model: Model, say: Progress) -> Iterator[ReducedGroup]:
-    """Reduce logs in this process, one after the other; see `LogReduction`."""
-    for number, task in enumerate(tasks):
-        # One line for each of thousands of logs would push everything else off the screen.
-        if number % max(len(tasks) // _READING_LINES, 1) == 0:
-            say(f"reading {task.log}{f' ({number + 1} of {len(tasks)})' if len(tasks) > 1 else ''}")
-        if task.log in reader.unusable:  # as the choice of the filter found out
-            continue
-        with reader.unusable.noting(task.log, len(tasks), say):
-            reduced = reader.reduced(task, model)
-        if not reader.unusable:  # nothing comes of the set any more; the others are looked through
-            yield ReducedGroup.of([reduced])
+    """Reduce logs in this process, and yield them one after the other; see `LogReduction`."""
+    usable = [task for task in tasks if task.log not in reader.unusable]  # as the choice of the filter found out
+
+    def begun(number: int) -> ReducedLog | SectionedLog | InputError:
+        try:
+            return reader.begun(usable[number], model)
+        except InputError as error:  # the logs behind it are looked through all the same
+            return error
+
+    # Of whole logs one is in memory at a time; and one that is given twice is read from one stream.
+    alone = reader.processing.needs_whole_log or len({str(task.log) for task in usable}) < len(usable)
+    with contextlib.closing(in_turns(begun, len(usable), 1 if alone else TOGETHER)) as found:
+        for number, task in enumerate(usable):
+            # One line for each of thousands of logs would push everything else off the screen.
+            if number % max(len(usable) // _READING_LINES, 1) == 0:
+                say(f"reading {task.log}{f' ({number + 1} of {len(usable)})' if len(usable) > 1 else ''}")
+            with reader.unusable.noting(task.log, len(tasks), say):
+                one = next(found)
+                if isinstance(one, InputError):
+                    raise one
+                if isinstance(one, SectionedLog):  # by as many threads as the logs have
+                    one = reader.joined(one, model)
+            if not reader.unusable:  # nothing comes of the set any more; the others are looked through
+                assert isinstance(one, ReducedLog)
+                yield ReducedGroup.of([one])
     reader.unusable.refuse([task.log for task in tasks])
 
 
@@ -276,6 +287,7 @@ class LogReader:
         self.cutoff_choices: list[tuple[str, CutoffChoice]] = []
         self.layouts: dict[str, Layout] = {}
         self._streams: dict[str | int, chunks.LogStream] = {}
+        self._changing_streams = Lock()
         self._written: dict[str, Mapping[str, Hashable]] = {}  # of each log, see `written_states`
 
     def require_torques(self) -> None:
@@ -335,10 +347,19 @@ class LogReader:
 
     def reduced(self, task: LogTask, model: Model) -> ReducedLog:
         """Reduce a log by itself in a model's base parameters, with its batch means; nothing is noted here."""
+        begun = self.begun(task, model)
+        return begun if isinstance(begun, ReducedLog) else self.joined(begun, model)
+
+    def begun(self, task: LogTask, model: Model) -> ReducedLog | SectionedLog:
+        """Reduce a log; only open one of several sections."""
         log = self.opened(task, model)
         if log is None:
             with self._reading(task.log):
                 return self._reduced_whole(task, model)
+        return self.joined(log, model) if log.sections == 1 else log
+
+    def joined(self, log: SectionedLog, model: Model) -> ReducedLog:
+        """Reduce the sections of an opened log, and join them; see `reduced`."""
         joined = JoinedSections(log, model)
         with contextlib.closing(self._sections(log, model)) as sections:
             for section in sections:
@@ -346,58 +367,15 @@ class LogReader:
         return joined.reduced()
 
     def _sections(self, log: SectionedLog, model: Model) -> Generator[ReducedSection, None, None]:
-        """Reduce the sections of a log in their order, two at a time where linear algebra may use two threads.
-
-        Threads that read, filter and reduce one section wait for each other, above all at its ends.
-        """
-        with one_thread() as allowed:
-            count = min(_SECTIONS_TOGETHER, allowed, log.sections) if log.opened.can_move else 1
-        if count == 1:
+        """Reduce the sections of a log in their order, two at a time where linear algebra may use two threads."""
+        if not log.opened.can_move or log.sections == 1:
             for section in range(log.sections):
                 yield self.reduced_section(log, section, model)
             return
         from steelyard.graph.large_arrays import return_free_memory  # only long logs need it
 
-        stops, interrupted = [Event() for _ in range(count)], Event()
         return_free_memory()  # of the rows by which the processing was decided
-
-        def stop_all() -> None:
-            for stop in stops:
-                stop.set()
-
-        def some(first: int) -> Iterator[ReducedSection | None]:
-            yield None  # each thread begins when it is first asked
-            try:
-                with watched(None) if first else contextlib.nullcontext():  # one of them tells how far it has come
-                    for section in range(first, log.sections, count):
-                        if section ^ 1 < log.sections:
-                            with serial():
-                                reduced = self.reduced_section(log, section, model, 0, stops[first])
-                        else:  # the last one is alone
-                            reduced = self.reduced_section(log, section, model, chunks.LEAD, stops[first])
-                        yield reduced
-            except KeyboardInterrupt:  # which Polars raises in the thread that it works for
-                interrupted.set()
-                stop_all()
-                raise
-
-        workers = [ahead(some(first), 1, stop) for first, stop in enumerate(stops)]
-        try:
-            for worker in workers:
-                next(worker)
-            for section in range(log.sections):
-                try:
-                    found = next(workers[section % count])
-                except RuntimeError:
-                    if interrupted.is_set():  # the other one was
-                        raise KeyboardInterrupt from None
-                    raise
-                assert found is not None
-                yield found
-        finally:
-            stop_all()
-            for worker in workers:
-                worker.close()
+        yield from in_turns(lambda section: self.reduced_section(log, section, model), log.sections)
 
     def opened(self, task: LogTask, model: Model) -> SectionedLog | None:
         """Open a log that is read in sections; None of one that is not."""
@@ -409,20 +387,17 @@ class LogReader:
             opened = chunks.OpenedLog(self._open(task.log), used, model, partial(own._look, task.log))
         return SectionedLog(task, opened, tuple(own.remarks), next(iter(own.layouts.values()), None))
 
-    def reduced_section(
-        self, log: SectionedLog, section: int, model: Model, lead: int = chunks.LEAD, stop: Event | None = None
-    ) -> ReducedSection:
-        """Reduce one section of a log, in this process or in another one, until it is told to stop.
-
-        Pieces of it are read and filtered before they are reduced, `lead` of them.
-        """
+    def reduced_section(self, log: SectionedLog, section: int, model: Model) -> ReducedSection:
+        """Reduce one section of a log, in this process or in another one."""
+        with one_thread() as allowed:  # pieces are read and filtered before they are reduced, where a thread is free
+            lead = chunks.LEAD if allowed > 1 else 0
         opened, task = log.opened, log.task
         opened.use_model(model)
         before, behind = opened.count(section), opened.count(section + 1)
         seen, thinned = chunks.SeenRows(), ThinnedSamples(task.points, opened.count(), before)
         # The errors of what is predicted are those of its rows; estimates move by 1e-4 standard errors at most.
         exact = FEWEST_EXACT if section or task.fitted else None
-        stream = _until(stop, opened.samples(section, seen, lead))
+        stream = opened.samples(section, seen, lead)
         with self._reading(task.log):
             motion = MotionSums() if task.fitted and section == 0 else None  # which tells how it goes on
             kept = _kept_of(stream, task, model, thinned, motion, opened.sections, behind - before, exact, lead)
@@ -488,7 +463,7 @@ class LogReader:
         for log in logs:
             yield from ahead(own._watched(log, self.model), chunks.LEAD)
 
-    def _watched(self, log: GivenLog, model: Model) -> Iterator[Samples]:
+    def _watched(self, log: GivenLog, model: Model) -> Generator[Samples, None, None]:
         """Read a log; note what is seen of it."""
         if isinstance(log, GivenSamples):
             self._require_samples(log)
@@ -536,10 +511,13 @@ class LogReader:
     def _open(self, log: str | Path | LogFile) -> chunks.LogStream:
         """Open a log whose rows are counted and timed, once for all that is read of it; the last few stay open."""
         key = id(log) if isinstance(log, LogFile) else str(log)
-        found = self._streams.pop(key, None) or chunks.LogStream(log, self.columns, self.model.robot)
-        while len(self._streams) >= _DECIDING_LOGS:
-            del self._streams[next(iter(self._streams))]
-        self._streams[key] = found
+        with self._changing_streams:
+            found = self._streams.pop(key, None)
+        found = found or chunks.LogStream(log, self.columns, self.model.robot)
+        with self._changing_streams:
+            while len(self._streams) >= _DECIDING_LOGS:
+                del self._streams[next(iter(self._streams))]
+            self._streams[key] = found
         return found
 
     def _processing_of(self, log: GivenLog) -> Processing:
@@ -625,17 +603,6 @@ def _told_where(log: GivenLog) -> Iterator[None]:
         raise InputError(told) from None
 
 
-def _until(stop: Event | None, stream: Iterator[Samples]) -> Iterator[Samples]:
-    try:
-        for samples in stream:
-            if stop is not None and stop.is_set():
-                raise RuntimeError("nobody waits for this section any more")
-            yield samples
-    finally:
-        if isinstance(stream, Generator):
-            stream.close()  # and with it the thread that reads ahead
-
-
 class _Kept(NamedTuple):
     """The sums that are kept of a log, or of a section of it, beside thinned samples; see `ReducedLog`."""
 
@@ -645,7 +612,7 @@ class _Kept(NamedTuple):
 
 
 def _kept_of(
-    stream: Iterable[Samples],
+    stream: Generator[Samples, None, None],
     task: LogTask,
     model: Model,
     thinned: ThinnedSamples,
@@ -662,10 +629,12 @@ def _kept_of(
     blocks = TimeBlocks(empty_factors(model), most) if task.fitted else None
 
     def watched() -> Iterator[Samples]:
-        for samples in stream:
-            drawn.add(samples)
-            thinned.add(samples)
-            yield samples
+        with contextlib.closing(stream):  # and with it the thread that reads ahead
+            for samples in stream:
+                require_wanted()
+                drawn.add(samples)
+                thinned.add(samples)
+                yield samples
 
     information = Information.from_chunks(model, ahead(watched(), lead), blocks=blocks, exact=exact, motion=motion)
     drawn.finish()

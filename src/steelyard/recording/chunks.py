@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -483,7 +483,7 @@ class OpenedLog:
         stop = self._bounds[self.sections if sections is None else sections]
         return sum(-((piece.start - piece.stop) // self.processing.step) for piece in self.pieces[:stop])
 
-    def samples(self, section: int, seen: SeenRows, lead: int = LEAD) -> Iterator[Samples]:
+    def samples(self, section: int, seen: SeenRows, lead: int = LEAD) -> Generator[Samples, None, None]:
         """Yield the samples of a section, piece by piece; what is seen on the way is added to `seen`.
 
         Rows are read before they are asked for, so many pieces of them; see `ahead`.
