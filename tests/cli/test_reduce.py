@@ -121,6 +121,7 @@ def test_what_identify_cannot_add_is_one_sentence(days, run, given, told):
     assert not (days / "result").exists()
 
 
+@pytest.mark.slow
 def test_identify_needs_no_rows(days, run):
     rows, robot = (days / "log.csv").read_text().splitlines(keepends=True), days / "robot.toml"
     parts = [f"part{k}" for k in range(3)]

@@ -38,6 +38,7 @@ def row(values: Sequence[float]) -> str:
     return f"[{', '.join(map(repr, map(float, values)))}]" if len(values) else "[]"
 
 
+@pytest.mark.slow
 def test_functions_agree_at_fresh_inputs(wam_generated: Project, odd_generated: Project, tmp_path: Path) -> None:
     """All the functions of three projects in one start of Octave, and their self-tests."""
     projects = (wam_generated, odd_generated, several_functions())

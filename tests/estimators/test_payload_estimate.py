@@ -202,6 +202,7 @@ def test_nothing_carried_is_said(ur5):
     assert not found.remarks
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("known", [False, True])
 def test_nothing_carried_is_seldom_something(ur5, known):
     """Noise in the first moments and the inertia asks for some mass, too, wherever that of the mass itself is."""

@@ -41,6 +41,7 @@ ONE = Cause("Fc1", "term", "joint1", "Coulomb friction", "N·m", 1.0, np.eye(2)[
 OTHER = Cause("Fc2", "term", "joint2", "Coulomb friction", "N·m", 1.0, np.eye(2)[:, 1:])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", LAWS)
 def test_one_heap_of_any_shape_is_not_split(law: str) -> None:
     random = np.random.default_rng(1)
@@ -223,6 +224,7 @@ def test_torques_of_a_batch_may_be_in_another_unit(factor: float, more: float, t
     assert found.differs == ((7,) if more else ())
 
 
+@pytest.mark.slow
 def test_all_that_a_batch_has_in_common_is_told_each_beside_the_others(tmp_path: Path) -> None:
     """A third of the arms is warm: viscous friction by 0.3, and Coulomb friction by 0.55."""
     warm, held = tuple(range(0, 40, 3)), []
@@ -237,15 +239,8 @@ def test_all_that_a_batch_has_in_common_is_told_each_beside_the_others(tmp_path:
     assert found.differs == ()
 
 
-@pytest.mark.parametrize(
-    "fault",
-    [
-        pytest.param(("joint3", 1.6), marks=pytest.mark.slow),
-        pytest.param(("link2", 1.2), marks=pytest.mark.slow),
-        pytest.param(("payload", 1.0), marks=pytest.mark.slow),
-        ("gain2", 1.2),
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("fault", [("joint3", 1.6), ("link2", 1.2), ("payload", 1.0), ("gain2", 1.2)])
 def test_what_one_batch_has_makes_no_other(fault: tuple[str, float], tmp_path: Path) -> None:
     """What a torque's gain does was found with it; without it, half of the others had another gain, or friction."""
     for count, step in ((24, 4), (60, 10)):
@@ -306,6 +301,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
+@pytest.mark.slow
 def test_a_batch_is_one_finding_of_the_fleet(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

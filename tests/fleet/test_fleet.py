@@ -210,6 +210,7 @@ def test_a_gearbox_that_was_exchanged_has_less_friction(arms: Arms, fault: str, 
     assert one.ratio == pytest.approx(now / before, rel=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("joint", "factor"), [(1, 0.5), (1, 2.0), (2, 2.0), (3, 1.5)])
 def test_a_torque_that_reads_right_again_is_told_as_such(arms: Arms, joint: int, factor: float) -> None:
     """One that read twice too much was told as another link, by how it would spread over the links now."""
@@ -260,6 +261,7 @@ def test_a_torque_that_reads_half_of_what_it_did_has_halved(arms: Arms) -> None:
     assert [value for _, value in found["drift", "R6"].history] == pytest.approx([-0.25, -0.5], abs=0.03)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", ["gain2", "gains"])
 def test_half_of_a_fleet_whose_torques_have_the_other_sign_is_told(fault: str, arms: Arms, called: Called) -> None:
     """Of one joint, or of all: with no majority, nothing was said of them."""
@@ -281,6 +283,7 @@ def test_half_of_a_fleet_whose_torques_have_the_other_sign_is_told(fault: str, a
     assert "<dt>Not explained</dt><dd>4" in page
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("count", "larger", "factor"), [(12, 6, 1000.0), (3, 2, 1000.0), (4, 2, 0.01)])
 def test_torques_of_half_a_fleet_in_another_unit_are_told_by_both(
     count: int, larger: int, factor: float, arms: Arms, called: Called
@@ -410,6 +413,7 @@ def test_a_joint_that_stands_still_in_most_robots_makes_no_difference(arms: Arms
     assert usual == pytest.approx(1.5, rel=0.1)  # as those have it whose joint moves
 
 
+@pytest.mark.slow
 def test_what_no_robot_shows_is_said_and_makes_nothing_sure(arms: Arms) -> None:
     """Masses were said to vary by less than a millionth, and a change of 0.03 % to be seen, where they vary by 1 %."""
     arms.trembling = 0.0

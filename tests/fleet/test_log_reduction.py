@@ -350,6 +350,7 @@ def test_killed_runs_leave_nothing_and_lose_nothing(place: Path) -> None:
         assert [path.name for path in (place / "out").iterdir()] == ["result"]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="signals of POSIX")
 def test_a_run_that_a_batch_system_ends_says_so_and_keeps_what_it_has(place: Path) -> None:
     """It died at once, and a library warned on the terminal of what its processes had shared."""

@@ -135,6 +135,7 @@ def test_robots_with_the_change_that_is_said_to_be_found_are_found_half_of_the_t
     assert 0.1 < found / 40 < 0.7
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", ["t of 3", "mixture"])
 def test_half_of_the_fleet_out_of_order_and_one_enormous_outlier(law: str) -> None:
     """Nothing fails, sound robots are hardly named, and what is beyond any tails is."""

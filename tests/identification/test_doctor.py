@@ -250,6 +250,7 @@ def test_a_second_run_in_the_same_file_is_told_to_be_split_off(arm, tmp_path):
     assert "Split the log" in one.advice
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stood", [0.0, 0.4])
 def test_a_position_that_jumps_is_told_and_the_pieces_are_right(arm, simulation, stood, tmp_path):
     """The prediction stays good, whose stretches are all spoilt by what filters make of the jump."""

@@ -213,6 +213,7 @@ def test_of_a_robot_of_one_joint_no_other_is_predicted_better():
     assert "other joints" not in step.reason
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("held_out", [False, True])
 def test_a_payload_in_one_log_is_no_lack_of_motion(robot, held_out):
     """2 kg in the last of two logs, of which either alone is explained: neither drift nor motion makes up for them."""

@@ -146,6 +146,7 @@ def test_one_joint_that_is_late_is_named():
     assert late_hypotheses([], 0.0, ["shoulder", "elbow"]) == {}
 
 
+@pytest.mark.slow
 def test_one_joint_that_is_late_by_far_is_told(arm):
     """Its error widens all intervals, and errors by themselves are still called good."""
     path, log = arm

@@ -16,7 +16,7 @@ def overlaps(path: Path, logs: list[Path], **options: object) -> list[str]:
 
 
 @pytest.mark.parametrize("periods", [1.0, pytest.param(30.0, marks=pytest.mark.slow)])  # all rows are kept, or extremes
-@pytest.mark.parametrize("role", ["fit", "validation"])
+@pytest.mark.parametrize("role", ["fit", pytest.param("validation", marks=pytest.mark.slow)])
 def test_shared_rows_are_told(elbow, simulation, role, periods):
     path, model, folder = elbow
     table = pl.read_csv(simulation.record(model, folder / "whole.csv", seed=1, periods=periods))

@@ -297,6 +297,7 @@ def test_arms_of_a_part_of_the_masses_keep_their_limits(name: str, part: float) 
     assert excitation.estimate is not None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["panda", "ur5"])
 def test_arms_of_a_tenth_of_the_masses_are_caught(name: str) -> None:
     """From where the ranges have their middles and beside; they passed their limits 1.2 and 1.6 times over."""
@@ -511,6 +512,7 @@ def test_a_plan_that_comes_too_late_leaves_a_motion_that_stops(
     assert len(calls) == 2
 
 
+@pytest.mark.slow
 def test_a_single_joint_that_only_sinks_at_first_goes_on(tmp_path) -> None:
     """Nothing is learnt before it moves; the masses are those of the file, which the controller does not know."""
     path = tmp_path / "one.urdf"

@@ -16,6 +16,7 @@ def model() -> sy.Model:
     return unstated_arm()
 
 
+@pytest.mark.slow
 def test_what_is_known_of_the_bare_arm_grows_with_each_time_that_something_is_put_down(model: sy.Model) -> None:
     """Before, all that was known was forgotten each time; and what was carried must not count."""
     work = Work(model, [(10.0, 0.0), *[(3.0, 1.0), (3.0, 0.0)] * 5])
@@ -106,6 +107,7 @@ def test_a_joint_that_is_pushed_for_a_while_leaves_nothing_behind(model: sy.Mode
     assert "was not as predicted for a while" in told
 
 
+@pytest.mark.slow
 def test_slow_motion_that_hides_a_payload_does_not_tell_that_it_was_put_down() -> None:
     """Without gravity in its joints, an arm that moves at a fortieth of its speed feels nearly no inertia."""
     rows = [(0, 0.4, 0, "q"), (0, 0.4, 0, "q")]
@@ -126,6 +128,7 @@ def test_an_arm_that_rests_when_it_has_put_something_down_is_known_when_it_moves
     assert deviations(estimator, unstated_parameters(0.0)).max() < 4.0
 
 
+@pytest.mark.slow
 def test_another_payload_is_another_robot_and_the_first_one_is_never_forgotten(model: sy.Model) -> None:
     shares = (1.0, 0.5, 2.0, 0.25, 1.5, 0.75)
     work = Work(model, [(8.0, 0.0), *[(6.0, share) for share in shares], (8.0, 0.0)])

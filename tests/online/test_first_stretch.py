@@ -152,6 +152,7 @@ def test_an_alarm_that_an_early_change_raises_late_is_no_change_of_that_time() -
     assert told.mass == pytest.approx(2.0, abs=0.2)
 
 
+@pytest.mark.slow
 def test_two_robots_are_answered_from_within_what_they_can_be() -> None:
     """From the answer to both of them at once, which lies in a corner, searches end before they find either."""
     (change,) = watched(simulated_pick_up(13, when=2.5, duration=8.6)).changes
@@ -176,6 +177,7 @@ def test_a_robot_that_its_model_describes_in_part_did_not_change(shared_data: Pa
     assert estimator.is_of_one_robot
 
 
+@pytest.mark.slow
 def test_an_early_change_goes_on_after_a_night(model: sy.Model, tmp_path: Path) -> None:
     """At any time: files are the same to the last byte."""
     work, stops = Work(model, [(2.5, 0.0), (8.0, 1.0)]), np.random.default_rng(1).uniform(0.0, 10.5, 20)

@@ -617,6 +617,7 @@ def test_an_answer_that_what_is_assumed_keeps_from_the_data_is_told() -> None:
         assert (np.linalg.norm(off) > 0.2 * np.linalg.norm(torque)) == heavy
 
 
+@pytest.mark.slow
 def test_a_robot_that_picks_and_places_all_day_fills_no_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     """By a clock that counts from 1970, whose times six digits do not tell apart."""
     monkeypatch.setattr(online_estimator, "MOST_CHANGES", 4)
@@ -658,6 +659,7 @@ def test_a_motion_that_shows_more_is_no_change(model: sy.Model, forget: float | 
     assert estimator.information.relative_error(estimator.estimate().base) < 0.05
 
 
+@pytest.mark.slow
 def test_what_is_usual_is_learned_in_motion() -> None:
     """Nothing but noise is left at rest; then the arm moves, with friction that its model lacks, and never changes."""
     model = sy.Model(sy.Robot.from_dh([("pi/2", 0, 0.3, "q"), (0, 0.5, 0, "q")]))

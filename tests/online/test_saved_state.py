@@ -53,7 +53,9 @@ OPTIONS: tuple[dict[str, Any], ...] = (
 
 
 @pytest.mark.parametrize("derivatives", [0, 1, 2])
-@pytest.mark.parametrize("options", OPTIONS)
+@pytest.mark.parametrize(
+    "options", [pytest.param(one, marks=[pytest.mark.slow] * ("detect_changes" in one)) for one in OPTIONS]
+)
 @pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 8))])
 def test_who_stops_and_goes_on_ends_as_who_never_stopped(
     model: sy.Model, tmp_path: Path, options: dict[str, Any], derivatives: int, seed: int

@@ -228,6 +228,7 @@ def test_gaps_and_jitter_are_those_of_the_ns(name: str, tmp_path: Path) -> None:
     assert clock.period == pytest.approx(4e-6, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_overlaps_are_found_on_the_clock_of_the_logs(tmp_path: Path) -> None:
     """Each part counts from its own first row."""
     robot = sy.Robot.from_dh([(0, 0.3, 0, "q")], gravity=(0, -9.81, 0), name="pendulum")

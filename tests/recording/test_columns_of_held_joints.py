@@ -194,6 +194,7 @@ def test_which_joints_a_description_counts(tmp_path):
     assert sy.Robot.from_dh(rows).described_joints == ()
 
 
+@pytest.mark.slow
 def test_an_answer_is_the_same_by_patterns_and_by_lists(tmp_path):
     t = np.arange(0.0, 8.0, 0.01)
     table = {"t": t}

@@ -154,6 +154,7 @@ def test_intervals_hold_the_truth() -> None:
     assert np.mean(inside, axis=0).min() > 0.8
 
 
+@pytest.mark.slow
 def test_intervals_of_short_logs_hold_the_truth() -> None:
     """Where physics contradicts least squares of 1.5 s, what feasible parameters leave shows that noise is larger.
 

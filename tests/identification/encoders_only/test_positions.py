@@ -137,6 +137,7 @@ def turned(t, command, kp, kd, inertia, viscous, period=0.0):
     return np.array(found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("rate", "stated"), [(None, None), (2000.0, 2000.0), (1000.0, 1000.0), (1000.0, None)])
 def test_drives_that_hold_their_torques_are_told_from_those_of_which_the_law_acts_all_the_time(tmp_path, rate, stated):
     path = tmp_path / "table.xml"
