@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.display import few_digits, html_table, outward, text_table
-from steelyard.dynamics import Model, RotorInertia
+from steelyard.dynamics import Model
 from steelyard.errors import InputError, MissingExtraError
 from steelyard.feasibility import FeasibleSet
 from steelyard.feasibility.bounds.profile_intervals import profile_intervals
@@ -25,7 +25,8 @@ from steelyard.regression import Estimate, Information, ParameterCovariance
 from steelyard.regression.repeated_motion import sentence_of_returning
 from steelyard.robot import Inertia
 from steelyard.robot.inertia import moment_row
-from steelyard.robot.robot import Columns, Scalars
+
+from .untold_rotors import MOST_NAMED, UntoldRotors
 
 if TYPE_CHECKING:
     from steelyard.regression.drift import FrictionDrift
@@ -58,9 +59,6 @@ and at 1e-12 a matrix is singular."""
 
 NEGLIGIBLE = 0.05
 """A term this small beside what would make the whole torque of its joint counts as if it had this size."""
-
-ROUNDING = 1e-8
-"""Shares this much smaller than the largest are none: they are computed to some 1e-12."""
 
 WIDER = 1.5
 """Times as wide as by noise is an interval of which it is said that friction near standstill widens it."""
@@ -418,16 +416,15 @@ def parameter_table(
     source = feasible_set.model.robot.parameters if cad is None else cad
     described = _described(feasible_set, np.asarray(source, dtype=float), asked, about)
     told: tuple[Array, Array] | None = None
-    shares, rotor_names = _shares_of_rotors(feasible_set)
-    own_shares = np.array([_share(quantity, parameters, shares) for quantity in asked])
+    rotors = UntoldRotors.of(feasible_set)
+    own_shares = np.array([rotors.share(quantity, parameters) for quantity in asked])
     centers, alone = _intervals_of_data(feasible_set, covariance, asked, parameters, unconstrained.base)
     if not covariance.filtered_torque and feasible_set.parameter_count > MANY_PARAMETERS:
         positive = np.array([quantity.never_negative for quantity in asked])
         told = np.where(positive, np.maximum(centers - alone, 0.0), centers - alone), centers + alone
     elif not covariance.filtered_torque:
         holds_rotors = np.isfinite(alone) & own_shares.any(axis=1)
-        wider_set = _with_rotors_untold(feasible_set, rotor_names, shares)
-        told = _profiles(feasible_set, wider_set, unconstrained.base, covariance, asked, parameters, holds_rotors)
+        told = _profiles(rotors, unconstrained.base, covariance, asked, parameters, holds_rotors)
     scales = _scales(feasible_set, parameters, values, asked, about, term_scales)
     at_rest = _offsets_at_rest(info, feasible_set) if told is not None else []
     changes: dict[str, list[float]] = {}
@@ -454,7 +451,7 @@ def parameter_table(
                 basis = "measured"
             elif half <= BOUNDED * scales[index]:
                 basis = "bounded"
-            if shares.size and np.isfinite(alone[index]) and not stated:
+            if rotors.names and np.isfinite(alone[index]) and not stated:
                 share = own_shares[index]
                 # What the data tell is the number and its shares of rotors, and no rotor has a negative inertia.
                 if np.any(share > 0.0):
@@ -480,30 +477,29 @@ def parameter_table(
         )
     rows = _within_total_mass(rows, about)
     assumed = {row.name for row in rows if row.basis == "assumed"}
-    noise, rotors = covariance.standard_error, (shares, rotor_names)
-    sentences = _known_together(info, feasible_set, unconstrained, noise, assumed, rotors)
+    sentences = _known_together(info, feasible_set, unconstrained, covariance.standard_error, assumed, rotors)
     if changes and told is not None:
         hold = "changes in the course of a log; its interval holds it from its begin to its end"
         if len(changes) > 1:
             hold = "change in the course of a log; intervals hold them from its begin to its end"
-        sentences.append(f"{listed(changes, MOST_SENTENCES)} {hold}.")
+        sentences.append(f"{listed(changes, MOST_NAMED)} {hold}.")
     if error is not None and told is not None:
         sentences.append(f"Intervals are as wide as {error_of} asks for.")
     if returns and told is not None:
         sentences.append(sentence_of_returning(info.returning, info.joint_names))
     if wider and told is not None:
         sentences.append(
-            f"Intervals are wider than noise asks for where {listed(wider, MOST_SENTENCES)} would come out otherwise "
+            f"Intervals are wider than noise asks for where {listed(wider, MOST_NAMED)} would come out otherwise "
             "without the rows in which joints hardly move, or with friction that falls off with speed: that of slow "
             "joints is not that of the model."
         )
     if at_rest:
         sentences.append(
-            f"{listed(at_rest, MOST_SENTENCES)} would hold the friction of joints that stand still in all of these "
+            f"{listed(at_rest, MOST_NAMED)} would hold the friction of joints that stand still in all of these "
             "logs, which may be any up to that of sliding, either way: motions of these joints tell it from an offset."
         )
     if of_rotors:
-        sentences.append(_said_of_rotors(feasible_set, rotor_names, of_rotors))
+        sentences.append(rotors.sentence(of_rotors))
     if isinstance(model := feasible_set.model, Model) and "rotor_inertia" not in model.described_as:
         kinds = zip(rows, about, strict=True)
         sentences += _without_rotors([row for row, of in kinds if of.kind == "principal" or row.name[:3] in DIAGONAL])
@@ -513,29 +509,8 @@ def parameter_table(
     return ParameterTable(tuple(rows), tuple(sentences), covariance, conflict)
 
 
-def _shares_of_rotors(feasible_set: FeasibleSet) -> tuple[Array, list[str]]:
-    """Return how much of each parameter (n, N) the inertia of a rotor would make where the model has none, and names.
-
-    A rotor whose torque links can make, too, as one at the first joint, is not seen by how well the model explains the
-    log: where nobody says what its inertia is, the links' numbers hold it. Columns of other joints are zero.
-    """
-    model = feasible_set.model
-    nothing: tuple[Array, list[str]] = (np.zeros((feasible_set.parameter_count, 0)), [])
-    if not isinstance(model, Model) or "rotor_inertia" in model.described_as:
-        return nothing
-    wider = model.with_rotors
-    narrow = {str(name): column for column, name in enumerate(wider.parameter_names)}
-    K = np.asarray(wider.base_parameters().K, dtype=float)
-    own = K[:, [narrow.pop(str(name)) for name in model.parameter_names]]
-    rotors = K[:, list(narrow.values())]
-    shares = np.asarray(np.linalg.lstsq(own, rotors, rcond=None)[0])
-    told_apart = np.abs(own @ shares - rotors).max(axis=0) > ROUNDING * np.abs(rotors).max(axis=0)
-    return (np.where(told_apart, 0.0, shares), list(narrow)) if not told_apart.all() else nothing
-
-
 def _profiles(
-    feasible_set: FeasibleSet,
-    wider_set: FeasibleSet,
+    rotors: UntoldRotors,
     base: Array,
     covariance: ParameterCovariance,
     asked: list[Quantity],
@@ -546,94 +521,18 @@ def _profiles(
 
     Numbers that the data alone tell with a share of a rotor of which nobody says anything (`holds_rotors`) are told as
     if there were none, and one of their ends is open; physics confines the others by links that may hold rotors, see
-    `_with_rotors_untold`.
+    `UntoldRotors.with_rotors`.
     """
     found = np.zeros((2, len(asked)))
+    feasible_set, wider_set = rotors.feasible_set, rotors.with_rotors()
     plainly = holds_rotors if wider_set is not feasible_set else np.ones(len(asked), dtype=bool)
     for chosen, among in ((plainly, feasible_set), (~plainly, wider_set)):
         if chosen.any():
             own = list(compress(asked, chosen))
-            inside, own = _within(among, feasible_set, parameters, own)
+            inside, own = rotors.within(among, parameters, own)
             profiles = profile_intervals(among, base, covariance, own, inside, CONFIDENCE)
             found[:, chosen] = profiles.lower, profiles.upper
     return found[0], found[1]
-
-
-def _share(quantity: Quantity, parameters: Array, shares: Array) -> Array:
-    """How much of a number is that of each rotor of which nobody says anything, (N,)."""
-    share = np.asarray(quantity.slope(parameters) @ shares)
-    return np.where(np.abs(share) < ROUNDING * np.abs(shares).max(initial=0.0), 0.0, share)
-
-
-def _with_rotors_untold(feasible_set: FeasibleSet, rotor_names: Sequence[str], shares: Array) -> FeasibleSet:
-    """Return the set of the model with the rotors that no motion tells from links, of which nobody says anything.
-
-    Physics confines links by what they hold of rotors, too: of a pan-tilt head of 0.3 kg whose moment about its axis
-    was half a rotor's, two other moments were at least 1.5 times the true ones. *Measured* on eight such heads without
-    inertials: of 75 numbers that are bounded by data and physics 64 held the truth, and 70 of 71 do.
-    """
-    model = feasible_set.model
-    each = zip(rotor_names, shares.T, strict=True)
-    joints = [int(name.removeprefix("Ia")) - 1 for name, share in each if share.any()]
-    if not joints or not isinstance(model, Model):
-        return feasible_set
-    wider = Model(model.robot.with_terms(*model.robot.terms, _RotorsOf(joints)))
-    K, own = np.asarray(wider.base_parameters().K, dtype=float), feasible_set.K
-    # Base parameters are those of the links and of other terms, with what the rotors add to them.
-    if len(K) != len(own) or not np.allclose(K[:, _places(model, wider)], own, atol=ROUNDING):
-        return feasible_set
-    return FeasibleSet(wider, feasible_set.consistency, feasible_set.constraints, feasible_set.margin)
-
-
-def _places(model: Model, wider: Model) -> list[int]:
-    """Return where the parameters of a model stand in one that has further terms."""
-    return [wider.parameter_names.index(name) for name in model.parameter_names]
-
-
-def _within(
-    wider_set: FeasibleSet, feasible_set: FeasibleSet, parameters: Array, asked: list[Quantity]
-) -> tuple[Array, list[Quantity]]:
-    """Return parameters and quantities of a set as those of one with further terms, which are next to nothing."""
-    model, wider = feasible_set.model, wider_set.model
-    if wider is model or not isinstance(model, Model) or not isinstance(wider, Model):
-        return parameters, asked
-    places, count = _places(model, wider), wider.parameter_count
-
-    def of_wider(row: Array, others: float = 0.0) -> Array:
-        found = np.full(count, others)
-        found[places] = row
-        return found
-
-    moments = parameters[feasible_set.link_columns[:, [0, 3, 5]]]
-    least = 1e-6 * float(np.abs(moments).min())  # inside of what cannot be negative
-    quantities_within = [
-        replace(
-            one,
-            row=of_wider(one.row),
-            mass=None if one.mass is None else of_wider(one.mass),
-            moments=tuple(of_wider(moment) for moment in one.moments),
-        )
-        for one in asked
-    ]
-    return of_wider(parameters, least), quantities_within
-
-
-class _RotorsOf(RotorInertia):
-    """The inertia of rotors at some joints; those of the others move no torque."""
-
-    kind = "rotors_of"
-
-    def __init__(self, joints: Sequence[int]) -> None:
-        self._joints = frozenset(joints)
-
-    def columns(self, k: int, q: Scalars, dq: Scalars, ddq: Scalars, algebra: Any) -> Columns:
-        return super().columns(k, q, dq, ddq, algebra) if k in self._joints else ({},)
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _RotorsOf) and self._joints == other._joints
-
-    def __hash__(self) -> int:
-        return hash(self._joints)
 
 
 def _offsets_at_rest(info: Information, feasible_set: FeasibleSet) -> list[str]:
@@ -670,22 +569,8 @@ def _without_rotors(moments: list[ParameterRow]) -> tuple[str, ...]:
         return ()
     holds = "holds" if len(told) == 1 else "hold"
     return (
-        f"{listed(told, MOST_SENTENCES)} {holds} where no rotor turns with a joint, as where torques are sensed behind "
+        f"{listed(told, MOST_NAMED)} {holds} where no rotor turns with a joint, as where torques are sensed behind "
         'the gears: the model has none. Otherwise add [[terms]] with kind = "rotor_inertia".',
-    )
-
-
-def _said_of_rotors(
-    feasible_set: FeasibleSet, rotor_names: list[str], found: list[tuple[str, NDArray[np.intp]]]
-) -> str:
-    robot = feasible_set.model.robot
-    names = [name for name, _ in found]
-    joints = sorted({int(joint) for _, used in found for joint in used})
-    shown = ", ".join(f"{robot.joints[robot.driving_joints[joint]].name} ({rotor_names[joint]})" for joint in joints)
-    return (
-        f"{listed(names, MOST_SENTENCES)} would hold the inertia of a rotor at {shown}, of which nobody says "
-        'anything and which no motion tells apart: add [[terms]] with kind = "rotor_inertia", and its value by '
-        "[[constraints.linear_bound]], 0 where torques are sensed behind the gear."
     )
 
 
@@ -730,14 +615,14 @@ def _conflict(rows: Sequence[ParameterRow], about: Sequence[_About], links: Sequ
         return ""
     lie = "lies outside its interval" if len(drawn) == 1 else "lie outside their intervals"
     own = [links[link] for link in sorted({*drawn.values()} - {-1})]
-    of = f" ({listed(own, MOST_SENTENCES)})" if own else ""
+    of = f" ({listed(own, MOST_NAMED)})" if own else ""
     by_chance = int((1.0 - CONFIDENCE) * len(rows))
     if len(drawn) <= by_chance:
         few = f"of {len(rows)} intervals some {by_chance} miss the truth by chance"
-        return f"{listed(drawn, MOST_SENTENCES)}{of} {lie}, to which the prior draws the answer; {few}."
-    check = f"check the description of {listed(own, MOST_SENTENCES)}, " if own else ""
+        return f"{listed(drawn, MOST_NAMED)}{of} {lie}, to which the prior draws the answer; {few}."
+    check = f"check the description of {listed(own, MOST_NAMED)}, " if own else ""
     return (
-        f"{listed(drawn, MOST_SENTENCES)}{of} {lie}: the prior draws the answer that far away from the data, and one "
+        f"{listed(drawn, MOST_NAMED)}{of} {lie}: the prior draws the answer that far away from the data, and one "
         f"of the two misleads there; {check}record a longer log, or give the data more weight by a smaller "
         "--prior-weight."
     )
@@ -896,9 +781,6 @@ def _intervals_of_data(
 DIAGONAL = ("Lxx", "Lyy", "Lzz")
 """Moments of inertia, which a rotor looks like; products of inertia it does not."""
 
-MOST_SENTENCES = 3
-"""Combinations that are named: more are not read."""
-
 
 def _known_together(
     info: Information,
@@ -906,13 +788,12 @@ def _known_together(
     unconstrained: Estimate,
     standard_error: Array,
     assumed: set[str],
-    rotors: tuple[Array, list[str]],
+    rotors: UntoldRotors,
 ) -> list[str]:
     """Say of which assumed numbers a combination is measured, those with the most of them first.
 
     Rotors that the model does not have, and whose torques links can make, are a part of these sums.
     """
-    shares, rotor_names = rotors
     names = [str(name) for name in feasible_set.model.parameter_names]
     found = []
     for base, expression in enumerate(unconstrained.base_expressions):
@@ -921,19 +802,17 @@ def _known_together(
         if len(parts) > 1 and assumed.intersection(parts) and 2.0 * error <= MEASURED * abs(value):
             count = len(assumed.intersection(parts))
             row = np.asarray(feasible_set.K[base], dtype=float)
-            share, size = row @ shares, np.abs(row) @ np.abs(shares)
-            held = np.flatnonzero(np.abs(share) > ROUNDING * size)
-            sum_of_all = expression + "".join(_summand(share[joint], rotor_names[joint]) for joint in held)
-            found.append((count, f"{sum_of_all} ({value:.4g} ± {2.0 * error:.2g})", held))
+            sum_of_all = expression + rotors.summands(row)
+            found.append((count, f"{sum_of_all} ({value:.4g} ± {2.0 * error:.2g})", rotors.in_sums(row)))
     found.sort(key=lambda item: -item[0])
     sentences = []
     if found:
-        shown = "; ".join(text for _, text, _ in found[:MOST_SENTENCES])
-        held = np.unique(np.concatenate([joints for *_, joints in found[:MOST_SENTENCES]]))
+        shown = "; ".join(text for _, text, _ in found[:MOST_NAMED])
+        held = np.unique(np.concatenate([joints for *_, joints in found[:MOST_NAMED]]))
         told = ""
         if len(held):
             which = "the inertia of a rotor" if len(held) == 1 else "inertias of rotors"
-            told = f", where {', '.join(rotor_names[joint] for joint in held)} would be {which} that the model lacks"
+            told = f", where {', '.join(rotors.names[joint] for joint in held)} would be {which} that the model lacks"
         sentences.append(
             f"Of these only the sum is measured; no motion of this robot shows the parts by themselves: {shown}{told}."
         )
@@ -946,18 +825,12 @@ def _known_together(
     hidden = [name for name in info.unidentifiable if name not in unlogged]
     if hidden:
         sentences.append(
-            f"These logs do not show {listed(hidden, MOST_SENTENCES)}: "
-            "joints that stood still, or moved alone, hide them."
+            f"These logs do not show {listed(hidden, MOST_NAMED)}: joints that stood still, or moved alone, hide them."
         )
     if unlogged:
         joints = ", ".join(dict.fromkeys(unlogged.values()))
         sentences.append(
-            f"No motion shows {listed(unlogged, MOST_SENTENCES)}: "
+            f"No motion shows {listed(unlogged, MOST_NAMED)}: "
             f"the logs have no torque of {joints}, which alone tells them."
         )
     return sentences
-
-
-def _summand(factor: float, name: str) -> str:
-    times = "" if abs(abs(factor) - 1.0) < ROUNDING else f"{abs(factor):.4g}*"
-    return f" {'-' if factor < 0.0 else '+'} {times}{name}"
