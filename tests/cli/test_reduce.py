@@ -121,6 +121,22 @@ def test_what_identify_cannot_add_is_one_sentence(days, run, given, told):
     assert not (days / "result").exists()
 
 
+def test_all_that_identify_cannot_add_is_told_at_once(days, run):
+    robot = days / "robot.toml"
+    for name in ("empty.json", "torn.json"):
+        (days / name).write_text("" if name[0] == "e" else '{"kind": "informat')
+    for length in (1.0, 2.0):
+        alien = sy.Model(sy.Robot.from_dh([(0, length, 0, "q")] * 2))
+        sy.Information.empty(alien).save(days / f"alien{length:.0f}.json")
+    for names in (("empty.json", "torn.json"), ("alien1.json", "alien2.json")):
+        paths = [days / "log.csv", *(days / name for name in names)]
+        code, _, err = run("identify", robot, *paths, "-o", days / "result", "-q")
+        first, *lines = err.splitlines()
+        assert (code, first) == (2, "steelyard: 2 of 2 logs cannot be used; mend them, or leave them out:")
+        assert [line.split(":")[0].split()[0] for line in lines] == [str(days / name) for name in names]
+    assert not (days / "result").exists()
+
+
 @pytest.mark.slow
 def test_identify_needs_no_rows(days, run):
     rows, robot = (days / "log.csv").read_text().splitlines(keepends=True), days / "robot.toml"

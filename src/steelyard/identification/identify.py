@@ -37,6 +37,7 @@ from .given import (
     Data,
     GivenRobot,
     GivenSamples,
+    UnusableLogs,
     UnusableLogsError,
     describes_masses,
     digests,
@@ -200,7 +201,11 @@ def identify(
             f"{earlier[0]}: holds no rows, which elastic joints, a choice of friction and most estimators need; give "
             "logs alone, or leave these out."
         )
-    informations = [(path, Information.load(path)) for path in earlier]
+    unusable, informations = UnusableLogs(), list[tuple[str, Information]]()
+    for path in earlier:
+        with unusable.noting(path, len(earlier)):
+            informations.append((path, Information.load(path)))
+    unusable.refuse(earlier)
     if earlier:
         require_once(logs, informations)
         require_once(validation, informations)
@@ -253,10 +258,14 @@ def identify(
     feasible_set = FeasibleSet(model, consistency, limits)
     wider = wider_model(file, model)
     for path, one in informations:
-        if one.model_among([wider or model, model], path) is model:
-            wider = None  # it was reduced without rotors, and all of them are to be
+        with unusable.noting(path, len(informations)):
+            if one.model_among([wider or model, model], path) is model:
+                wider = None  # it was reduced without rotors, and all of them are to be
+    unusable.refuse(earlier)
     for path, one in informations:
-        one.model_among([wider or model], path)
+        with unusable.noting(path, len(informations)):
+            one.model_among([wider or model], path)
+    unusable.refuse(earlier)
     read = reduced_logs(reader, logs, validation, wider or model, reduction, say, informations)
     information = read.information
     folds = FEWEST_FOLDS if model.parameter_count > MANY_PARAMETERS else FOLDS

@@ -3,7 +3,7 @@
 They speak of the feasible set in exact numbers, where every float stands for the decimal number that it prints.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from pathlib import Path
@@ -17,9 +17,8 @@ from steelyard.lmi import AffineBlock
 from steelyard.once import cached_property
 
 from ..feasible_set import FeasibleSet
-from .document import FORMAT, CertificateDocument
 from .rational import dot, exact_number, nearest_double, written
-from .statement import EQUATION_TOLERANCE, Equation, MatrixCondition, Statement
+from .statement import EQUATION_TOLERANCE, FORMAT, Equation, MatrixCondition, Statement
 from .statement import Matrix as ExactMatrix
 from .verification import CertificateCheck, verify_dual_point, verify_witness
 
@@ -178,6 +177,29 @@ def _same_equation(a: Equation, b: Equation, rounding: Fraction) -> bool:
 def exact_statement(feasible_set: FeasibleSet, base: Sequence[Fraction]) -> Statement:
     """The question whether these base parameters are feasible."""
     return replace(exact_conditions(feasible_set), base=tuple(base))
+
+
+class CertificateDocument(Mapping[str, Any]):
+    """A certificate as plain data that is put together when it is first read.
+
+    Writing exact numbers takes longer than solving a small fit, and many certificates are never read.
+    """
+
+    def __init__(self, build: Callable[[], dict[str, Any]]) -> None:
+        self._build = build
+
+    @cached_property
+    def _content(self) -> dict[str, Any]:
+        return self._build()
+
+    def __getitem__(self, key: str) -> Any:
+        return self._content[key]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._content)
+
+    def __len__(self) -> int:
+        return len(self._content)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,44 +1,18 @@
 """Certificates as documents, which are verified with Python's integers alone."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
 from steelyard.errors import InputError
 from steelyard.files import read_json, require_format, shown
-from steelyard.once import cached_property
 
 from .rational import parse_number
-from .statement import Matrix, Statement
+from .statement import FORMAT, Matrix, Statement
 from .verification import CertificateCheck, refused, verify_dual_point, verify_witness
 
-__all__ = ["FORMAT", "CertificateDocument", "load_certificate", "verify_certificate", "verify_document"]
-
-FORMAT = "steelyard-certificate-1"
-
-
-class CertificateDocument(Mapping[str, Any]):
-    """A certificate as plain data that is put together when it is first read.
-
-    Writing exact numbers takes longer than solving a small fit, and many certificates are never read.
-    """
-
-    def __init__(self, build: Callable[[], dict[str, Any]]) -> None:
-        self._build = build
-
-    @cached_property
-    def _content(self) -> dict[str, Any]:
-        return self._build()
-
-    def __getitem__(self, key: str) -> Any:
-        return self._content[key]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._content)
-
-    def __len__(self) -> int:
-        return len(self._content)
+__all__ = ["load_certificate", "verify_certificate", "verify_document"]
 
 
 def load_certificate(path: str | Path) -> dict[str, Any]:

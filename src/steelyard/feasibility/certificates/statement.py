@@ -9,9 +9,11 @@ from steelyard.errors import InputError
 
 from .rational import parse_number, written
 
-__all__ = ["EQUATION_TOLERANCE", "Equation", "Matrix", "MatrixCondition", "Statement"]
+__all__ = ["EQUATION_TOLERANCE", "FORMAT", "Equation", "Matrix", "MatrixCondition", "Statement"]
 
 Matrix = list[list[Fraction]]
+FORMAT = "steelyard-certificate-1"
+"""Of the documents that certificates are written to."""
 LARGEST_CONDITION = 1000
 """Largest order of a condition that is read, so that a damaged file cannot fill the memory."""
 
