@@ -40,8 +40,9 @@ simulated arm of six joints without encoder noise, a first joint that creeps at 
 noise of the torques alone, and the error on another log rose from 1.3 to 139 %; at 1e-4 rad/s it stayed."""
 CREEP = 5e-3
 """rad/s or m/s on the average of block means: a joint that goes no farther than `MOST_TRAVEL`, and no faster, gives
-way within its drive. Six-axis arms in MuJoCo, whose position loops give way by 3 mrad under the load of an elbow that stands
-still (0.7 mrad/s), told 150 times its viscous friction and 300 times its rotor inertia, with narrow intervals."""
+way within its drive. Six-axis arms in MuJoCo, whose position loops give way by 3 mrad under the load of an elbow that
+stands still (0.7 mrad/s), told 150 times its viscous friction and 300 times its rotor inertia, with narrow
+intervals."""
 SIGN_IS_SURE = 3.0
 """A velocity of so many standard deviations of its noise has the right sign in 999 of 1000 rows."""
 LARGEST = 0.1
