@@ -21,9 +21,19 @@ from dask_cluster import dask_workers, disturbed
 
 import steelyard as sy
 from steelyard.cli import main
-from steelyard.fleet import Checkpoints, FleetEntry, FleetManifest, identify_fleet, robot_estimate
+from steelyard.fleet import (
+    Cause,
+    Checkpoints,
+    Deviation,
+    FleetEntry,
+    FleetManifest,
+    RobotRow,
+    identify_fleet,
+    robot_estimate,
+)
 from steelyard.fleet.checkpoints import checkpoint_key
 from steelyard.fleet.executors import Here
+from steelyard.fleet.fleet import _history, _since, sentence
 from steelyard.report import fleet_html, save_fleet
 
 from .sibling_arms import Arms, Factor
@@ -152,6 +162,24 @@ def test_what_changed_in_all_robots_is_a_part_of_what_was(arms: Arms) -> None:
     assert value == pytest.approx(-50.0, abs=4.0)
 
 
+def test_a_winter_between_the_dates_is_no_part_of_how_a_joint_wore() -> None:
+    """Friction that grows evenly to 1.6 times, of a robot whose siblings are 30 % stiffer at two of five dates."""
+    rows, several = [], []
+    for robot in range(4):
+        for place, winter in enumerate((1.0, 1.0, 1.3, 1.0, 1.3)):
+            wear = 1.0 + 0.15 * place if robot == 0 else 1.0
+            date = f"2025-0{2 * place + 1}-01"
+            entry = FleetEntry(f"R{robot}", "", date, Path("robot.toml"))
+            rows.append(RobotRow(entry, "", {"base": np.array([wear + winter - 1.0])}))
+        several.append(list(range(5 * robot, 5 * robot + 5)))
+    friction = Cause("Fc1", "term", "joint1", "Coulomb friction", "N·m", 1.0, np.ones((1, 1)))
+    one = Deviation(0, friction, 0.6, 0.05, 0.5, 0.7, 12.0, 1e-20, (), np.ones(1))
+    told = _history(rows, several, several[0], one, np.array([0.3]))
+    assert [value for _, value in told] == pytest.approx([0.15, 0.3, 0.45, 0.6])
+    assert _since(told) == ("2025-05-01", False)
+    assert "half of it or more since" in sentence(one, "drift", when="2025-01-01", since="2025-05-01", evenly=True)
+
+
 def test_tables_have_no_number_that_is_none(arms: Arms) -> None:
     """A link as a whole has no size: NaN, which Polars takes for the largest number, is left out."""
     rows = [one for k in range(12) for one in entries(arms, k, ("payload", 3.0) if k == 4 else ("", 1.0))]
@@ -170,13 +198,12 @@ def test_all_that_changed_in_all_robots_is_told(arms: Arms) -> None:
     rows = []
     for number in range(8):
         rows += entries(arms, number, ("warm", 1.0), ("warm", 0.7))
-    told = [one for one in identify_fleet(arms.manifest(rows)).remarks if "on average" in one]
-    found = {}
-    for one in told:
-        name, numbers = re.findall(r"the (\w+ friction of \w+) changed", one), re.findall(r"([+-][0-9.]+) %", one)
-        found[name[0]] = tuple(map(float, numbers))
-    assert set(found) == {f"{what} friction of joint{k}" for what in ("viscous", "Coulomb") for k in (1, 2, 3)}
-    assert len(told) == 6
+    [told] = [one for one in identify_fleet(arms.manifest(rows)).remarks if "on average" in one]
+    number = r"([+-][0-9.]+) %"
+    parts = re.findall(rf"the (\w+ friction of \w+) by {number} \({number} to {number}\)", told)
+    found = {name: tuple(map(float, numbers)) for name, *numbers in parts}
+    assert list(found) == [f"{what} friction of joint{k}" for k in (1, 2, 3) for what in ("viscous", "Coulomb")]
+    assert "the friction of" not in told
     for name, (value, lower, upper) in found.items():
         true = -30.0 if name.startswith("viscous") else 100.0 * (0.7**0.5 - 1.0)
         assert lower - 1.0 <= value <= upper + 1.0  # two digits are told

@@ -79,6 +79,23 @@ def test_of_few_siblings_only_large_differences_are_told() -> None:
         compare_siblings(bases[:2], covariances[:2], (ONE, OTHER), np.eye(2))
 
 
+def test_two_siblings_that_are_alike_by_chance_make_no_third_one_odd() -> None:
+    """Three sound robots, of which two were as warm: friction of all joints is another one by 9 % in the third."""
+    random = np.random.default_rng(6)
+    names = [f"Fc{k}" for k in range(6)]
+    columns = [5.0 * np.eye(6)[:, [k]] for k in range(6)]
+    causes = [Cause(n, "term", n, "Coulomb friction", "N·m", 5.0, d) for n, d in zip(names, columns, strict=True)]
+    noise = 0.02
+    for _ in range(10):
+        bases = 5.0 * np.array([[1.0], [1.0], [1.09]]) + noise * random.normal(size=(3, 6))
+        covariances = np.broadcast_to(noise**2 * np.eye(6), (3, 6, 6))
+        assert compare_siblings(bases, covariances, causes, np.eye(6)).differs == ()
+    bases[2, 3] *= 2.0
+    found = compare_siblings(bases, covariances, causes, np.eye(6))
+    assert [(one.robot, one.cause.name) for one in found.deviations] == [(2, "Fc3")]
+    assert found.deviations[0].lower < 1.18 < found.deviations[0].upper
+
+
 def test_exact_data_of_equal_robots_is_compared() -> None:
     bases = np.tile([2.0, 5.0], (8, 1))
     bases[5, 1] = 7.0

@@ -200,6 +200,8 @@ def test_held_in_the_first_rows_alone(tmp_path, monkeypatch):
         (lambda t, noise: 1e-3 * np.round(0.7e3 + 0.6 * np.sin(t)), True),  # between two counts
         (lambda t, noise: np.where(t < 9.99, 0.5, 0.5 + 1e-4), True),  # a single count
         (lambda t, noise: 0.5 + 3e-4 * noise, True),
+        (lambda t, noise: 0.5 + 1.5e-3 * np.sin(0.7 * t) + 2e-5 * noise, True),  # gives way under load
+        (lambda t, noise: 0.5 + 1.5e-3 * np.sin(30.0 * t) + 2e-5 * noise, False),  # moves, if not far
         (lambda t, noise: 0.5 + 3e-4 * noise + 0.01 * t, False),
     ],
 )

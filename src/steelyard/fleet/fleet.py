@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 from collections import Counter
 from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -63,6 +64,9 @@ in 2000 five standard deviations out, and a normal one has one in 1.7 million.""
 DOCTOR = "`steelyard doctor LOG ROBOT` looks for such mistakes, and tells the line that mends them."
 LINES = 20
 """The most lines of progress that are printed while robots are estimated."""
+NEARLY_ALL = 0.8
+"""Part of a change from which on it is told to have been there since a date. The noise of a change that is named is a
+fifth of it or less; a part that wore evenly had half of its wear at a date, and more later."""
 SURE = 0.05
 """Probability, of all causes of a group together, by which the siblings as a whole have drifted."""
 
@@ -95,11 +99,12 @@ class Finding:
     robot, group, date : str
         The first and the last are empty for a batch.
     since : str
-        Of a drift: the first date at which it was half of what it is.
+        Of a drift: the first date from which on it was half of what it is, or more.
     deviation : Deviation
     sentence : str
     history : tuple of (str, float)
-        Of a drift: the date and the amplitude against the first date, of each later one.
+        Of a drift: the date and the amplitude against the first date, of each later one, beyond what changed in the
+        siblings until then; of a link as a whole, as a part of what it is at last.
     ratio : float or None
         Of a drift: how many times what it was, beyond what changed in the siblings.
     robots : tuple of str
@@ -798,22 +803,25 @@ def _compared(
         )
         for one in drift.deviations:
             own = several[one.robot]
-            history = _history(rows, own, one, drift.mean)
-            since = next((date for date, value in history if abs(value) >= 0.5 * abs(one.amplitude)), history[-1][0])
+            history = _history(rows, several, own, one, drift.mean)
+            since, whole = _since(history)
             row = rows[own[-1]]
             when = rows[own[0]].entry.date
             as_it_was = _beside_own(one, before[one.robot], np.median(before, axis=0), drift.mean)
-            told = sentence(as_it_was, "drift", when=when, since=since)
+            told = sentence(as_it_was, "drift", when=when, since=since, evenly=not whole)
             if beyond := _beyond_scale(one, drift):
                 told = f"Beyond {beyond[0]}, {_inside(told)}"
             ratio = 1.0 + as_it_was.amplitude
             findings.append(Finding("drift", row.entry.id, name, row.entry.date, since, one, told, history, ratio))
         remarks += _heavy_tails(f"What changed in robots{alike} of {called}", drift)
-        for cause, value, lower, upper in _common(drift):
+        changed = [
+            f"{_what(cause)} by {_amount(cause, value)} ({_amount(cause, lower)} to {_amount(cause, upper)})"
+            for cause, value, lower, upper in _common(drift)
+        ]
+        if changed:
             remarks.append(
-                f"In {called}, {_what(cause)}{' of robots' * bool(alike)}{alike} changed on average by "
-                f"{_amount(cause, value)} "
-                f"({_amount(cause, lower)} to {_amount(cause, upper)}) from the first date to the latest."
+                f"In {called}, there changed on average{' in robots' * bool(alike)}{alike} from the first date to the "
+                f"latest: {all_listed(changed)}."
             )
     elif several:
         remarks.append(
@@ -960,15 +968,52 @@ def _beside_own(one: Deviation, own: Array, siblings: Array, mean: Array) -> Dev
 
 
 def _history(
-    rows: Sequence[RobotRow], own: Sequence[int], one: Deviation, mean: Array
+    rows: Sequence[RobotRow], several: Sequence[Sequence[int]], own: Sequence[int], one: Deviation, mean: Array
 ) -> tuple[tuple[str, float], ...]:
-    """The amplitude at each later date; what changed in all siblings is spread over the dates as it came at last."""
-    base = np.asarray(rows[own[0]].values["base"])
-    if one.weights is None:
-        return tuple((rows[k].entry.date, float("nan")) for k in own[1:])
-    return tuple(
-        (rows[k].entry.date, float(one.weights @ (np.asarray(rows[k].values["base"]) - base - mean))) for k in own[1:]
-    )
+    """The amplitude at each later date, beyond what changed in the siblings from the first date until then.
+
+    A winter between two summers changes all robots, and is gone at last: with what changed until the last date, a joint
+    that wore evenly over five dates, of which two were in winter, had half of its wear at the third and less at the
+    fourth.
+    """
+    weights = one.weights
+    assert weights is not None
+    last, others = own[-1], [dates for dates in several if dates is not own]
+
+    def changes(dates: Sequence[int]) -> Array:
+        base = np.asarray(rows[dates[0]].values["base"])
+        return np.array([weights @ (np.asarray(rows[k].values["base"]) - base) for k in dates])
+
+    when = {k: _days(rows[k].entry.date) for dates in several for k in dates}
+    found = changes(own)
+    among = [np.interp([when[k] for k in own], [when[k] for k in dates], changes(dates)) for dates in others]
+    common = np.median(among, axis=0) if among else np.zeros(len(own))
+    common[-1] = float(weights @ mean)  # as the change is told
+    return tuple((rows[k].entry.date, float(v)) for k, v in zip((*own[1:-1], last), (found - common)[1:], strict=True))
+
+
+def _days(date: str) -> float:
+    """A date as a number of days; a time without a zone as if it were in UTC."""
+    when = datetime.datetime.fromisoformat(date)
+    return (when if when.tzinfo else when.replace(tzinfo=datetime.UTC)).timestamp() / 86400.0
+
+
+def _since(history: Sequence[tuple[str, float]]) -> tuple[str, bool]:
+    """From which date on a change was half of what it is at last, or more; and whether it was nearly all of it then.
+
+    Examples
+    --------
+    >>> _since([("2026-01-01", 0.1), ("2026-02-01", 0.6), ("2026-03-01", 0.6)])
+    ('2026-02-01', True)
+    >>> _since([("2026-01-01", 0.2), ("2026-02-01", 0.4), ("2026-03-01", 0.6)])
+    ('2026-02-01', False)
+    """
+    final = history[-1][1]
+    parts = [value / final if final else 1.0 for _, value in history]
+    first = len(parts) - 1
+    while first and parts[first - 1] >= 0.5:
+        first -= 1
+    return history[first][0], min(parts[first:]) >= NEARLY_ALL
 
 
 def _common(drift: SiblingComparison) -> list[tuple[Cause, float, float, float]]:
@@ -1001,16 +1046,23 @@ def _common(drift: SiblingComparison) -> list[tuple[Cause, float, float, float]]
         if 2.0 * float(stdtr(freedom, -away[best])) > sure:
             break
         cause = left.pop(best)
+        # Friction that does not change by one factor: its terms are told, each by its own.
+        of_joint = [one for one in (*chosen, *left) if one.part == cause.part and "friction" in one.what]
+        terms = [one for one in of_joint if one.kind == "term"]
         factors = [one for one in chosen if one.kind == "friction" and one.part == cause.part and cause.kind == "term"]
-        if factors:  # friction that does not change by one factor: its terms are told, each by its own
+        if factors:
             left.append(cause)
             chosen.remove(factors[0])
+        elif cause.kind == "friction" and any(one in chosen for one in terms):
+            chosen += [one for one in terms if one not in chosen]
+            left = [one for one in left if one not in terms]
         else:
             chosen.append(cause)
     while chosen and float(np.max(chances(chosen))) > sure:  # what those that were found later explain as well
         del chosen[int(np.argmax(chances(chosen)))]
     if not chosen:
         return []
+    chosen.sort(key=drift.causes.index)
     values, errors = together(chosen)
     reach = float(stdtrit(freedom, 0.975)) * errors
     ends = zip(chosen, values, values - reach, values + reach, strict=True)
@@ -1052,8 +1104,10 @@ def _interval(low: float, high: float, digits: int = 3) -> str:
     return f"{least} or more" if np.isfinite(low) else f"{most} or less"
 
 
-def sentence(one: Deviation, kind: Kind, *, when: str = "", since: str = "") -> str:
+def sentence(one: Deviation, kind: Kind, *, when: str = "", since: str = "", evenly: bool = False) -> str:
     """Say in words in what a robot differs from its siblings, or from what it was, or a batch from the others.
+
+    What changed evenly was not all there at the date since which it is told.
 
     Examples
     --------
@@ -1113,7 +1167,7 @@ def sentence(one: Deviation, kind: Kind, *, when: str = "", since: str = "") -> 
             f"({_interval(ends[0], ends[1], 2)}{unit})"
         )
     if kind == "drift":
-        text += f", since {since}" if since else ""
+        text += f", {'half of it or more ' * evenly}since {since}" if since else ""
     if cause.kind in TURNABLE and 1.0 + (high if cause.kind == "scale" else one.amplitude) < 0.0:
         wired = "this joint is wired and logged" if cause.kind == "gain" else "they are logged"
         text += f", as where the sign of the torque or of the position is turned; see how {wired}"

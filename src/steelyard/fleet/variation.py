@@ -77,6 +77,10 @@ def unexplained(inverse: Array, taken: Array) -> Array:
     return np.asarray(inverse - seen @ pseudo_inverse(taken.T @ seen) @ seen.T)
 
 
+ASSUMED = 10.0
+"""Degrees of freedom of what siblings are taken to vary by at least."""
+
+
 def pseudo_inverse(gram: Array) -> Array:
     """Return the inverse of a matrix of scalar products, of which some directions may have none."""
     return np.asarray(np.linalg.pinv(gram, rcond=1e-9, hermitian=True))
@@ -185,15 +189,26 @@ class SiblingVariation:
         Degrees of freedom of the covariances.
     directions : (n_b, c)
         In which siblings vary.
+    least : (n_b, k), optional
+        In which siblings are taken to vary by a standard deviation of one at least; beyond that the data says by how
+        much they vary. None by default.
     """
 
     def __init__(
-        self, bases: Array, errors: Array, shown: NDArray[np.bool_], freedoms: Array, directions: Array
+        self,
+        bases: Array,
+        errors: Array,
+        shown: NDArray[np.bool_],
+        freedoms: Array,
+        directions: Array,
+        least: Array | None = None,
     ) -> None:
         self.bases, self.errors, self.shown, self.freedoms = bases, errors, shown, freedoms
         lengths = np.linalg.norm(directions, axis=0)
         self.directions = directions / np.where(lengths > 0.0, lengths, 1.0)
         self.count, self.width = bases.shape
+        self.least = np.zeros((self.width, 0)) if least is None else least
+        self.assumed = self.least @ self.least.T
         self.begin(bases)
         self.weights = np.ones(self.count)
         self.mean_covariance = np.eye(self.width)
@@ -208,13 +223,21 @@ class SiblingVariation:
         other.weights = self.weights.copy()
         return other
 
+    def without_least(self) -> SiblingVariation:
+        """Return another one, settled in the same way, which takes nothing for known of how much siblings vary."""
+        other = self.copied()
+        other.least, other.assumed = self.least[:, :0], np.zeros((self.width, self.width))
+        other.begin(self.moved)
+        other.settle(self.moved, self.taken)
+        return other
+
     def begin(self, moved: Array) -> None:
         """Guess how siblings vary, and their mean, from bases from which unusual parts were taken away."""
         noise = median_of_shown(np.diagonal(self.errors, axis1=1, axis2=2), self.shown)
         away = _deviation_of_shown(moved, self.shown) ** 2
         usual = np.maximum(away - noise, 0.05 * away + 1e-6)
         self.variances = (self.directions**2).T @ usual / max(1, self.directions.shape[1] // self.width)
-        self.spread_matrix = (self.directions * self.variances) @ self.directions.T  # T, (n_b, n_b)
+        self.spread_matrix = self.assumed + (self.directions * self.variances) @ self.directions.T  # T, (n_b, n_b)
         self.mean = median_of_shown(moved, self.shown)
 
     def settle_each(self) -> None:
@@ -309,7 +332,7 @@ class SiblingVariation:
             before = np.sqrt(np.maximum(np.diagonal(self.spread_matrix), 1e-300))
             ratio = bounded.sum(axis=0) / np.maximum(usual.sum(axis=0), 1e-300)
             self.variances = self.variances * np.sqrt(ratio)
-            self.spread_matrix = (self.directions * self.variances) @ self.directions.T
+            self.spread_matrix = self.assumed + (self.directions * self.variances) @ self.directions.T
             after = np.sqrt(np.maximum(np.diagonal(self.spread_matrix), 1e-300))
             if np.max(np.abs(after - before) / np.maximum(before, 0.02)) < SETTLED:
                 break
@@ -334,9 +357,11 @@ class SiblingVariation:
         known = np.linalg.pinv(self.information, rcond=1e-8, hermitian=True)
         of_siblings = EFFICIENCY * 2.0 * among**2 / max(float(squares @ known @ squares), 1e-300)
         noise = float(weights @ self.errors[robot] @ weights)
-        among = max(error**2 - noise, 0.0)  # more than of siblings, where what varies has grown
+        assumed = float(weights @ self.assumed @ weights)
+        among = max(error**2 - noise - assumed, 0.0)  # more than of siblings, where what varies has grown
         spread = noise**2 / self.freedoms[robot] + among**2 * (1.0 / max(of_siblings, 1.0) + tails)
-        return float((noise + among) ** 2 / max(spread, 1e-300))
+        spread += assumed**2 / ASSUMED
+        return float((noise + assumed + among) ** 2 / max(spread, 1e-300))
 
 
 def _of_bounded(bound: float) -> tuple[float, float]:

@@ -195,8 +195,8 @@ class Plan:
         """
         if self.held.mask.all():
             raise InputError(
-                f"{recording.source}: no joint moves by more than the noise of its position; check `position` in "
-                "[log], or record a motion."
+                f"{recording.source}: no joint moves by more than the noise of its position, or than it gives way; "
+                "check `position` in [log], or record a motion."
             )
         return self.held.remarks(recording)
 
