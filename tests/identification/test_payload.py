@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -102,6 +103,46 @@ def test_logs_that_a_payload_does_not_explain_are_doubted(logs, tmp_path, change
     assert found.remarks[0].startswith("More than a payload differs between the logs")
     right = identify_payload(folder / "robot.toml", folder / "loaded.csv", folder / "unloaded.csv")
     assert not [remark for remark in right.remarks if "More than a payload" in remark]
+
+
+@pytest.mark.parametrize("role", ["loaded", pytest.param("unloaded", marks=pytest.mark.slow)])
+def test_a_log_that_is_loaded_in_one_part_only_is_told(logs, run, tmp_path, role):
+    """Of 2.5 kg that are held from the middle on a mass comes out that neither part has; nothing said so."""
+    folder, truth, _ = logs
+    before, after = (sy.Recording.read(folder / f"{name}.csv") for name in ("unloaded", "loaded"))
+    middle = float(before.t.mean())
+    torque = np.where(before.t[:, None] < middle, before.torque, after.torque)
+    sy.Recording(t=before.t[::2], q=before.q[::2], torque=torque[::2]).save(tmp_path / "part.csv")
+    given = {"unloaded": folder / "again.csv", "loaded": folder / "loaded.csv", role: tmp_path / "part.csv"}
+    files = (folder / "robot.toml", given["unloaded"], given["loaded"])
+    code, out, _ = run("payload", *files)
+    assert code == 0
+    told, answer, *_ = out.splitlines()
+    seen = re.search(r"between ([\d.]+) and [\d.]+ s: wrist_3_link looks to pick up a body of ([\d.]+)", told)
+    assert seen
+    begin, found = seen.groups()
+    assert abs(float(begin) - middle) < 3.0
+    assert abs(float(found) - truth.mass) < 0.1
+    assert answer.startswith("The payload comes out at ")
+    assert re.search(rf"recorded {'after' if role == 'loaded' else 'before'} [\d.]+ s alone\.$", told)
+
+
+@pytest.mark.parametrize("geared", [True, pytest.param(False, marks=pytest.mark.slow)])
+def test_rotors_of_which_nobody_speaks_are_taken_in_where_the_logs_show_them(logs, tmp_path, geared):
+    """As `identify` does: without them, the interval of the mass was four times as wide."""
+    folder, truth, arm = logs
+    random = np.random.default_rng(8)
+    motion = tuple(array[::4] for array in arm.motion(random))
+    rotors = np.array([0.6, 0.6, 0.4, 0.06, 0.06, 0.06]) * geared
+    for name, held in (("unloaded", None), ("loaded", truth)):
+        recording = arm.log(random, held, motion=motion)
+        torque = recording.torque + rotors * motion[3]
+        sy.Recording(t=recording.t, q=recording.q, torque=torque).save(tmp_path / f"{name}.csv")
+    found = identify_payload(folder / "robot.toml", tmp_path / "loaded.csv", tmp_path / "unloaded.csv")
+    assert any("inertia of a rotor at every joint" in remark for remark in found.remarks) == geared
+    assert truth.mass in found.estimate["mass"]
+    assert found.estimate["mass"].upper - found.estimate["mass"].lower < 0.03
+    assert not found.doubts
 
 
 @pytest.mark.slow

@@ -41,6 +41,7 @@ LEAST_DESCRIBED = 0.5
 so far from what is assumed that rotors help though there are none (4.1 standard errors)."""
 ROTORS_HARM = 0.01
 """Part by which the error on stretches that are left out may rise with rotor inertias."""
+_NOT_SURE = "the log shows no inertia of rotors for sure"
 _SYMBOL = RotorInertia.parameters[0].symbol
 _ROTOR = re.compile(rf"\b{_SYMBOL}\d+\b")
 
@@ -114,6 +115,8 @@ def decide_rotors(
     information: Information,
     stretches: Sequence[Information],
     weights: Literal["joint"] | None = "joint",
+    *,
+    by_description: bool = True,
 ) -> RotorDecision:
     """Take rotor inertias in where the data shows one, and stretches that are left out are predicted as well.
 
@@ -131,6 +134,9 @@ def decide_rotors(
     stretches : sequence of Information
         Contiguous parts of it.
     weights : {"joint", None}
+    by_description : bool
+        Whether links that stay near the description may show one, too. What least squares do not tell from links does
+        no harm where only least squares are asked, and the fits take seconds.
     """
     model = feasible_set.model
     assert isinstance(model, Model)
@@ -152,6 +158,8 @@ def decide_rotors(
         if rise < ROTORS_HARM:
             change = f"{'falls' if rise <= 0.0 else 'rises'} by {100.0 * abs(rise):.2g} %"
             return replace(taken, reason=f"{shown}; the error on stretches of the log that were left out {change}")
+    if not by_description:
+        return replace(without, reason=_NOT_SURE)
     return _near_the_description(without, taken, weights)
 
 
@@ -212,7 +220,7 @@ def _near_the_description(
     assert taken.unconstrained is not None
     without = replace(
         without,
-        reason="the log shows no inertia of rotors for sure",
+        reason=_NOT_SURE,
         unconstrained=least_squares(without.information, weights),
     )
     assert without.unconstrained is not None

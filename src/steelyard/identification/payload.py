@@ -22,18 +22,22 @@ from steelyard.estimators.payload_estimate import (
     estimate_payload,
     unexplained_with,
 )
+from steelyard.feasibility import FeasibleSet
 from steelyard.feasibility.constraints.toml_section import read_placement
 from steelyard.files import TomlTable, suggestion, write_json
 from steelyard.recording.chunks import CHUNK_ROWS
 from steelyard.regression import Estimate, Information, least_squares
 from steelyard.regression.batch_means import BatchMeansTree
+from steelyard.regression.body_change import BodyChange
+from steelyard.regression.reduction import empty_factors
+from steelyard.regression.time_blocks import FOLDS, TimeBlocks
 from steelyard.robot import RobotFile
 from steelyard.robot.inertia import inertia_tensor
 
-from .default_terms import model_of_estimate
-from .given import given_constraints
+from .default_terms import decide_rotors, model_of_estimate
+from .given import given_constraints, wider_model
 from .log_reader import LogReader, LogTask, one_by_one
-from .reduced_logs import copies_among, told_by_rows
+from .reduced_logs import change_in_log, copies_among, told_by_rows
 from .saved import matching_estimate
 
 __all__ = [
@@ -82,6 +86,8 @@ class PayloadIdentification:
         kg, where ``[payload]`` states one; it has no part in the estimate.
     remarks : tuple of str
         What the user should know, a sentence each.
+    doubts : tuple of str
+        Those of the remarks for which the intervals do not hold; they stand before what they are about.
     """
 
     estimate: PayloadEstimate
@@ -95,15 +101,17 @@ class PayloadIdentification:
     options: dict[str, Any] = field(repr=False)
     stated_mass: float | None = None
     remarks: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         return f"PayloadIdentification({self.robot_name}: {self.estimate['mass']})"
 
     def __str__(self) -> str:
-        return "\n".join([*self.sentences(), str(self.estimate), *(f"Note: {remark}" for remark in self.remarks)])
+        notes = (f"Note: {remark}" for remark in self.remarks if remark not in self.doubts)
+        return "\n".join([*self.sentences(), str(self.estimate), *notes])
 
     def sentences(self) -> tuple[str, ...]:
-        """The findings as sentences."""
+        """The findings as sentences, what makes them doubtful first."""
         estimate = self.estimate
         mass = estimate["mass"]
         moved = "" if np.array_equal(self.placement, np.eye(4)) else ", moved as [payload] says"
@@ -114,6 +122,8 @@ class PayloadIdentification:
             heavy = (
                 f"The motion does not show the mass of the payload; it is at least {mass.lower:.4g} kg, up to {upper}"
             )
+        elif self.doubts:
+            heavy = f"The payload comes out at {mass.value:.4g} kg"
         elif np.isnan(mass.lower):
             heavy = f"The payload weighs {mass.value:.4g} kg"
         else:
@@ -122,6 +132,7 @@ class PayloadIdentification:
                 f"{upper}"
             )
         found = [
+            *self.doubts,
             f"{heavy}.",
             f"Places and axes are those of the frame {self.frame}{moved}.",
             f"The torques of the loaded log are explained to {estimate.loaded_error:.2%}, by the robot alone to "
@@ -247,7 +258,7 @@ def identify_payload(
         )
     saved = matching_estimate(logs.model, estimate) if isinstance(estimate, str | Path) else estimate
     known = None if saved is None else _known(logs.model, saved)
-    logs.read()
+    logs.read(consistency)
     logs.say("least squares of both" if known is None else "least squares")
     found = estimate_payload(
         logs.body,
@@ -263,7 +274,7 @@ def identify_payload(
     of_robot = np.nan if saved is None else saved.relative_error
     heavy, another = _heavier_than(logs.model, saved, found["mass"]), _another_robot(found.unloaded_error, of_robot)
     elsewhere = () if heavy else _mounted_elsewhere(logs, found.loaded_error, of_robot, known, weights)
-    doubts = elsewhere or (*another, *heavy)
+    doubts = (*logs.changes_within, *(elsewhere or (*another, *heavy)))
     mass = logs.section.number("mass") if "mass" in logs.section else None
     return PayloadIdentification(
         estimate=found,
@@ -277,6 +288,7 @@ def identify_payload(
         options={"consistency": consistency, "weights": weights, **logs.options},
         stated_mass=mass,
         remarks=tuple(dict.fromkeys((*doubts, *found.remarks, *logs.remarks))),
+        doubts=doubts,
     )
 
 
@@ -488,9 +500,14 @@ class _Logs:
         self.reader = LogReader(self.file, self.model, chunk_rows)
         self.find = self.reader.columns.gains_to_find(self.model.dof)
         self.constraints = given_constraints(self.file)
+        # Of what was reduced before the terms are decided, and of currents no rotor is told before their gains are.
+        read = self.paths["unloaded"] and self.paths["loaded"] and not any(self.find)
+        self._wider = wider_model(self.file, self.model) if read else None
+        self._blocks: dict[str, TimeBlocks] = {}
+        self._changes: list[tuple[str, str, BodyChange]] = []
 
-    def read(self) -> None:
-        """Reduce the logs."""
+    def read(self, consistency: Literal["full", "inertia"] = "full") -> None:
+        """Reduce the logs, for a model with the inertia of rotors where nobody states terms and the logs show it."""
         # Of one kind alone: with a payload it is another robot, and neither explains the torques of the other.
         deciding = self.paths["unloaded"] or self.paths["loaded"]
         if deciding:
@@ -500,13 +517,41 @@ class _Logs:
             role: one if isinstance(one, Information) else self._reduced(self.paths[role], role)
             for role, one in self.given.items()
         }
+        self._decide_rotors(consistency)
+
+    def _decide_rotors(self, consistency: Literal["full", "inertia"]) -> None:
+        """Take the model with rotors where least squares show one in the logs without the payload.
+
+        Without it what differs between two motions, and what a model lacks in one, counts as payload. *Measured* on a
+        simulated arm with rotors of a tenth of its torques: with another motion in the unloaded log, 2 kg came out at
+        1.95 (1.84 to 2.06) and not 1.99 kg (1.97 to 2.01).
+        """
+        wider, unloaded = self._wider, self.unloaded
+        if wider is None or unloaded is None:
+            return
+        self.say("have the rotors an inertia that shows?")
+        feasible_set = FeasibleSet(self.model, consistency, self.constraints)
+        stretches = unloaded.stretches(self._blocks["unloaded"], FOLDS)
+        decision = decide_rotors(feasible_set, wider, unloaded, stretches, by_description=False)
+        if not decision.taken:
+            self._data = {role: one and one.narrowed(wider, self.model) for role, one in self._data.items()}
+            return
+        self.model = self.reader.model = wider
+        self.body = replace(self.body, model=wider)
+        self.reader.remarks.append(decision.sentence(self.file.path.name))
 
     def _reduced(self, logs: Sequence[str], role: str) -> Information | None:
         """Reduce the logs of one kind together."""
-        parts, means = [], BatchMeansTree()
+        model = self._wider or self.model
+        parts, means, blocks = [], BatchMeansTree(), TimeBlocks(empty_factors(model))
         tasks = [LogTask(log, _POINTS, _POINTS, len(logs), True) for log in logs]
-        for (one,), own_means in one_by_one(self.reader, tasks, self.model, self.say):
+        for (one,), own_means in one_by_one(self.reader, tasks, model, self.say):
             self.reader.note(one)
+            own = TimeBlocks.of_held(blocks.empty, one.blocks)
+            change = change_in_log(model, own, one.drawn.samples)
+            if change is not None:
+                self._changes.append((one.name, role, change))
+            blocks.append(own)
             means.add(own_means)
             parts.append(one.information)
             log = one.name
@@ -519,6 +564,7 @@ class _Logs:
                 )
         given = [(log, "identification", part) for log, part in zip(logs, parts, strict=True)]
         self.reader.remarks.extend(copies_among(given).values())
+        self._blocks[role] = blocks
         return replace(Information.total(parts), batch_means=means.total()) if parts else None
 
     @property
@@ -530,6 +576,19 @@ class _Logs:
         found = self._data["loaded"]
         assert found is not None
         return found
+
+    @property
+    def changes_within(self) -> tuple[str, ...]:
+        """Say of each log that is of a payload in one part only what to give of it."""
+        found = []
+        for log, role, change in self._changes:
+            after = (change.mass > 0.0) == (role == "loaded")
+            part = f"after {change.latest:.1f} s" if after else f"before {change.earliest:.1f} s"
+            found.append(
+                f"{change.sentence(log)} What is told of the payload is right for neither part, and no interval holds: "
+                f"give of this log what was recorded {part} alone."
+            )
+        return tuple(found)
 
     @property
     def remarks(self) -> tuple[str, ...]:
