@@ -15,7 +15,7 @@ from typing import Any, ParamSpec, TypeVar
 
 from steelyard.files.advance import watched
 
-__all__ = ["in_one_thread", "in_threads", "in_turns", "one_thread", "require_wanted", "serial"]
+__all__ = ["TOGETHER", "in_one_thread", "in_threads", "in_turns", "one_thread", "require_wanted", "serial"]
 
 Arguments = ParamSpec("Arguments")
 Result = TypeVar("Result")

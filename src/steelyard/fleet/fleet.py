@@ -978,7 +978,7 @@ def _history(
     """
     weights = one.weights
     assert weights is not None
-    last, others = own[-1], [dates for dates in several if dates is not own]
+    others = [dates for dates in several if dates is not own]
 
     def changes(dates: Sequence[int]) -> Array:
         base = np.asarray(rows[dates[0]].values["base"])
@@ -989,7 +989,7 @@ def _history(
     among = [np.interp([when[k] for k in own], [when[k] for k in dates], changes(dates)) for dates in others]
     common = np.median(among, axis=0) if among else np.zeros(len(own))
     common[-1] = float(weights @ mean)  # as the change is told
-    return tuple((rows[k].entry.date, float(v)) for k, v in zip((*own[1:-1], last), (found - common)[1:], strict=True))
+    return tuple((rows[k].entry.date, float(v)) for k, v in zip(own[1:], (found - common)[1:], strict=True))
 
 
 def _days(date: str) -> float:

@@ -70,15 +70,14 @@ SPREADS, WIDEST = 200, 6.0
 UNKNOWN = 1e4
 """Standard deviations, in units of what is usual, of parameters that a robot's data does not show."""
 
+ASSUMED = 10.0
+"""Degrees of freedom of what siblings are taken to vary by at least."""
+
 
 def unexplained(inverse: Array, taken: Array) -> Array:
     """Return the inverse of a covariance, (n_b, n_b), without what changes along the columns of `taken` explain."""
     seen = inverse @ taken
     return np.asarray(inverse - seen @ pseudo_inverse(taken.T @ seen) @ seen.T)
-
-
-ASSUMED = 10.0
-"""Degrees of freedom of what siblings are taken to vary by at least."""
 
 
 def pseudo_inverse(gram: Array) -> Array:
@@ -237,8 +236,12 @@ class SiblingVariation:
         away = _deviation_of_shown(moved, self.shown) ** 2
         usual = np.maximum(away - noise, 0.05 * away + 1e-6)
         self.variances = (self.directions**2).T @ usual / max(1, self.directions.shape[1] // self.width)
-        self.spread_matrix = self.assumed + (self.directions * self.variances) @ self.directions.T  # T, (n_b, n_b)
+        self._spread()
         self.mean = median_of_shown(moved, self.shown)
+
+    def _spread(self) -> None:
+        """Put the covariance of the siblings, T (n_b, n_b), together."""
+        self.spread_matrix = self.assumed + (self.directions * self.variances) @ self.directions.T
 
     def settle_each(self) -> None:
         """Find the variances anew, from robots that count less in the mean where they are far out in one direction.
@@ -332,7 +335,7 @@ class SiblingVariation:
             before = np.sqrt(np.maximum(np.diagonal(self.spread_matrix), 1e-300))
             ratio = bounded.sum(axis=0) / np.maximum(usual.sum(axis=0), 1e-300)
             self.variances = self.variances * np.sqrt(ratio)
-            self.spread_matrix = self.assumed + (self.directions * self.variances) @ self.directions.T
+            self._spread()
             after = np.sqrt(np.maximum(np.diagonal(self.spread_matrix), 1e-300))
             if np.max(np.abs(after - before) / np.maximum(before, 0.02)) < SETTLED:
                 break

@@ -261,7 +261,6 @@ def identify(
         with unusable.noting(path, len(informations)):
             if one.model_among([wider or model, model], path) is model:
                 wider = None  # it was reduced without rotors, and all of them are to be
-    unusable.refuse(earlier)
     for path, one in informations:
         with unusable.noting(path, len(informations)):
             one.model_among([wider or model], path)
