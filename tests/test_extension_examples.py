@@ -119,6 +119,7 @@ def _springs(estimate):
     return [[values[f"{symbol}{joint}"] for symbol in ("Ks", "Cs", "Fvj")] for joint in (1, 2)]
 
 
+@pytest.mark.slow
 def test_the_term_passes_through_an_identification(example, sprung, run):
     example("A term")
     path = sprung / "robot.toml"

@@ -146,6 +146,7 @@ def test_a_description_in_the_folder_of_the_results_is_not_replaced(run, place):
     assert (place / "robot.urdf").read_text() == text
 
 
+@pytest.mark.slow
 def test_no_input_is_replaced(run, place):
     """Of each command that writes a file, whatever it is asked to write to."""
     _, _, err = run("identify", place / "robot.toml", place / "log.csv", "--output", place / "result")

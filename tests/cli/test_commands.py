@@ -14,6 +14,7 @@ import steelyard as sy
 from steelyard.feasibility import verify_document
 
 
+@pytest.mark.slow
 def test_identify_writes_a_feasible_urdf(run, place):
     before = (place / "pair.urdf").read_bytes()
     code, out, _ = run(
@@ -65,6 +66,7 @@ def test_the_same_run_writes_the_same_bytes(run, place):
         assert (place / "one" / file).read_bytes() == (place / "two" / file).read_bytes()
 
 
+@pytest.mark.slow
 def test_a_urdf_alone_is_enough(run, place):
     code, out, _ = run("identify", place / "pair.urdf", place / "log.csv", "--output", place / "result")
     assert code == 0
@@ -88,6 +90,7 @@ def test_check_answers_with_its_exit_code(run, place):
     assert "body of fore fails by" in out
 
 
+@pytest.mark.slow
 def test_a_folder_of_results_stands_for_the_estimate_in_it(run, place):
     robot, result = place / "robot.toml", place / "result"
     run("identify", robot, place / "log.csv", "--output", result)

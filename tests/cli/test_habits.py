@@ -61,6 +61,7 @@ def test_identify_for_machines(run, place):
     assert {os.path.basename(path) for path in told["files"]} >= {"estimate.json", "report.html", "run.json"}
 
 
+@pytest.mark.slow
 def test_other_commands_for_machines(run, identified):
     robot, estimate, log = (identified / name for name in ("robot.toml", "result/estimate.json", "log.csv"))
     code, out, _ = run("validate", robot, identified / "result", log, "--json", "-q")
@@ -105,6 +106,7 @@ def test_an_error_is_a_document_too(run, place):
     assert told["error"] in err
 
 
+@pytest.mark.slow
 def test_quiet_commands_say_the_answer_alone(run, identified):
     robot = identified / "robot.toml"
     code, out, err = run("identify", robot, identified / "log.csv", "-o", identified / "result", "-q")
@@ -158,6 +160,7 @@ def test_shells_complete_commands():
 class TestLines:
     """Lines of robot.toml on the command line, which a plain description needs."""
 
+    @pytest.mark.slow
     def test_a_line_is_that_of_the_file(self, run, place):
         text = (place / "log.csv").read_text()
         (place / "stamps.csv").write_text(text.replace("t,", "stamp_of_mine,", 1))

@@ -103,6 +103,7 @@ def test_init_writes_nothing_for_a_log_that_cannot_be_used(place, run):
     assert not (place / "new.toml").exists()
 
 
+@pytest.mark.slow
 def test_doctor_ends_with_what_it_found(stranger, run):
     place, q, torque = stranger
     plain(place / "sound.csv", q, torque)
@@ -134,6 +135,7 @@ def test_a_log_of_commands_leads_to_a_robot_file_without_the_log(stranger, run):
     assert "pair.urdf tells." in (place / "robot.toml").read_text()
 
 
+@pytest.mark.slow
 def test_init_takes_the_line_that_its_message_asks_for(stranger, run):
     place, q, torque = stranger
     write(place / "log.csv", ["moment_of_row", "q1", "q2", "tau1", "tau2"], [T, q, torque])

@@ -79,6 +79,7 @@ def test_no_log_counts_twice(days, run):
     assert "were given twice" in " ".join(sy.Information.load(days / "2.json").remarks)
 
 
+@pytest.mark.slow
 def test_identify_adds_days_to_its_logs(days, run):
     robot = days / "robot.toml"
     assert run("reduce", robot, days / "second.csv", "-o", days / "day.json", "-q")[0] == 0

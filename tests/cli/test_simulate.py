@@ -93,6 +93,7 @@ def test_a_start_beyond_a_limit_ends_there(place, run):
     assert frame["q1"].to_list() == [1.5]
 
 
+@pytest.mark.slow
 def test_a_trajectory_is_followed(place, run):
     trajectory = FourierTrajectory(
         a=np.array([[0.3, -0.2], [0.5, 0.1]]), b=np.array([[0.1, 0.2], [-0.1, 0.3]]), center=np.zeros(2), frequency=0.5

@@ -51,6 +51,7 @@ def shown(result: Identification, capsys: pytest.CaptureFixture[str], **options:
     return capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_both_verdicts_come_first(result: Identification, capsys: pytest.CaptureFixture[str]) -> None:
     first = shown(result, capsys).splitlines()[0]
     assert first == f"arm: {result.headline}"

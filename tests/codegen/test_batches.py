@@ -81,6 +81,7 @@ def test_numpy_source(model: sy.Model, project: Project, tmp_path: Path) -> None
         compare(function, getattr(module, function.name), leading_shapes(function.arguments))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("vectors", [False, pytest.param(True, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("cases", CASES)
 def test_jax_source_of_a_little_function(

@@ -23,6 +23,7 @@ def double_precision() -> Iterator[None]:
     jax.config.update("jax_enable_x64", False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["inverse_dynamics", *(pytest.param(n, marks=slow) for n in ("forward_dynamics", "regressor"))]
 )

@@ -37,6 +37,7 @@ def small(name: str = "pendulum", factor: float = 1.0, **values: object) -> Proj
     return replace(Project(name, (function,), "", (), reference, "1.0"), **values)
 
 
+@pytest.mark.slow
 def test_same_bytes_in_another_process() -> None:
     here, there = printed_twice(SCRIPT)
     assert there.count("\n") == 5 + 5 + 5

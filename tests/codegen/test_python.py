@@ -96,6 +96,7 @@ def test_every_element_is_documented(tmp_path: Path) -> None:
             )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "language", [name if name == "python" else pytest.param(name, marks=pytest.mark.slow) for name in PYTHON]
 )

@@ -28,6 +28,7 @@ def planar() -> sy.Model:
     return sy.Model(sy.Robot.from_dh(rows, name="planar", gravity=(0, -10, 0)))
 
 
+@pytest.mark.slow
 def test_planar_arm_is_that_of_textbooks(planar: sy.Model) -> None:
     """Spong, Hutchinson, Vidyasagar, Robot Modeling and Control, section 7.4 (planar elbow manipulator)."""
     q1, q2, v1, v2, a1, a2, m1, m2, c1, c2, i1, i2 = symbols("q1 q2 dq1 dq2 a1 a2 m1 m2 c1 c2 i1 i2")

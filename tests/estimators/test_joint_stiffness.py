@@ -43,6 +43,7 @@ def rows_of(pendulum, noise):
     return DeflectionRows(deflection, speed, acceleration, q, torque, np.gradient(torque, t))
 
 
+@pytest.mark.slow
 def test_stiffness_damping_zero_and_delay_are_found_together(pendulum):
     found = estimate_joint_stiffness("elbow", rows_of(pendulum, 3e-4))
     low, high = found.stiffness_interval

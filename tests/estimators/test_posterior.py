@@ -76,6 +76,7 @@ def test_what_physics_cuts_off_is_cut_off_the_normal_distribution():
     assert feasible_set.contains(found.estimate.parameters)
 
 
+@pytest.mark.slow
 def test_a_chain_that_begins_at_the_boundary_comes_to_the_others(monkeypatch):
     model, info = pendulum(0.5)
     feasible_set = sy.FeasibleSet(model)

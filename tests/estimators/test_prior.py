@@ -260,6 +260,7 @@ def test_the_price_of_a_prior_is_one_where_it_shows(without: float, said: str) -
     assert price.sentence.count("2.01%") == 1
 
 
+@pytest.mark.slow
 def test_a_search_from_within_goes_on_from_the_edge_of_the_set(two_links, random):
     """A convex problem has one optimum, wherever a search begins, be it the last point before the edge."""
     feasible = FeasibleSet(two_links)

@@ -36,6 +36,7 @@ def plain(arm, arm_limits):
     return designed(arm, arm_limits)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "family",
     ["fourier", pytest.param("spline", marks=pytest.mark.slow), pytest.param("quintic", marks=pytest.mark.slow)],
@@ -64,6 +65,7 @@ def test_every_limit_is_kept_between_the_samples_too(arm, arm_limits, arm_parame
     assert design.condition_number == pytest.approx(condition_number(arm, design.sample(1000.0)[1:]), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_design_is_far_better_than_chance(arm, arm_limits, plain):
     assert plain.condition_number < 0.7 * best_of_chance(arm, arm_limits)
 
@@ -365,6 +367,7 @@ def test_joints_without_limits_of_position(arm):
     assert design.condition_number < 40.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [{"ramp_time": 0.001}, {"period": 0.1}])
 def test_accelerations_of_short_ramps_and_fast_motions_are_seen(arm, arm_limits, options):
     """Accelerations are second differences of the positions at 20 kHz, which 1 kHz passes over."""

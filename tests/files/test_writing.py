@@ -112,6 +112,7 @@ assert os.listdir(path.parent) == [path.name], os.listdir(path.parent)
 """
 
 
+@pytest.mark.slow
 @posix
 def test_nobody_sees_half_of_what_several_write_and_what_the_killed_leave_is_removed(tmp_path: Path) -> None:
     subprocess.run([sys.executable, "-c", WRITERS, str(tmp_path / "file")], check=True, timeout=60)

@@ -49,6 +49,7 @@ def test_one_heap_of_any_shape_is_not_split(law: str) -> None:
         assert [two_heaps(LAWS[law](random, count), 20) for _ in range(15)] == [None] * 15
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize(("count", "many"), [(40, 8), (100, 35), (100, 50)])
 def test_two_heaps_are_told_apart(law: str, count: int, many: int) -> None:
@@ -141,6 +142,7 @@ def test_robots_that_are_out_of_order_in_several_ways_are_no_batch() -> None:
     assert set(range(6)) <= set(found.differs)
 
 
+@pytest.mark.slow
 def test_robots_of_which_each_has_its_own_heavier_link_are_no_batch() -> None:
     """A joint carries all links behind it: what is carried by the first is more for all ten, which are four kinds."""
     carried = np.zeros((40, 5))
@@ -186,6 +188,7 @@ def compared(arms: Arms, count: int, faults: dict[int, tuple[str, float]]) -> Si
     return compare_siblings(bases, covariances, causes, variations(arms.model, causes), own=own)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("fault", "factor", "name"),
     [
@@ -211,6 +214,7 @@ def test_what_a_batch_has_in_common_is_named(fault: str, factor: float, name: st
     assert len(set(surest) & set(robots)) <= 1  # nearly none of a batch is named for what all of it has
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("factor", "more"), [(1.2, 0.0), pytest.param(-1.0, 0.0, marks=pytest.mark.slow), (0.8, 1.5)])
 def test_torques_of_a_batch_may_be_in_another_unit(factor: float, more: float, tmp_path: Path) -> None:
     """The joints were told one after the other, and the rest in batches of other robots."""
@@ -263,6 +267,7 @@ def test_three_robots_beyond_all_others_draw_none_into_a_batch(
     assert found.differs == (0, 1, 2)
 
 
+@pytest.mark.slow
 def test_the_heap_is_told_whose_torque_reads_wrong(tmp_path: Path) -> None:
     """It is the larger one here: what a wrong scale does depends on each robot's motion, and the others are alike."""
     robots = tuple(number for number in range(40) if number % 10 > 2)
@@ -396,6 +401,7 @@ def test_a_batch_within_a_batch_is_told_beside_what_both_share(tmp_path: Path) -
     assert smaller.sentence in page
 
 
+@pytest.mark.slow
 def test_a_fleet_without_batches_says_nothing_of_them(tmp_path: Path) -> None:
     arms = Arms(tmp_path)
     for number in range(12):

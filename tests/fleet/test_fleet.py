@@ -180,6 +180,7 @@ def test_a_winter_between_the_dates_is_no_part_of_how_a_joint_wore() -> None:
     assert "half of it or more since" in sentence(one, "drift", when="2025-01-01", since="2025-05-01", evenly=True)
 
 
+@pytest.mark.slow
 def test_tables_have_no_number_that_is_none(arms: Arms) -> None:
     """A link as a whole has no size: NaN, which Polars takes for the largest number, is left out."""
     rows = [one for k in range(12) for one in entries(arms, k, ("payload", 3.0) if k == 4 else ("", 1.0))]
@@ -193,6 +194,7 @@ def test_tables_have_no_number_that_is_none(arms: Arms) -> None:
     assert units["friction of joint1"] == units["torque gain of all joints"] == ""
 
 
+@pytest.mark.slow
 def test_all_that_changed_in_all_robots_is_told(arms: Arms) -> None:
     """In the warm, viscous friction of three joints is less by 30 %, and Coulomb friction by 16 %: six changes."""
     rows = []
@@ -225,6 +227,7 @@ def test_a_robot_that_was_unusual_is_held_against_what_it_was_itself(arms: Arms)
     assert " is 1.5" in found["drift", "R5"]["sentence"] or " is 1.4" in found["drift", "R5"]["sentence"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("fault", "before", "now"), [("joint2", 4.0, 1.0), ("joint3", 4.0, 1.0), ("joint2", 1.0, 4.0)])
 def test_a_gearbox_that_was_exchanged_has_less_friction(arms: Arms, fault: str, before: float, now: float) -> None:
     """Three times what siblings have is gone, which a gearbox that was as worn may lose, and no other."""
@@ -337,6 +340,7 @@ def test_torques_of_half_a_fleet_in_another_unit_are_told_by_both(
     assert (told > 1.0) is (fewer is large)
 
 
+@pytest.mark.slow
 def test_torques_of_some_in_other_units_make_no_other_robot_differ(arms: Arms, called: Called) -> None:
     """Of eight, three in mN·m made eight batches of the others, and three in lb·in named what was not different."""
     units = {0: 1000.0, 1: 8.85, 2: 8.85, 3: 8.85}
@@ -350,6 +354,7 @@ def test_torques_of_some_in_other_units_make_no_other_robot_differ(arms: Arms, c
     assert told == pytest.approx([8.85, 1000.0], rel=0.05)
 
 
+@pytest.mark.slow
 def test_a_fleet_that_the_model_does_not_predict_is_not_said_to_be_sound(arms: Arms, called: Called) -> None:
     """All logs have the other sign at one joint: none differed, and the exit code was 0."""
     rows = [row for number in range(4) for row in entries(arms, number, ("gain2", -1.0))]
@@ -361,6 +366,7 @@ def test_a_fleet_that_the_model_does_not_predict_is_not_said_to_be_sound(arms: A
     assert "<dt>Not predicted</dt><dd>4" in (arms.folder / "result" / "fleet.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.slow
 def test_what_is_told_beside_the_factor_of_all_torques_says_so(arms: Arms) -> None:
     """Of torques 1.25, 1.43 and 2 times as large that of the first joint was said to be 0.88 times its siblings'."""
     true = np.array([1.25, 1.43, 2.0])
@@ -517,6 +523,7 @@ def test_one_log_that_is_given_for_several_robots_is_compared_once(arms: Arms) -
     assert not any("same data" in remark for remark in sound.remarks)
 
 
+@pytest.mark.slow
 def test_a_log_that_a_pattern_finds_for_another_robot_too_is_told(arms: Arms) -> None:
     """The pattern R1*.json, meant for the robot R1, finds R10.json."""
     for name in (0, 1, 10, 2):
@@ -769,6 +776,7 @@ def test_a_description_that_is_edited_meanwhile_is_told(tmp_path: Path) -> None:
     assert "was changed after the run began" in found.rows[0].reason
 
 
+@pytest.mark.slow
 def test_what_was_kept_of_a_robot_is_of_the_log_by_which_it_is_known(tmp_path: Path) -> None:
     """Rows of a log that was another one for a while, when it was read, are not taken for its own afterwards."""
     manifest = pendulums(tmp_path)

@@ -32,6 +32,7 @@ def logs(*numbers: int) -> list[str]:
     return [f"logs/run{number}.csv" for number in numbers]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damage", DAMAGES)
 def test_the_estimate_is_that_of_the_other_logs(place: Path, damage: str) -> None:
     damaged = place / "logs" / "run2.csv"
@@ -56,6 +57,7 @@ NO_FILES: dict[str, Callable[[Path], object]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes")
 @pytest.mark.parametrize("kind", NO_FILES)
 def test_what_is_no_file_is_left_out_whether_results_are_kept_or_not(place: Path, kind: str) -> None:
@@ -71,6 +73,7 @@ def test_what_is_no_file_is_left_out_whether_results_are_kept_or_not(place: Path
         assert [log for _, log, _ in fleet.left_out] == [str(odd)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("motion", [True, False])
 def test_a_log_that_is_left_out_chooses_no_filter(place: Path, motion: bool) -> None:
     """That nothing drives a joint, or that none moves, is known only after the filter was chosen by all logs."""
@@ -94,6 +97,7 @@ def test_where_no_log_can_be_used_nothing_comes_of_the_robot(place: Path) -> Non
     assert fleet.left_out == ()
 
 
+@pytest.mark.slow
 def test_a_reduction_that_is_damaged_or_of_another_robot_is_left_out_as_well(place: Path) -> None:
     for number in (1, 3):
         sets = [sy.fleet.DataSet(place / "robot.toml", [place / log]) for log in logs(number)]
@@ -111,6 +115,7 @@ def test_a_reduction_that_is_damaged_or_of_another_robot_is_left_out_as_well(pla
             assert [log for _, log, _ in fleet.left_out] == [str(place / "2.json")]
 
 
+@pytest.mark.slow
 def test_the_more_informations_decide_whether_the_model_has_rotors(place: Path) -> None:
     """The first one did: it kept out two others, and its robot from its siblings."""
     for number, rotors in ((1, False), (2, True), (3, True), (4, False)):
@@ -124,6 +129,7 @@ def test_the_more_informations_decide_whether_the_model_has_rotors(place: Path) 
     assert [(row.entry.id, Path(log).stem) for row, log, _ in fleet.left_out] == [("A", "1"), ("C", "2"), ("E", "1")]
 
 
+@pytest.mark.slow
 def test_the_command_tells_it_and_tries_again(
     place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -150,6 +156,7 @@ def test_the_command_tells_it_and_tries_again(
     assert json.loads((place / "out" / "fleet.json").read_text())["left_out"] == []
 
 
+@pytest.mark.slow
 def test_only_what_came_of_all_logs_is_kept(place: Path) -> None:
     (place / "logs" / "run2.csv").write_text("")
     path = manifest(place, ("A", logs(1, 2, 3)), ("B", logs(4, 5)))

@@ -43,6 +43,7 @@ def same(found: tuple[list[Any], Any], expected: tuple[list[Any], Any]) -> bool:
     return bool(log_reduction.packed(found) == log_reduction.packed(expected))
 
 
+@pytest.mark.slow
 def test_groups_and_checkpoints_change_no_byte(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plain = reduced(place, one_by_one)
     assert [log.information.count for log in plain[0]] == [1184] * 5
@@ -90,6 +91,7 @@ def test_a_log_that_changed_is_read_again(place: Path, monkeypatch: pytest.Monke
     assert [log.information.count for log in logs] == [1184, 1184, 1084, 1184, 1184]
 
 
+@pytest.mark.slow
 def test_what_is_kept_of_a_log_is_of_the_content_by_which_it_is_known(place: Path) -> None:
     """A log that is another one when it is read, and afterwards what it was when it was hashed."""
     path = place / "logs" / "run3.csv"
@@ -108,6 +110,7 @@ def test_what_is_kept_of_a_log_is_of_the_content_by_which_it_is_known(place: Pat
         assert same(reduced(place, sy.fleet.LogReduction(checkpoints=kept)), expected)
 
 
+@pytest.mark.slow
 def test_what_is_kept_of_one_log_is_not_that_of_another(place: Path) -> None:
     """Copying programs, and people, rename files; whole ones as well."""
     expected = reduced(place, one_by_one)
@@ -167,6 +170,7 @@ def test_a_cluster_that_is_not_there_is_named() -> None:
         next(secure.run(log_reduction.hashed, log_reduction.first_of, None, [["x"]]))
 
 
+@pytest.mark.slow
 def test_a_web_server_in_the_place_of_a_scheduler_is_told() -> None:
     """Such as the dashboard of Dask, whose port is given for that of the scheduler; its answer is no lack of memory."""
     pytest.importorskip("distributed")

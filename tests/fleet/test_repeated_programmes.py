@@ -63,6 +63,7 @@ def written(tmp_path: Path) -> Callable[..., Path]:
     return write
 
 
+@pytest.mark.slow
 def test_a_sound_robot_of_another_programme_is_not_named(written: Callable[..., Path]) -> None:
     """All robots have the same ripple, which draws the estimates of each programme elsewhere."""
     fleet = identify_fleet(written([1] * 7 + [2], lambda _: 0.3))
@@ -72,6 +73,7 @@ def test_a_sound_robot_of_another_programme_is_not_named(written: Callable[..., 
     assert group.robot_probability.min() > 0.05
 
 
+@pytest.mark.slow
 def test_estimates_are_as_far_off_as_is_said_and_reduced_logs_say_the_same(written: Callable[..., Path]) -> None:
     manifest = FleetManifest.load(written([*range(1, 9)], lambda number: 2.4 * number))
     model = sy.Model.load(manifest.path.parent / "robot.toml")
@@ -91,6 +93,7 @@ def test_estimates_are_as_far_off_as_is_said_and_reduced_logs_say_the_same(writt
     assert again.matrix == pytest.approx(rows[0].values["covariance"], rel=1e-9)
 
 
+@pytest.mark.slow
 def test_of_many_logs_few_rows_are_kept(written: Callable[..., Path], monkeypatch: pytest.MonkeyPatch) -> None:
     """Each of 400 logs kept up to 32 768 rows, 3 GB of seven joints."""
     folder, kept = written([1], lambda _: 0.0).parent, []

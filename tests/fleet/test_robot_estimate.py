@@ -20,6 +20,7 @@ def fleet_of(place: Path, *, kept: Checkpoints | None = None, **lists: list[str]
     return identify_fleet(path, checkpoints=kept)
 
 
+@pytest.mark.slow
 def test_a_store_is_asked_once_what_a_pattern_stands_for(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """And what two patterns find counts once."""
     system = pytest.importorskip("fsspec").filesystem("memory")
@@ -42,6 +43,7 @@ def test_a_store_is_asked_once_what_a_pattern_stands_for(place: Path, monkeypatc
     np.testing.assert_array_equal(row.values["base"], local.values["base"])
 
 
+@pytest.mark.slow
 def test_validation_is_of_folders_and_patterns_as_logs_are(place: Path) -> None:
     (place / "checks").mkdir()
     for number in (4, 5):
@@ -82,6 +84,7 @@ def test_logs_are_hashed_once_and_where_they_are_read(place: Path, monkeypatch: 
     assert sorted(read) == [f"run{number}.csv" for number in range(1, 6)]
 
 
+@pytest.mark.slow
 def test_a_log_whose_time_is_in_another_unit_is_told_beside_what_differs(place: Path) -> None:
     """Of a log at 5 kHz, whose stamps are milliseconds, the friction was 900 times that of siblings, and no more."""
     t = np.arange(20_000) / 5000.0
@@ -102,6 +105,7 @@ def test_a_log_whose_time_is_in_another_unit_is_told_beside_what_differs(place: 
     assert "the logs of B seem" in told
 
 
+@pytest.mark.slow
 def test_logs_that_share_rows_are_told(place: Path) -> None:
     """By a fleet and by the sums of a day, as `identify` tells it: parts of one recording that overlap."""
     rows = (place / "logs" / "run1.csv").read_text().splitlines(keepends=True)
@@ -127,6 +131,7 @@ def test_logs_that_share_rows_are_told(place: Path) -> None:
         assert len(told(reduced.remarks)) == count
 
 
+@pytest.mark.slow
 def test_what_a_folder_holds_beside_logs_is_told(place: Path) -> None:
     (place / "logs" / "run9.csv.7z").write_bytes(b"7z")
     [row] = fleet_of(place, logs=["logs"]).rows

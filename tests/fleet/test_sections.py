@@ -81,6 +81,7 @@ def reduced(log: Path, reduction: Any) -> ReducedGroup:
     return group
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [pytest.param("csv", marks=pytest.mark.slow), "parquet"])
 def test_sections_are_the_same_numbers_elsewhere(
     frame: pl.DataFrame, kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

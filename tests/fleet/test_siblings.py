@@ -283,6 +283,7 @@ class Compared:
         return compare_siblings(bases, covariances, causes, variations(model, causes), own=own)
 
 
+@pytest.mark.slow
 def test_a_torque_that_reads_too_little_is_named_as_such(tmp_path: Path) -> None:
     compared = Compared(tmp_path, 20)
     for fault, factor, name in (
@@ -296,6 +297,7 @@ def test_a_torque_that_reads_too_little_is_named_as_such(tmp_path: Path) -> None
         assert one.lower < factor - 1.0 < one.upper
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [0.5, 0.85, 1.2, 2.0])
 def test_a_torque_of_half_or_twice_the_scale_is_told_as_such(factor: float, tmp_path: Path) -> None:
     """Not as 0, 0.825, 1.17 and 1.5 times that of its siblings, as a part of what the robot itself shows would be."""
@@ -305,6 +307,7 @@ def test_a_torque_of_half_or_twice_the_scale_is_told_as_such(factor: float, tmp_
     assert one.amplitude == pytest.approx(factor - 1.0, abs=0.03)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("fault", "size", "name"),
     [
@@ -325,6 +328,7 @@ def test_the_likeliest_cause_is_named_and_no_other(fault: str, size: float, name
             assert one.lower < size - 1.0 < one.upper
 
 
+@pytest.mark.slow
 def test_a_torque_of_the_other_sign_is_told_as_such(tmp_path: Path) -> None:
     compared = Compared(tmp_path, 10)
     for joint in (1, 2, 3):
@@ -365,6 +369,7 @@ def test_what_a_robot_that_differs_has_is_not_drawn_towards_its_siblings() -> No
     assert slope == pytest.approx(0.5, abs=0.2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.3, 1.0, 3.0])
 def test_intervals_of_what_is_drawn_towards_few_siblings_hold_the_truth(noise: float) -> None:
     """Of 95 %; where one number stood for what siblings vary by, 87, 69 and 57 % of them did."""

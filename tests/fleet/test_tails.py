@@ -71,6 +71,7 @@ def test_only_what_siblings_vary_by_has_tails() -> None:
     assert whole < 0.2 < both
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 10**6), heavy=st.booleans(), size=st.floats(FAR, 1e9))
 def test_robots_that_are_far_out_say_nothing_of_the_tails(seed: int, heavy: bool, size: float) -> None:
     """Where a robot that is far out stands makes no difference: as far as the limit, or a million times as far."""

@@ -72,6 +72,7 @@ def test_identify_tells_all_whatever_reads_first(place: Path, options: dict[str,
     require_all_told(raised.value)
 
 
+@pytest.mark.slow
 def test_reduce_and_validate_tell_all(place: Path) -> None:
     result = sy.identify(place / "robot.toml", str(place / "logs" / "run1.csv"))
     result.estimate.save(place / "estimate.json")
@@ -93,6 +94,7 @@ def test_one_log_is_refused_as_ever(place: Path) -> None:
         assert raised.value.lines == (str(raised.value),)
 
 
+@pytest.mark.slow
 def test_what_was_read_is_kept_and_read_no_more(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (place / "robot.toml").write_text((place / "robot.toml").read_text() + "velocity_threshold = 0.0\n")
     undisturbed = sy.identify(place / "robot.toml", str(place / "logs"), reduction=LogReduction())

@@ -80,6 +80,7 @@ def default_cache(environment):
     return run.stdout.strip()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="permissions and homes are those of POSIX")
 def test_where_the_default_cache_is(tmp_path):
     home = {"HOME": str(tmp_path)}

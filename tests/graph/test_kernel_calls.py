@@ -275,6 +275,7 @@ def test_the_result_of_a_single_sample_is_not_overwritten(kernel):
     np.testing.assert_allclose(first, expected(motion)[0], rtol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [1, 3, 13])
 def test_a_bound_call_follows_what_stands_in_its_arrays_and_keeps_them(count):
     kernel = Kernel(pendulum(), cache=NO_CACHE)

@@ -42,6 +42,7 @@ def ur5(tmp_path_factory):
     return folder, arm
 
 
+@pytest.mark.slow
 def test_a_payload_shows_in_the_last_link_and_in_nothing_else(ur5):
     folder, arm = ur5
     found = compare_estimates([folder / "one.json", folder / "loaded.json"], robot=folder / "robot.toml")

@@ -123,6 +123,7 @@ def test_rotors_that_are_not_stated_do_not_decide_the_filter(place):
     assert rows["Lyy2"].lower < 0.03 + TRUE_MASS[1] * TRUE_COM[1] ** 2 < rows["Lyy2"].upper
 
 
+@pytest.mark.slow
 def test_stated_terms_are_taken_as_stated(place, found):
     described = '[description]\nurdf = "arm.urdf"\n'
     kinds = ("viscous", "coulomb", "offset", "rotor_inertia")

@@ -170,6 +170,7 @@ BY_THE_MODEL = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "fault", [fault if fault == "degrees" else pytest.param(fault, marks=pytest.mark.slow) for fault in BY_THE_MODEL]
 )
@@ -185,6 +186,7 @@ def test_a_planted_fault_is_found_by_the_model_and_the_line_mends_it(fault, arm,
         assert error(robot, log) < (0.03 if "mN" in fault else 0.7 * error(arm[0], log))
 
 
+@pytest.mark.slow
 def test_a_sound_log_has_no_finding(arm, tmp_path):
     log = written(arm[2], tmp_path / "log.csv")
     alone, with_robot = examine(log), examine(log, arm[0])
@@ -201,6 +203,7 @@ def test_a_sound_log_has_no_finding(arm, tmp_path):
         assert noise == pytest.approx(0.02 * arm[2]["tau"][:, j].std(), rel=0.1)
 
 
+@pytest.mark.slow
 def test_faults_are_all_found_at_once_the_most_harmful_first(arm, tmp_path):
     log = clipped(with_holes(arm[2]))
     path = written({**log, "t": 1e3 * T}, tmp_path / "log.csv")
@@ -218,6 +221,7 @@ def test_what_the_robot_file_deals_with_is_no_finding(arm, tmp_path):
     assert examine(log, own).findings == ()
 
 
+@pytest.mark.slow
 def test_a_joint_that_stands_still_is_locked(arm, simulation, tmp_path):
     """The line changes the description, so that it is tried in a file."""
     _, model, _ = arm
@@ -324,6 +328,7 @@ def test_coarse_encoders_and_loud_torques_are_told(arm, tmp_path):
     assert {one.kind for one in loud.findings} == {"torque noise"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rows", [1500, pytest.param(5000, marks=pytest.mark.slow)])
 def test_a_motion_that_shows_little_is_told_with_the_weak_parameters(rows, arm, simulation, tmp_path):
     """All joints move alike, by little: a short log is overfitted, and much is not determined by either."""
@@ -524,6 +529,7 @@ def polar(folder, limits, rotor=0.0):
     return path, q, torque + 0.01 * torque.std(axis=0) * np.random.default_rng(5).normal(size=q.shape)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("limits", [True, pytest.param(False, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     "units", [("deg", "mm"), *(pytest.param(units, marks=pytest.mark.slow) for units in (("deg", "m"), ("rad", "mm")))]
@@ -555,6 +561,7 @@ def test_one_unit_for_all_is_that_of_its_kind_of_joint(tmp_path):
     assert masses == [pytest.approx(2.0, rel=0.02)]
 
 
+@pytest.mark.slow
 def test_gaps_are_neither_noise_nor_speed(arm, tmp_path):
     path, _, log = arm
     sound = examine(written(log, tmp_path / "sound.csv"), path)
@@ -574,6 +581,7 @@ def test_stamps_that_are_all_the_same_do_not_go_back(arm, tmp_path):
     assert "more digits" in finding.advice
 
 
+@pytest.mark.slow
 def test_rotors_that_identify_takes_in_unasked_are_no_fault(tmp_path):
     """A log of any arm with gears was faulty beside its bare description, for which the answer was right."""
     path, q, torque = polar(tmp_path, limits=True, rotor=3.0)
@@ -587,6 +595,7 @@ def test_rotors_that_identify_takes_in_unasked_are_no_fault(tmp_path):
     assert "lacks the inertia of the rotors" in examine(log, robot).findings[0].statement
 
 
+@pytest.mark.slow
 def test_a_joint_without_a_torque_that_moves_is_not_to_be_held_still(tmp_path):
     """The log was said to say nothing of it, and with it held the other joints were weighed wrongly."""
     path, q, torque = polar(tmp_path, limits=True)
@@ -630,6 +639,7 @@ def picks_and_places(folder):
     return path, {"t": T, "q": np.round(q, 6), "tau": torque}
 
 
+@pytest.mark.slow
 def test_joints_that_wait_between_their_moves_are_no_fault_where_their_rows_are_left_out(tmp_path):
     """Each log of picks and places was faulty, and `doctor` ended with 1."""
     path, log = picks_and_places(tmp_path)
@@ -640,6 +650,7 @@ def test_joints_that_wait_between_their_moves_are_no_fault_where_their_rows_are_
     assert [one.kind for one in examine(tmp_path / "log.csv", robot).findings] == ["stiction"]
 
 
+@pytest.mark.slow
 def test_late_torques_of_picks_and_places_are_told(tmp_path):
     """The search for mistakes found them, the least residual was unsure, and what `identify` goes by was not asked."""
     path, log = picks_and_places(tmp_path)

@@ -114,14 +114,14 @@ def robot(tmp_path_factory):
 @pytest.mark.parametrize(
     ("cause", "says"),
     [
-        ("payload", 'links = ["l4"]'),
+        pytest.param("payload", 'links = ["l4"]', marks=pytest.mark.slow),
         ("rotors", 'kind = "rotor_inertia"'),
-        ("drift", "the zero of j2 in"),
-        ("delay", "delay = "),
-        ("gravity", "gravity = ["),
-        ("friction", "--friction auto"),
-        ("ripple", "--friction auto"),
-        ("oscillation", "torque_cutoff = "),
+        pytest.param("drift", "the zero of j2 in", marks=pytest.mark.slow),
+        pytest.param("delay", "delay = ", marks=pytest.mark.slow),
+        pytest.param("gravity", "gravity = [", marks=pytest.mark.slow),
+        pytest.param("friction", "--friction auto", marks=pytest.mark.slow),
+        pytest.param("ripple", "--friction auto", marks=pytest.mark.slow),
+        pytest.param("oscillation", "torque_cutoff = ", marks=pytest.mark.slow),
         ("sensor", "torques of j2 are right"),
     ],
 )
@@ -130,6 +130,7 @@ def test_what_was_planted_comes_first(robot, cause, says):
     assert says in f"{first.action}\n{first.code}"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("lasting", [0.0, 0.03, 0.1])
 def test_a_sound_robot_is_accused_of_nothing(robot, seed, lasting):
@@ -140,6 +141,7 @@ def test_a_sound_robot_is_accused_of_nothing(robot, seed, lasting):
     assert not [one for one in actions if not one.startswith(("State what", "Record a", "Try the model", "Use it"))]
 
 
+@pytest.mark.slow
 def test_an_oscillation_that_is_filtered_out_leaves_what_was_said(robot):
     """And the filtered torques, which are sound, are accused of no other mistake."""
     log = recorded("oscillation")
@@ -155,6 +157,7 @@ def test_an_oscillation_that_is_filtered_out_leaves_what_was_said(robot):
     assert mended.prediction.is_usable
 
 
+@pytest.mark.slow
 def test_a_drift_that_is_taken_off_leaves_what_was_said(robot):
     log = recorded("drift")
     result = sy.identify(robot, log)
@@ -169,6 +172,7 @@ def test_a_drift_that_is_taken_off_leaves_what_was_said(robot):
     assert least < 0.7 * result.prediction.relative_error
 
 
+@pytest.mark.slow
 def test_a_delay_that_is_mended_leaves_what_was_said(robot):
     log = recorded("delay")
     result = sy.identify(robot, log)
@@ -179,6 +183,7 @@ def test_a_delay_that_is_mended_leaves_what_was_said(robot):
     assert late.error_after < 0.3 * late.error_before
 
 
+@pytest.mark.slow
 def test_a_doubtful_delay_comes_behind_friction_that_makes_most_of_the_error(robot):
     """What a model lacks looks like a delay of some ms; in z1 with such friction one of 7.2 ± 3 ms was found."""
     late = Hypothesis(
@@ -200,6 +205,7 @@ def test_a_doubtful_delay_comes_behind_friction_that_makes_most_of_the_error(rob
         assert "delay" in sure[0].code
 
 
+@pytest.mark.slow
 def test_of_a_robot_of_one_joint_no_other_is_predicted_better():
     """A pendulum whose torque sensor errs by something that lasts, as large as what its torque varies by."""
     robot = sy.Robot.from_dh([("0", 0.0, 0.0, "q")], gravity=(0.0, -GRAVITY, 0.0)).with_terms(sy.Viscous(), sy.Offset())
@@ -231,6 +237,7 @@ def test_a_payload_in_one_log_is_no_lack_of_motion(robot, held_out):
     assert [line.split()[1] for line in step.code.splitlines()] == ["identify", "identify", "compare"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("held_out", [False, True])
 def test_logs_of_one_robot_do_not_differ(robot, seed, held_out):
@@ -251,6 +258,7 @@ def cylinder(q, force=100.0, fixed=0.8, moving=0.15, aligned=0.2):
     return force * fixed * moving * np.sin(q - aligned) / length
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
 def test_a_counterbalance_that_the_model_lacks_is_named(monkeypatch, tmp_path, seed):
     """Pinocchio says what the links weigh, NumPy what a cylinder does; with it stated the links weigh what they do.
@@ -296,6 +304,7 @@ HEAVY_LINKS = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.6, pytest.param(0.0, marks=pytest.mark.slow)])
 def test_a_counterbalance_that_turns_the_weight_of_a_link_round_is_named(monkeypatch, tmp_path, share):
     """It carries some of the weight of joint 2. No mass came out far from the described one, and nothing was said."""
@@ -321,6 +330,7 @@ def test_a_counterbalance_that_turns_the_weight_of_a_link_round_is_named(monkeyp
         assert "The weight of l2 comes out on the other side of the axis of j2 than it is known" in steps[0].reason
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cause", ["", "payload", "gravity", "oscillation", "drift"])
 def test_no_counterbalance_is_named_where_none_is(robot, cause):
     assert counterbalanced_joint(sy.identify(robot, recorded(cause, 3))) is None

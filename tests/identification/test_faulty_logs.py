@@ -77,6 +77,7 @@ def test_rest_at_the_ends_and_of_all_joints_is_no_stiction():
     assert replace(resting, q=q).diagnose().stiction.count.tolist() == [0, pytest.approx(1000, abs=5)]
 
 
+@pytest.mark.slow
 def test_what_rounding_leaves_of_a_log_without_noise_is_no_body(elbow, simulation):
     """Torques in mN·m: the squares that a body might explain are rounding, and less than zero."""
     path, model, folder = elbow

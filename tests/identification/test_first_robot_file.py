@@ -236,6 +236,7 @@ def test_joints_that_are_coupled_stand_as_matrices(tmp_path):
     assert section["torque_matrix"] == [[1, -1], [0, 1]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("own", [pytest.param(True, marks=pytest.mark.slow), False])
 def test_a_motor_that_turns_with_two_joints_is_a_term(tmp_path, own):
     """The motor of the elbow stands on the base and drags on both joints; the elbow itself rubs, or does not."""
@@ -252,6 +253,7 @@ def test_a_motor_that_turns_with_two_joints_is_a_term(tmp_path, own):
     assert sy.identify(file.path, log).estimate.relative_error < 0.03
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factors", [(1.7, 1.0), pytest.param((1.0, 1.7), marks=pytest.mark.slow)])
 def test_a_wrong_factor_that_rotors_hide_is_told_beside_them(tmp_path, factors):
     path = description(tmp_path)
@@ -262,6 +264,7 @@ def test_a_wrong_factor_that_rotors_hide_is_told_beside_them(tmp_path, factors):
     np.testing.assert_allclose(content["log"]["gain"], factors, rtol=0.01)
 
 
+@pytest.mark.slow
 def test_where_either_joint_may_have_the_wrong_factor_both_are_told(tmp_path):
     path = description(tmp_path)
     torque = torques(path, rotor=0.5) / [0.6, 1.0]  # or, for all that two joints tell, the other one's 1 / 0.6

@@ -251,6 +251,7 @@ def test_pandas_without_pyarrow(files, monkeypatch):
     np.testing.assert_array_equal(found.q, by_matrices(log)["q"])
 
 
+@pytest.mark.slow
 def test_what_save_writes_is_what_the_command_writes(files, tmp_path):
     path, log, other, result = files
     result.save(tmp_path / "library")

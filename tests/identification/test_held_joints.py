@@ -107,6 +107,7 @@ def test_a_joint_at_rest_spoils_nothing(tmp_path, kind):
     assert result.information.condition_number == np.inf
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("excluded", [*(pytest.param([one], marks=pytest.mark.slow) for one in (1, 3)), [5, 6]])
 def test_parameters_of_excluded_joints_are_zero(tmp_path, excluded):
     path = robot_file(tmp_path, exclude_joints=excluded)

@@ -123,6 +123,7 @@ def test_torques_of_the_wrong_sign_are_said(elbow, simulation):
     assert result.verdict.status == "infeasible"
 
 
+@pytest.mark.slow
 def test_constraints_of_the_robot_file_hold(elbow, simulation):
     path, model, folder = elbow
     log = simulation.record(model, folder / "log.csv", seed=8)
@@ -156,6 +157,7 @@ def test_same_inputs_same_answer(elbow, simulation):
     assert a.estimate.to_dict() == b.estimate.to_dict()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("removed", [False, True])
 def test_a_log_that_is_written_while_it_is_read_is_refused(elbow, simulation, removed):
     path, model, folder = elbow

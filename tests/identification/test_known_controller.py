@@ -230,6 +230,7 @@ def test_patterns_that_are_left_unread_are_checked():
         LogColumns.from_dict({"unread": 3})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("factor", "told"), [(1.0, ""), (1.05, ""), (1.3, "30%"), (0.5, "50%")])
 def test_gains_that_are_not_those_of_the_robot_are_told(folder, factor, told):
     """The law is linear in its gains, so that its commands for the motion of the log are off by the same factor."""

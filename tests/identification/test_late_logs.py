@@ -40,6 +40,7 @@ def missed(result):
     return len(told), sum(not row.lower <= truth[row.name] <= row.upper for row in told)
 
 
+@pytest.mark.slow
 def test_a_sound_log_is_not_told_to_be_late(sound):
     assert sound.mistakes == {}
     assert "delay" not in " ".join(sound.remarks)

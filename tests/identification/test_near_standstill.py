@@ -156,6 +156,7 @@ def test_nothing_is_told_of_joints_that_stand_still_or_rows_without_batch_means(
     assert standstill_errors(model, info, plain, [], plain.base) is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("estimator", ["fit", "maximum_likelihood", "momentum"])
 def test_the_answer_says_so_and_calls_fewer_numbers_measured(model, truth, estimator):
     def answer(breakaway):
@@ -171,6 +172,7 @@ def test_the_answer_says_so_and_calls_fewer_numbers_measured(model, truth, estim
         assert row.upper - row.lower > 1.5 * (sound[row.name].upper - sound[row.name].lower)
 
 
+@pytest.mark.slow
 def test_instrumental_variables_say_so_too(model, truth, tmp_path):
     """Their rows are single samples, too; here the motion itself, smooth as it is, is the instrument."""
     (tmp_path / "robot.toml").write_text(

@@ -15,6 +15,7 @@ def overlaps(path: Path, logs: list[Path], **options: object) -> list[str]:
     return [remark for remark in remarks if "are rows of" in remark]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("periods", [1.0, pytest.param(30.0, marks=pytest.mark.slow)])  # all rows are kept, or extremes
 @pytest.mark.parametrize("role", ["fit", pytest.param("validation", marks=pytest.mark.slow)])
 def test_shared_rows_are_told(elbow, simulation, role, periods):

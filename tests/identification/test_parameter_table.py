@@ -135,6 +135,7 @@ def test_what_the_prior_draws_out_of_its_interval_is_not_measured(found) -> None
     assert np.mean([table[name].lower <= one <= table[name].upper for name, one in truth.items()]) >= 0.93
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(8))
 def test_no_value_is_silently_outside_its_interval(seed) -> None:
     """Whatever the prior says, and however much it counts, short logs of random arms too."""
@@ -437,6 +438,7 @@ def test_rows_and_links_are_printed_in_a_line():
     assert repr(link) == "LinkRows('link3': 1.102 kg at (1.1, -0.25, 1.1) m)"
 
 
+@pytest.mark.slow
 def test_laws_of_other_joints_are_no_numbers_of_a_joint() -> None:
     """Stribeck's friction acts at the second of two joints: the first has no number of it, and no further one."""
     laws = ByJoint([Stribeck(velocity=0.2, joints=[2]), Coulomb(), Viscous()])
@@ -449,6 +451,7 @@ def test_laws_of_other_joints_are_no_numbers_of_a_joint() -> None:
     assert {name for name in named if name.startswith("F")} == {"Fcj1", "Fvj1", "Fcj2", "Fsj2", "Fvj2"}
 
 
+@pytest.mark.slow
 def test_what_states_that_friction_dissipates_is_no_number_of_a_joint() -> None:
     """A polynomial of degree 3 has three numbers; the elements of the matrices of its condition are none of them."""
     robot = sy.Robot.from_dh([(0, 0.5, 0, "q")], gravity=(0, -9.81, 0)).with_terms(PolynomialFriction([0, 1, 2, 3]))

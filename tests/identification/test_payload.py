@@ -61,6 +61,7 @@ def test_the_command_tells_the_payload(logs, run, tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["payload.json"]
 
 
+@pytest.mark.slow
 def test_nothing_carried_is_said_first(logs, run, tmp_path):
     folder, _, _ = logs
     files = (folder / "robot.toml", folder / "unloaded.csv", folder / "again.csv")
@@ -72,6 +73,7 @@ def test_nothing_carried_is_said_first(logs, run, tmp_path):
     assert "is a folder" in err
 
 
+@pytest.mark.slow
 def test_a_log_that_is_given_twice_is_told(logs):
     folder, truth, _ = logs
     found = identify_payload(folder / "robot.toml", folder / "loaded.csv", [folder / "unloaded.csv"] * 2)
@@ -93,6 +95,7 @@ def test_a_payload_that_is_mounted_elsewhere_is_told(logs):
     assert not [remark for remark in right.remarks if "mounted elsewhere" in remark]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("changed", ["unit", "order"])
 def test_logs_that_a_payload_does_not_explain_are_doubted(logs, tmp_path, changed):
     folder, _, _ = logs
@@ -105,6 +108,7 @@ def test_logs_that_a_payload_does_not_explain_are_doubted(logs, tmp_path, change
     assert not [remark for remark in right.remarks if "More than a payload" in remark]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("role", ["loaded", pytest.param("unloaded", marks=pytest.mark.slow)])
 def test_a_log_that_is_loaded_in_one_part_only_is_told(logs, run, tmp_path, role):
     """Of 2.5 kg that are held from the middle on a mass comes out that neither part has; nothing said so."""
@@ -127,6 +131,7 @@ def test_a_log_that_is_loaded_in_one_part_only_is_told(logs, run, tmp_path, role
     assert re.search(rf"recorded {'after' if role == 'loaded' else 'before'} [\d.]+ s alone\.$", told)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("geared", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_rotors_of_which_nobody_speaks_are_taken_in_where_the_logs_show_them(logs, tmp_path, geared):
     """As `identify` does: without them, the interval of the mass was four times as wide."""

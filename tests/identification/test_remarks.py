@@ -72,6 +72,7 @@ def test_a_sound_log_is_not_remarked_on(arm, tmp_path, chunk_rows):
     assert remarks(arm, tmp_path, arm[2], chunk_rows) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bits", [12, 20])
 def test_counts_of_encoders_are_refused_and_the_lines_that_are_named_mend_it(arm, simulation, tmp_path, bits):
     path, _, log = arm
@@ -110,6 +111,7 @@ LIMITED = CHAIN.replace("continuous", "revolute").replace(
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("described", [CHAIN, LIMITED], ids=["continuous", "limited"])
 @pytest.mark.parametrize("turn", [36_000, 360_000, 1_000_000, 2**31], ids=str)
 def test_positions_in_a_unit_of_their_own_are_refused_and_the_line_that_is_named_mends_it(
@@ -342,6 +344,7 @@ def test_a_tool_that_the_description_leaves_out_is_asked_for():
     assert not said(body, body)
 
 
+@pytest.mark.slow
 def test_numbers_of_a_joint_that_is_not_predicted_rest_on_a_model_that_is_wrong(arm, simulation):
     """The drag of joint 3 grows with the cube of its speed, for which the model has viscous friction alone."""
     path, model, log = arm
@@ -397,6 +400,7 @@ def test_errors_that_print_alike_are_not_said_to_differ(before, said):
     assert told.endswith(said)
 
 
+@pytest.mark.slow
 def test_a_body_that_is_picked_up_within_a_log_is_told_before_all_else(arm, simulation, tmp_path):
     path, model, log = arm
     t, q, dq, ddq = simulation.trajectory(11).sample(RATE, 1.2)

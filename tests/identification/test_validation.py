@@ -59,6 +59,7 @@ def test_errors_are_those_of_the_samples(logs):
     assert any("No run.json stands beside" in remark for remark in found.remarks)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("moves", [True, False])
 def test_a_joint_that_is_locked_in_the_robot_file_and_moves_in_the_log_is_told(logs, run, tmp_path, moves):
     folder, arm = logs

@@ -53,6 +53,7 @@ def samples_of(motion, factor=1.0, tool=None, weight=1.0):
     return sy.Samples(q=q, dq=dq, ddq=ddq, torque=factor * torque, t=t)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "factor", [pytest.param(0.01, marks=pytest.mark.slow), pytest.param(0.3, marks=pytest.mark.slow), 5.0]
 )
@@ -102,6 +103,7 @@ def test_a_joint_that_reports_no_torque_says_nothing(motion, constant):
     assert found.left_by_tool == pytest.approx(without.left_by_tool, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_a_tool_is_no_scale(motion):
     found = links(motion, tool=TOOL)
     assert found.gravity.min() > 2.0
@@ -158,6 +160,7 @@ def recorded(motion, folder, longer, rate=200.0):
     return folder / "log.npz"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("measured", [False, True])
 def test_velocities_that_were_measured_tell_a_light_description_from_wrong_times(motion, tmp_path, measured):
     """Moments of inertia that the description has too small take torques as accelerations do: the stamps are right."""
@@ -193,6 +196,7 @@ def test_a_rate_that_is_stated_is_mended(motion, tmp_path):
     assert sy.identify(robot_of(CAD), [log], columns=sy.LogColumns(rate=200.0)).scale is None
 
 
+@pytest.mark.slow
 def test_without_gravity_torques_or_times_may_have_the_wrong_size(motion):
     """A SCARA: every axis is vertical."""
     rows = [("0", 0.4, 0.3, "q"), (0, 0.35, 0, "q")]

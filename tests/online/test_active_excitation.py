@@ -136,6 +136,7 @@ def test_a_plan_that_begins_near_a_limit_of_position_keeps_it(
     assert np.abs(plan.motion(np.linspace(0.0, plan.duration, 2001))[0]).max() <= 2.0
 
 
+@pytest.mark.slow
 def test_a_joint_that_is_stopped_near_a_limit_of_position_keeps_it(model: sy.Model) -> None:
     """At 0.04 rad/s and 0.12 mm before it: a stop of 0.2 s, as others have, goes on for 4 mm."""
     excitation, k = ActiveExcitation(model, LIMITS), 0
@@ -209,6 +210,7 @@ def test_wrists_of_ten_times_the_credible_inertia_keep_their_limits(tmp_path) ->
     assert 5.0 < done.result.end_time <= 7.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("part", [1.0, 0.1, 0.03, pytest.param(30.0, marks=pytest.mark.slow)])
 def test_robots_far_lighter_or_heavier_than_assumed_are_caught(model: sy.Model, part: float) -> None:
     """With the whole feedback after 32 ms, one of a tenth of the masses passed its limit 1.2 times over, 0.03 nine."""
@@ -326,6 +328,7 @@ def test_arms_are_held_by_slower_loops(name: str) -> None:
     assert np.all(np.abs(result.dq[-100:]) <= 0.2 * limits.velocity)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("part", "sample_time", "bits"), [(10.0, 0.001, 12), (30.0, 0.004, 17)])
 def test_heavy_arms_are_caught_by_coarse_encoders_and_slow_loops(part: float, sample_time: float, bits: int) -> None:
     """Jumps of the velocity hid that joints ran away, and shares that grew 16 times at once swung: 2.2 and 9 limits."""

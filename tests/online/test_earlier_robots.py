@@ -43,6 +43,7 @@ def test_what_is_known_of_the_bare_arm_grows_with_each_time_that_something_is_pu
     assert "the estimate goes on from what was known of it" in sentences[0]
 
 
+@pytest.mark.slow
 def test_what_counts_when_it_is_back_are_the_rows_of_the_bare_arm(model: sy.Model) -> None:
     """Less the second before each change was noticed, to a stretch."""
     work = Work(model, [(10.0, 0.0), (4.0, 1.0), (6.0, 0.0)])
@@ -59,6 +60,7 @@ def test_what_counts_when_it_is_back_are_the_rows_of_the_bare_arm(model: sy.Mode
         np.testing.assert_allclose(sums, wanted, atol=1e-9 * np.abs(wanted).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rate", [125, 250])
 def test_rows_of_a_push_do_not_count_at_other_rates(model: sy.Model, rate: int) -> None:
     """A second is longer than twenty stretches of 0.05 s there, which are rounded to whole samples."""
@@ -73,6 +75,7 @@ def test_rows_of_a_push_do_not_count_at_other_rates(model: sy.Model, rate: int) 
     )
 
 
+@pytest.mark.slow
 def test_a_payload_that_is_picked_up_again_is_known_again(model: sy.Model) -> None:
     work = Work(model, [(8.0, 0.0), (8.0, 1.0), (8.0, 0.0), (8.0, 1.0)])
     estimator = sy.OnlineEstimator(model, rate=RATE, detect_changes=True)
@@ -120,6 +123,7 @@ def test_slow_motion_that_hides_a_payload_does_not_tell_that_it_was_put_down() -
         assert estimator.robot == 1
 
 
+@pytest.mark.slow
 def test_an_arm_that_rests_when_it_has_put_something_down_is_known_when_it_moves_again(model: sy.Model) -> None:
     work = Work(model, [(8.0, 0.0), (4.0, 1.0), (14.0, 0.0)], rest=(12.5, 21.0))
     estimator = sy.OnlineEstimator(model, rate=RATE, detect_changes=True)
@@ -139,6 +143,7 @@ def test_another_payload_is_another_robot_and_the_first_one_is_never_forgotten(m
     assert deviations(estimator, unstated_parameters(0.0)).max() < 4.0
 
 
+@pytest.mark.slow
 def test_a_robot_of_which_little_is_known_is_not_taken_for_the_one_that_is_there(model: sy.Model) -> None:
     """Its data allow nearly any torque, so that nearly any robot agrees with them."""
     work = Work(model, [(8.0, 0.0), (2.6, 1.0), (6.0, 0.5)])
@@ -147,6 +152,7 @@ def test_a_robot_of_which_little_is_known_is_not_taken_for_the_one_that_is_there
     assert [change.robots[1] for change in estimator.changes] == [1, 2]
 
 
+@pytest.mark.slow
 def test_a_robot_of_which_nothing_is_known_is_not_kept(model: sy.Model) -> None:
     """No torques came from the change on; then the robot shook."""
     work = Work(model, [(8.0, 0.0), (6.0, 1.0)])
@@ -162,6 +168,7 @@ def test_a_robot_of_which_nothing_is_known_is_not_kept(model: sy.Model) -> None:
     assert estimator.first_robot.count > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_earlier_robots_go_on_after_a_night(model: sy.Model, tmp_path: Path, seed: int) -> None:
     """At any time, also within the second in which one is known again: files are the same to the last byte."""
@@ -172,6 +179,7 @@ def test_earlier_robots_go_on_after_a_night(model: sy.Model, tmp_path: Path, see
     assert {change.robots[1] for change in stopped.changes[1::2]} == {0}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("saved", [9.9, 10.3, 13.3])
 def test_what_goes_on_with_other_conditions_changes_and_comes_back_as_well(
     model: sy.Model, tmp_path: Path, saved: float

@@ -17,6 +17,7 @@ def model() -> sy.Model:
     return unstated_arm()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("when", [0.7, 2.0, 3.5])
 def test_what_is_picked_up_before_the_robot_is_known_is_noticed_and_weighed(model: sy.Model, when: float) -> None:
     """Taken for one robot, the intervals held the truth of neither, and nothing was said."""
@@ -42,6 +43,7 @@ def test_what_is_picked_up_before_the_robot_is_known_is_noticed_and_weighed(mode
     assert 1.5 in told["mass"]
 
 
+@pytest.mark.slow
 def test_a_robot_that_stays_as_it_is_is_known_to_be_one(model: sy.Model) -> None:
     work = Work(model, [(12.0, 0.0)])
     estimator, other = (sy.OnlineEstimator(model, rate=RATE, detect_changes=detect) for detect in (True, False))
@@ -58,6 +60,7 @@ def test_a_robot_that_stays_as_it_is_is_known_to_be_one(model: sy.Model) -> None
         np.testing.assert_allclose(sums, wanted, atol=1e-9 * np.abs(wanted).max())
 
 
+@pytest.mark.slow
 def test_what_is_left_of_more_changes_than_one_is_not_taken_for_one_robot(model: sy.Model) -> None:
     """The arm carried half of it, nothing, and then all of it: the payload's interval lay beside the truth."""
     work = Work(model, [(1.0, 0.5), (1.5, 0.0), (9.0, 1.0)])
@@ -72,6 +75,7 @@ def test_what_is_left_of_more_changes_than_one_is_not_taken_for_one_robot(model:
     assert "and nothing is known of the robot before" in estimator.remarks[-1]
 
 
+@pytest.mark.slow
 def test_a_push_at_the_beginning_does_not_keep_a_payload_from_being_weighed(model: sy.Model) -> None:
     """What is known of the arm alone is what came after the push."""
     work = Work(model, [(12.0, 0.0), (6.0, 1.0)])
@@ -92,6 +96,7 @@ def test_a_push_at_the_beginning_does_not_keep_a_payload_from_being_weighed(mode
     assert told.mass == pytest.approx(1.5, rel=0.1)
 
 
+@pytest.mark.slow
 def test_of_a_robot_that_was_there_for_a_moment_nothing_is_told(model: sy.Model) -> None:
     """Any parameters explain it, those of samples with the payload, too."""
     work = Work(model, [(0.45, 0.0), (9.0, 1.0)])
@@ -102,6 +107,7 @@ def test_of_a_robot_that_was_there_for_a_moment_nothing_is_told(model: sy.Model)
     assert deviations(estimator, unstated_parameters(1.0)).max() < 4.0
 
 
+@pytest.mark.slow
 def test_what_is_hung_on_a_robot_that_never_moved_is_noticed_when_it_has() -> None:
     """Its gears have no friction, so that samples at rest count; they are of the robot alone."""
     model = sy.Model(sy.Robot.from_dh([("pi/2", 0, 0.3, "q"), (0, 0.5, 0, "q")]))
@@ -139,6 +145,7 @@ def watched(run: PickUp) -> sy.OnlineEstimator:
     return estimator
 
 
+@pytest.mark.slow
 def test_an_alarm_that_an_early_change_raises_late_is_no_change_of_that_time() -> None:
     """What was learned until then is of both robots; taken for the arm alone, it weighs 2 kg wrongly."""
     estimator = watched(simulated_pick_up(14, when=1.5, duration=6.0))

@@ -296,6 +296,7 @@ LIGHT = """<robot name="light"><link name="base"/>
 """A description that has a tenth of the masses that the robot has, and centres of mass elsewhere."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seconds", [pytest.param(np.inf, marks=pytest.mark.slow), 1e-3])
 def test_a_robot_unlike_its_description_has_answers_at_all_times(seconds: float, tmp_path: Path) -> None:
     """The search alone ends in corners, singular to rounding; where there is time, every answer is the best."""
@@ -371,6 +372,7 @@ def test_intervals_hold_the_truth(model: sy.Model, motion: tuple[Array, ...]) ->
     assert 100 <= np.sum(held) <= 119
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [{"forget": 1.0}, {"forget": 1.0, "window": 2.5}])
 def test_intervals_are_no_wider_than_what_is_forgotten_asks_for(
     model: sy.Model, motion: tuple[Array, ...], options: dict[str, float]
@@ -590,6 +592,7 @@ def heavier_from_13_s(
     return t, q, torque + 0.1 * np.random.default_rng(1).normal(size=q.shape)
 
 
+@pytest.mark.slow
 def test_an_answer_that_what_is_assumed_keeps_from_the_data_is_told() -> None:
     """Two slides of 20 and 10 kg whose kinematics have no length, so that their links are taken for light ones."""
     rows = [
@@ -642,6 +645,7 @@ def test_a_robot_that_picks_and_places_all_day_fills_no_memory(monkeypatch: pyte
     assert len(told) == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("forget", [None, 5.0])
 def test_a_motion_that_shows_more_is_no_change(model: sy.Model, forget: float | None) -> None:
     """20 s of slow motion tell little of inertias; the fast motion after it is that of the same robot."""

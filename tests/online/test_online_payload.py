@@ -104,6 +104,7 @@ def since(with_friction: sy.Model, friction: float, bodies: list[Array], seed: i
 NOTHING = np.zeros(10)
 
 
+@pytest.mark.slow
 def test_friction_that_grows_with_the_load_is_no_part_of_it(with_friction: sy.Model) -> None:
     found = [since(with_friction, 1.2, [NOTHING, NOTHING, HELD.parameters], seed) for seed in range(15)]
     true = dict(zip(("mass", "cx", "cy", "cz"), (HELD.mass, *HELD.com), strict=True))

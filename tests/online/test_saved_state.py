@@ -52,6 +52,7 @@ OPTIONS: tuple[dict[str, Any], ...] = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("derivatives", [0, 1, 2])
 @pytest.mark.parametrize(
     "options", [pytest.param(one, marks=[pytest.mark.slow] * ("detect_changes" in one)) for one in OPTIONS]
@@ -88,6 +89,7 @@ def test_who_stops_and_goes_on_ends_as_who_never_stopped(
     assert (told is None) == (stopped.change_count == 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("clock", [43200.0, 0.0])
 def test_what_was_learned_before_a_night_and_after_it_adds(model: sy.Model, tmp_path: Path, clock: float) -> None:
     """Each day has what an estimator of its own has; nothing is filtered or interpolated over the night."""
@@ -114,6 +116,7 @@ def test_what_was_learned_before_a_night_and_after_it_adds(model: sy.Model, tmp_
         assert np.median((high - low) / (upper - lower)) == pytest.approx(np.sqrt(0.5), rel=0.25)
 
 
+@pytest.mark.slow
 def test_a_tool_that_is_changed_overnight_is_noticed_and_weighed(tmp_path: Path) -> None:
     rows = [("pi/2", 0, 0.3, "q"), (0, 0.4, 0, "q"), ("pi/2", 0.3, 0, "q")]
     model = sy.Model(sy.Robot.from_dh(rows, name="arm"))
@@ -137,6 +140,7 @@ def test_a_tool_that_is_changed_overnight_is_noticed_and_weighed(tmp_path: Path)
     assert found.mass == pytest.approx(0.5, abs=0.02)
 
 
+@pytest.mark.slow
 def test_a_feasible_set_and_a_prior_are_given_again(model: sy.Model, tmp_path: Path) -> None:
     path = tmp_path / "arm.npz"
     light = sy.FeasibleSet(model, consistency="inertia", constraints=[sy.TotalMass(maximum=5.0)])

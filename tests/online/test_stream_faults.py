@@ -88,6 +88,7 @@ def test_one_joint_out_of_step_is_named(model: sy.Model) -> None:
     assert "joint1" not in told
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("joint", [0, 1, 2])
 def test_a_torque_of_the_wrong_sign_is_told_of_the_last_joint_too(model: sy.Model, joint: int) -> None:
     signs = np.where(np.arange(3) == joint, -1.0, 1.0)

@@ -96,6 +96,7 @@ def test_no_ns_of_a_bag_is_lost(kind: str, tmp_path: Path) -> None:
     expect(Recording.read(tmp_path / kind))
 
 
+@pytest.mark.slow
 def test_no_ns_of_what_is_in_memory_is_lost() -> None:
     pandas = pytest.importorskip("pandas")
     frames = [table(stamp=NS), table(stamp=NS.astype("datetime64[ns]")), table(stamp=ISO)]

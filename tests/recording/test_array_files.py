@@ -378,6 +378,7 @@ def table_in_pages(path: Path, writer: str, group: int, rows: int) -> None:
         )
 
 
+@pytest.mark.slow
 @needs_pyarrow
 @pytest.mark.parametrize("group", [130, 700, 5000])
 @pytest.mark.parametrize("writer", ["polars", "pyarrow"])

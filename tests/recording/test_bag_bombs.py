@@ -137,6 +137,10 @@ TAKES_LONG = {
     "alternating_bz2.bag",
     "chunks.mcap",
     "one_name",
+    "names.mcap",
+    "alternating_lz4.bag",
+    "header.bag",
+    "shared_pages.db3",
 }
 """What takes seconds to pack, or to read until it is refused."""
 

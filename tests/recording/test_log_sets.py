@@ -381,6 +381,7 @@ READERS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="only there it is known which process still uses a folder")
 @pytest.mark.parametrize("reader", READERS)
 def test_nothing_is_left_of_a_log_whose_reader_was_killed(reader: str, tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ ARM = sy.Robot.from_dh([("pi/2", 0, 0.3, "q"), (0, 0.4, 0, "q")], name="arm")
 LINKS = np.tile(sy.Inertia.from_com(2.0, [-0.1, 0.0, 0.0], 0.02 * np.eye(3)).parameters, 2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [0.1, 1.0, 10.0])
 def test_wild_readings_do_not_move_the_estimate(size: float, tmp_path: Path) -> None:
     """Five of 1 rad moved it by 10 standard errors, and by 10 rad the log was said to be too short."""

@@ -19,6 +19,7 @@ def page(identification: Identification) -> lxml.html.HtmlElement:
     return lxml.html.fromstring(report_html(identification))
 
 
+@pytest.mark.slow
 def test_prediction_of_joints_is_that_of_plain_numpy(
     page: lxml.html.HtmlElement, identification: Identification, reference: Reference
 ) -> None:

@@ -31,6 +31,7 @@ def many(identification):
     return replace(identification, predictions=tuple(predictions), logs=names, remarks=tuple(remarks)), errors
 
 
+@pytest.mark.slow
 def test_the_report_is_bounded(many, identification):
     result, errors = many
     text = report_html(result)

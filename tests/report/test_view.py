@@ -157,6 +157,7 @@ def test_results_are_shown_with_what_is_known(identification: Identification, tm
         load_viewed_robot(seen.file.path, seen.file.path)
 
 
+@pytest.mark.slow
 def test_results_find_their_robot_from_any_folder(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -210,6 +211,7 @@ def test_a_log_is_played_as_it_was_measured(identification: Identification, fold
     assert np.nanstd(inner[:, 1]) < 0.2  # and 0.1
 
 
+@pytest.mark.slow
 def test_friction_that_remembers_is_played_with_its_state(tmp_path: Path) -> None:
     """A log whose Dahl friction SciPy integrates, of a balanced disc in otherwise no gravity, by hand."""
     away, friction, inertia = 0.05, 2.0, 0.4

@@ -132,6 +132,7 @@ def test_files_that_include_each_other(tmp_path):
         Robot.from_sdf(tmp_path / "m0.sdf")
 
 
+@pytest.mark.slow
 def test_a_large_file_is_not_included_many_times(tmp_path):
     """A hundred times eight megabytes took minutes."""
     frames = "".join(f'<frame name="f{k}"/>' for k in range(20_000))

@@ -54,6 +54,7 @@ def test_an_arm_with_positive_feedback_ends(two_links, method):
         assert (np.asarray(result.end_time) < 20.0).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", QUICK[:5])
 @pytest.mark.parametrize("q0", [[1e-6], pytest.param([[1e-6], [2e-6]], marks=pytest.mark.slow)], ids=["one", "two"])
 def test_time_that_stands_still_ends_a_run(pendulum, method, q0):

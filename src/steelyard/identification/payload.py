@@ -27,17 +27,15 @@ from steelyard.feasibility.constraints.toml_section import read_placement
 from steelyard.files import TomlTable, suggestion, write_json
 from steelyard.recording.chunks import CHUNK_ROWS
 from steelyard.regression import Estimate, Information, least_squares
-from steelyard.regression.batch_means import BatchMeansTree
 from steelyard.regression.body_change import BodyChange
-from steelyard.regression.reduction import empty_factors
 from steelyard.regression.time_blocks import FOLDS, TimeBlocks
 from steelyard.robot import RobotFile
 from steelyard.robot.inertia import inertia_tensor
 
 from .default_terms import decide_rotors, model_of_estimate
 from .given import given_constraints, wider_model
-from .log_reader import LogReader, LogTask, one_by_one
-from .reduced_logs import change_in_log, copies_among, told_by_rows
+from .log_reader import LogReader
+from .reduced_logs import reduced_logs, told_by_rows
 from .saved import matching_estimate
 
 __all__ = [
@@ -53,7 +51,6 @@ PAYLOAD_FORMAT, GAINS_FORMAT = "steelyard-payload-1", "steelyard-drive-gains-1"
 KEYS = ("frame", "placement", "changes", "mass", "center_of_mass", "inertia")
 Given = str | Path | Sequence[str | Path] | Information
 """Logs of one kind: a path, several, or an Information that was made of them."""
-_POINTS = 100  # of each log that are kept, which nobody looks at here
 _SUSPECT, _BETTER = 1.5, 0.75
 """Error of the loaded log over that of the robot alone from which other places of the payload are tried, and share of
 it that the best of them leaves at most. A payload of 1.5 kg in the wrong hand of a Baxter leaves 8.4 % and not 1 %;
@@ -542,30 +539,21 @@ class _Logs:
 
     def _reduced(self, logs: Sequence[str], role: str) -> Information | None:
         """Reduce the logs of one kind together."""
-        model = self._wider or self.model
-        parts, means, blocks = [], BatchMeansTree(), TimeBlocks(empty_factors(model))
-        tasks = [LogTask(log, _POINTS, _POINTS, len(logs), True) for log in logs]
-        for (one,), own_means in one_by_one(self.reader, tasks, model, self.say):
-            self.reader.note(one)
-            own = TimeBlocks.of_held(blocks.empty, one.blocks)
-            change = change_in_log(model, own, one.drawn.samples)
-            if change is not None:
-                self._changes.append((one.name, role, change))
-            blocks.append(own)
-            means.add(own_means)
-            parts.append(one.information)
-            log = one.name
-            other, before = self._names.setdefault(told_by_rows(one.information), (log, role))
+        if not logs:
+            return None
+        found = reduced_logs(self.reader, logs, (), self._wider or self.model, None, self.say)
+        for log in found.logs:
+            other, before = self._names.setdefault(told_by_rows(log.information), (log.name, role))
             if before != role:
-                named = log if log == other else f"{other} and {log}"
+                named = log.name if log.name == other else f"{other} and {log.name}"
                 raise InputError(
                     f"{named}: the same rows are given without and with the payload, so that nothing tells it; give a "
                     "log of each."
                 )
-        given = [(log, "identification", part) for log, part in zip(logs, parts, strict=True)]
-        self.reader.remarks.extend(copies_among(given).values())
-        self._blocks[role] = blocks
-        return replace(Information.total(parts), batch_means=means.total()) if parts else None
+        self._changes.extend((log, role, change) for log, change in found.changes.items())
+        self._blocks[role] = found.blocks
+        self.reader.remarks.extend(found.drift_sentences)
+        return found.information
 
     @property
     def unloaded(self) -> Information | None:

@@ -575,11 +575,14 @@ class Robot:
         symbols = [*INERTIA_SYMBOLS, *(parameter.symbol for term in terms for parameter in term.parameters)]
         twice = next((symbol for symbol in symbols if symbols.count(symbol) > 1), None)
         if twice is not None:
-            kinds = [term.kind for term in terms if twice in [parameter.symbol for parameter in term.parameters]]
-            owners = f" ({' and '.join(kinds)})" if len(kinds) > 1 else ""
+            owners = ["the links"] if twice in INERTIA_SYMBOLS else []
+            owners += [
+                f"the term {one.kind}" for one in terms for parameter in one.parameters if parameter.symbol == twice
+            ]
             raise InputError(
-                f'robot "{self.name}": two terms{owners} have the parameter "{twice}"; give each term once, or rename '
-                "its symbol; terms that act at different joints may be the laws of one term of kind 'by_joint'"
+                f'robot "{self.name}": the parameter "{twice}" is one of {" and of ".join(owners)}; give each term '
+                "once, or rename its symbol; terms that act at different joints may be the laws of one term of kind "
+                "'by_joint'"
             )
         return replace(self, terms=terms)
 

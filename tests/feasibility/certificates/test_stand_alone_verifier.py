@@ -98,6 +98,7 @@ def certificates():
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [4, pytest.param(100, marks=pytest.mark.slow)])
 def test_both_accept_proofs_and_refuse_forgeries(certificates, tmp_path, count):
     random = np.random.default_rng(7)
