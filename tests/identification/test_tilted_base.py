@@ -48,3 +48,15 @@ def test_no_tilt_is_told_of_a_base_that_is_nearly_level(degrees):
     for seed in range(1, 5):
         arm, samples, information, unconstrained, _ = tilted(seed, degrees)
         assert tilted_base(arm.model, information, [samples], arm.truth, unconstrained) is None
+
+
+def test_a_part_of_many_rows_tells_the_same_tilt(monkeypatch):
+    arm, samples, information, unconstrained, _ = tilted(1, 8.0)
+    monkeypatch.setattr("steelyard.identification.tilted_base.MOST_ROWS", samples.count // 4 + 1)
+    found = tilted_base(arm.model, information, [samples], arm.truth, unconstrained)
+    assert found is not None
+    assert abs(found.angle - 8.0) < 3.0 * found.deviation
+    monkeypatch.undo()
+    every = tilted_base(arm.model, information, [samples], arm.truth, unconstrained)
+    assert every is not None
+    assert every.deviation < found.deviation

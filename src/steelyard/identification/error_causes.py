@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from steelyard.dynamics import Coulomb, Model, Offset, RotorInertia, Viscous
 from steelyard.dynamics.threads import in_one_thread
 from steelyard.estimators.friction_candidates import CANDIDATES, JointMotion
+from steelyard.once import cached_property
 from steelyard.recording import Samples
 from steelyard.regression.reduction import joint_rows, residuals_of_rows
 
@@ -132,7 +133,10 @@ def _found(identification: Identification) -> tuple[ErrorCause, ...] | None:
 
 
 class _Part(NamedTuple):
-    """Rows of one stretch of a log: products of all columns, joint by joint, and which stretch and log it is."""
+    """Rows of one stretch of a log: products of all columns, joint by joint, and which stretch and log it is.
+
+    Or of that stretch of several logs, whose log is -1.
+    """
 
     products: list[Array]
     counts: Array
@@ -212,7 +216,7 @@ class _Trial:
                 fallen = (others - self._squares(places, weights, ridge)) * of / np.maximum(others.sum(axis=0), 1e-300)
                 sure = fallen.sum(axis=0) > SURE * np.sqrt(FOLDS) * np.std(fallen, axis=0, ddof=1)
                 gains = np.where(sure & (fallen.sum(axis=0) > gains.sum(axis=0)), fallen, gains)
-            fitted = self._fit(self.parts, places, weights, RIDGES[0])[1]
+            fitted = self._fit(self._joined, places, weights, RIDGES[0])[1]
             if kind in self.names and kind != Offset.kind:
                 gains = np.where([own[0] > 0.0 for own in fitted], gains, 0.0)
             if kind.startswith(FRICTION):  # one form at a joint
@@ -224,6 +228,23 @@ class _Trial:
                 slopes = dict(zip(self.logs, told.T, strict=True))
             yield from _told(kind, *_shares(gains, whole), slopes=slopes)
         yield from _told(FRICTION, *_shares(friction, whole))
+
+    @cached_property
+    def _joined(self) -> list[_Part]:
+        """The stretches of all judged logs as those of one, and of the others: most fits are of all together."""
+        groups: dict[tuple[int, bool], list[_Part]] = {}
+        for part in self.parts:
+            groups.setdefault((part.fold, part.judged), []).append(part)
+        return [
+            _Part(
+                [np.sum(one, axis=0) for one in zip(*(part.products for part in group), strict=True)],
+                np.sum([part.counts for part in group], axis=0),
+                fold,
+                -1,
+                judged,
+            )
+            for (fold, judged), group in groups.items()
+        ]
 
     def _weights(self) -> Array:
         """1 over the mean square of what is left at each joint; weighted as the joints err."""
@@ -238,10 +259,11 @@ class _Trial:
         It changes with all logs together, or for each with its `own` rows alone.
         """
         squares = np.zeros((FOLDS, self.model.dof))
+        parts = self.parts if own else self._joined
         for k in range(FOLDS):
-            others = [one for one in self.parts if one.fold != k]
+            others = [one for one in parts if one.fold != k]
             together = None if own else self._fit(others, places, weights, ridge)
-            for part in self.parts:
+            for part in parts:
                 if part.fold != k or not part.judged:
                     continue
                 change, extra = together or self._fit(
@@ -329,13 +351,12 @@ def _friction(motion: JointMotion) -> dict[str, Array]:
 def _ripple(motion: JointMotion, left: Array) -> Array:
     """The ripple with position, among those that a selection of friction tries, that explains most of what is left."""
     ripples = next(one for one in CANDIDATES if one.kind == RIPPLE)
-    best, explained = np.zeros((len(left), 2)), 0.0
-    for columns in ripples.columns(motion, ripples.shapes(motion)):
-        factor = np.linalg.qr(columns)[0]
-        part = float(np.sum((factor.T @ left) ** 2))
-        if part > explained:
-            best, explained = columns, part
-    return best
+    shapes = ripples.shapes(motion)
+    if not shapes:
+        return np.zeros((len(left), 2))
+    columns = np.stack(ripples.columns(motion, shapes))
+    explained = np.sum((left @ np.linalg.qr(columns)[0]) ** 2, axis=1)
+    return np.asarray(columns[np.argmax(explained)])
 
 
 def _shares(gains: Array, whole: Array) -> tuple[Array, float, float]:
