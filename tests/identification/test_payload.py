@@ -82,6 +82,17 @@ def test_a_log_that_is_given_twice_is_told(logs):
 
 
 @pytest.mark.slow
+def test_rows_that_two_logs_share_are_told(logs, tmp_path):
+    folder, _, _ = logs
+    header, *rows = (folder / "unloaded.csv").read_text().splitlines()
+    for name, part in (("first", rows[: 2 * len(rows) // 3]), ("second", rows[len(rows) // 3 :])):
+        (tmp_path / f"{name}.csv").write_text("\n".join([header, *part]))
+    parts = [tmp_path / "first.csv", tmp_path / "second.csv"]
+    found = identify_payload(folder / "robot.toml", folder / "loaded.csv", parts)
+    assert any("are rows of" in remark and "count twice" in remark for remark in found.remarks)
+
+
+@pytest.mark.slow
 def test_a_payload_that_is_mounted_elsewhere_is_told(logs):
     """Wherever it is said to be, some body comes out, with intervals that know of no wrong place."""
     folder, _, _ = logs
