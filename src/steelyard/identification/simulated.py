@@ -29,7 +29,7 @@ from steelyard.simulation import (
 )
 
 from .default_terms import model_of_estimate
-from .saved import matching_estimate, parameters_of_description, terms_left_open
+from .saved import matching_estimate, parameters_of_description
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -262,7 +262,7 @@ def _notes_on_drives(torque: Array, drives: MotionLimits) -> tuple[str, ...]:
 def _parameters(model: Model, estimate: str | Path | None) -> tuple[Array, bool, str]:
     """Return parameters, whether they are base parameters, and whose they are."""
     if estimate is None:
-        open_terms = terms_left_open(model)
+        open_terms = model.terms_left_open
         zeros = f", with 0 for the terms that it does not state: {open_terms}" if open_terms else ""
         return parameters_of_description(model), False, f"the description (CAD){zeros}"
     loaded: Estimate = matching_estimate(model, estimate)
