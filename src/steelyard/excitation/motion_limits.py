@@ -18,7 +18,7 @@ from steelyard.robot import Robot
 
 from .trajectory import Trajectory
 
-__all__ = ["MotionLimits", "limits_from_file"]
+__all__ = ["MotionLimits", "described_limits", "limits_from_file"]
 
 Array = NDArray[np.float64]
 JOINT_FIELDS = ("lower", "upper", "velocity", "acceleration", "torque", "power")
@@ -112,7 +112,7 @@ class MotionLimits:
 
         The limits of a joint that mimics another one are limits of the joint that it mimics.
         """
-        return cls(tuple(robot.joint_names), **_described(robot))
+        return cls(tuple(robot.joint_names), **described_limits(robot))
 
     @classmethod
     def for_robot(
@@ -141,13 +141,19 @@ class MotionLimits:
                 f'{where} must be MotionLimits or a mapping such as {{"velocity": 1.0}}, got {shown(limits)}.'
             )
         # Limits of a description that no joint can move within may be replaced, and are not refused before.
-        names, own = tuple(robot.joint_names), _described(robot)
+        names, own = tuple(robot.joint_names), described_limits(robot)
         changes = _changes(names, own, limits, where)
         if changes.keys().isdisjoint(("lower", "upper")):
             cls.from_robot(robot)  # whose positions are refused as those of the description
         rows: dict[str, Any] = own | changes
         with _said_of(where):
             return cls(names, **rows)
+
+    @classmethod
+    def suffice(cls, robot: Robot) -> bool:
+        """Return whether a motion can be designed with the limits of the description alone."""
+        own = described_limits(robot)
+        return bool(np.all(own["lower"] < own["upper"])) and not cls.from_robot(robot).endless
 
     @classmethod
     def envelope(cls, trajectories: Sequence[Trajectory], joint_names: Sequence[str], rate: float) -> MotionLimits:
@@ -199,7 +205,7 @@ class MotionLimits:
         A number for all joints is wider for some of them than its author may think, as it is for a joint that others
         mimic: the limits of these are limits of the joint that drives them.
         """
-        own, wider = _described(robot), []
+        own, wider = described_limits(robot), []
         for name in JOINT_FIELDS:
             given, described = getattr(self, name), own[name]
             beyond = given < described if name == "lower" else given > described
@@ -256,8 +262,8 @@ class MotionLimits:
         return html_table("", ("joint", *JOINT_FIELDS), rows)
 
 
-def _described(robot: Robot) -> dict[str, Any]:
-    """Return the rows of limits (N,) that the description has."""
+def described_limits(robot: Robot) -> dict[str, Any]:
+    """Return the rows of limits (N,) that the description has, also such within which no joint can move."""
     count = robot.dof
     lower, upper = robot.position_limits
     velocity, torque = np.full(count, np.inf), np.full(count, np.inf)
