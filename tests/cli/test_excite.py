@@ -7,6 +7,8 @@ import pytest
 
 import steelyard as sy
 
+from .conftest import URDF
+
 QUICK = ("--period", 4, "--harmonics", 2, "--starts", 1)
 
 
@@ -18,6 +20,7 @@ def test_a_robot_file_is_enough(run, place):
     ]  # fmt: skip
     assert "every limit above is kept at 1 kHz" in out
     assert "torque" in out
+    assert "gives no numbers" not in out  # far from its limits friction does not matter
     record = json.loads((place / "out" / "excite.json").read_text())
     assert (record["format"], record["criterion"], record["seed"], record["starts"]) == (
         "steelyard-excitation-1", "condition", 0, 1,
@@ -100,3 +103,56 @@ def test_bad_limits_end_with_one_sentence_and_no_files(run, place, text, message
     assert len(lines) == 1
     assert message in lines[0]
     assert not (place / "out").exists()
+
+
+WEAK = URDF.replace('effort="50"', 'effort="8"', 1).replace('<dynamics damping="0.1" friction="0.2"/>', "")
+
+
+def test_torques_that_friction_may_drive_beyond_their_limits_are_told(run, place):
+    (place / "weak.urdf").write_text(WEAK)
+    code, out, err = run("excite", place / "weak.urdf", "-o", place / "out", *QUICK)
+    assert code == 0, err
+    told = " ".join(out.split())
+    assert "the description gives no numbers (viscous of all joints; coulomb of all joints): torque, shoulder" in told
+    # With such friction the torque does pass the limit.
+    robot = sy.Robot.from_urdf(place / "weak.urdf").with_terms(sy.Coulomb())
+    whole, (_, q, dq, ddq) = sy.Model(robot), sy.load_trajectory(place / "out" / "trajectory.json").sample(1000.0)
+    parameters = np.array(robot.parameters)
+    parameters[np.isnan(parameters)] = 0.0
+    assert np.abs(whole.inverse_dynamics(q, dq, ddq, parameters)[:, 0]).max() <= 8.0
+    parameters[list(whole.parameter_names).index("Fcj1")] = 3.0
+    assert np.abs(whole.inverse_dynamics(q, dq, ddq, parameters)[:, 0]).max() > 8.0
+
+
+def test_limits_that_are_missing_are_named_for_all_joints_and_the_advice_works(run, place):
+    limit = '<limit lower="-3" upper="3" effort="50" velocity="5"/>'
+    free = URDF.replace('type="revolute"', 'type="continuous"').replace(limit, "")
+    (place / "free.urdf").write_text(free)
+    code, _, err = run("excite", place / "free.urdf", "-o", place / "out", *QUICK)
+    assert code == 2
+    assert "Nothing limits the position, the velocity or the acceleration of shoulder, elbow" in err
+    (place / "limits.toml").write_text(err.partition('the line "')[2].partition('"')[0] + "\n")
+    code, out, err = run("excite", place / "free.urdf", "-o", place / "out", "--limits", place / "limits.toml", *QUICK)
+    assert code == 0, err
+    assert "No limit was given for the acceleration of all joints" in out
+    assert "and the torque of all joints, which reaches " in " ".join(out.split())
+
+
+@pytest.mark.slow
+def test_a_payload_of_a_robot_with_two_hands_is_named_by_its_link(run, place):
+    hand = '<link name="{0}"/><joint name="{0}" type="revolute"><parent link="upper"/><child link="{0}"/>'
+    hand = hand.format("other") + '<axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="9" velocity="2"/></joint>'
+    (place / "hands.urdf").write_text(URDF.replace("</robot>", f"{hand}</robot>"))
+    code, _, err = run("excite", place / "hands.urdf", "-o", place / "out", "--subset", "payload", *QUICK)
+    assert code == 2
+    assert "several last links, fore, other; name the one that carries the payload in place of the word payload" in err
+    code, _, err = run("excite", place / "hands.urdf", "-o", place / "out", "--subset", "fore", *QUICK)
+    assert code in (0, 3), err
+
+
+def test_a_motion_that_is_too_slow_is_to_be_faster(run, place):
+    """Nothing but positions is used up, so that a longer period would show less still."""
+    (place / "limits.toml").write_text("lower = -0.002\nupper = 0.002\n")
+    code, out, _ = run("excite", place / "robot.toml", "-o", place / "out", "--limits", place / "limits.toml", *QUICK)
+    assert code == 3
+    assert "wider limits of position, which the motion uses up, a period shorter than 4 s" in out.splitlines()[0]

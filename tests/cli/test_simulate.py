@@ -42,6 +42,13 @@ def test_a_fall_leaves_samples_a_record_and_a_page(place, run):
     assert "http://" not in page.split("<script>")[0]
 
 
+def test_limits_that_are_zero_in_the_description_keep_no_robot_from_falling(place, run):
+    zeros = (place / "pair.urdf").read_text().replace('lower="-3" upper="3"', 'lower="0" upper="0"')
+    (place / "zeros.urdf").write_text(zeros)
+    code, _, err = run("simulate", place / "zeros.urdf", "-o", place / "out", "--duration", 0.1)
+    assert code == 0, err
+
+
 def test_torques_of_a_file_and_limits(place, run):
     t = np.arange(100) / 100
     (place / "torque.csv").write_text("t,tau1,tau2\n" + "\n".join(f"{a},{-5.0},{0.3 * np.sin(9 * a)}" for a in t))

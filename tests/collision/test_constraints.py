@@ -37,6 +37,18 @@ CHAIN = """<robot name="chain">
 </robot>"""
 
 
+ROD = """<collision><origin xyz="0.25 0 0" rpy="0 1.5707963267948966 0"/><geometry><cylinder radius="0.05"
+  length="0.3"/></geometry></collision>"""
+BALL = '<collision><geometry><sphere radius="0.05"/></geometry></collision>'
+SCISSORS = f"""<robot name="scissors"><link name="base">{BALL}</link>
+  <link name="left">{ROD}</link><link name="right">{ROD}</link>
+  <joint name="j1" type="revolute"><parent link="base"/><child link="left"/><axis xyz="0 0 1"/>
+    <limit lower="-3" upper="3"/></joint>
+  <joint name="j2" type="revolute"><parent link="base"/><child link="right"/><axis xyz="0 0 1"/>
+    <limit lower="-3" upper="3"/></joint>
+</robot>"""
+
+
 @pytest.fixture(scope="module")
 def chain(tmp_path_factory):
     path = tmp_path_factory.mktemp("chain") / "chain.urdf"
@@ -94,6 +106,20 @@ class TestPairs:
         assert touching <= pairs("a c", "a tool", "a cam", "base tool", "base cam")
         free = SelfCollision(chain, exclude=touching and [tuple(pair) for pair in touching])
         assert watched(free) == watched(SelfCollision(chain, neutral_configuration=folded))
+
+    def test_pairs_that_touch_at_zeros_but_seldom_elsewhere_are_watched(self, tmp_path):
+        """Two rods that turn about one axis lie on each other at zeros, as the links of a folded arm do."""
+        path = tmp_path / "scissors.urdf"
+        path.write_text(SCISSORS)
+        geometry = RobotGeometry.from_urdf(sy.Robot.from_urdf(path))
+        limit = SelfCollision(geometry, margin=0.01)
+        assert watched(limit) == pairs("left right")
+        *_, pair = SelfCollision(geometry, neutral_configuration=[0.0, 0.0]).left_out
+        assert str(pair).startswith("left and right: touch in the neutral configuration, and in ")
+        assert limit.remedies == (
+            'in [collision] of the limits file, give a margin below 0.01 (m) or exclude = [["left", "right"]], '
+            "which is right where only the shapes touch and not the links",
+        )
 
     def test_what_always_touches_is_left_out(self, chain):
         big = chain.with_shapes([PlacedShape.on(chain.robot, "base", Sphere(0.9))])

@@ -89,7 +89,7 @@ def test_links_keep_clear_where_nothing_is_said(path):
 def test_limits_that_fold_the_arm_into_itself_are_refused_with_the_way_out(path):
     need_coal()
     with pytest.raises(
-        sy.SolverError, match=r"keeps self-collision, fore to base; .* `self = false` for none"
+        sy.SolverError, match=r"keeps self-collision, fore to base; .* `self = false` in .collision. .* watches none"
     ) as caught:
         design_of(path, LIMITS | {"lower": [1.5, 2.8], "upper": [1.55, 2.9]})
     assert "\n" not in str(caught.value)

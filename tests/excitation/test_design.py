@@ -406,7 +406,7 @@ def test_limits_belong_to_the_joints_that_they_name(arm, arm_limits):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"limits": None}, "joint1 has neither limits of position nor of velocity nor of acceleration"),
+        ({"limits": None}, "Nothing limits the position, the velocity or the acceleration of joint1, joint2, joint3"),
         ({"limits": {"velocity": 1, "torque": 5}}, "no inertia for link1: give parameters"),
         ({"limits": MotionLimits.of(["a"], velocity=1)}, "of the joints a, but arm has joint1, joint2, joint3"),
         ({"rate": 0.1}, "2 to 1e.06 samples of the 5 s .* got 0.1 Hz"),

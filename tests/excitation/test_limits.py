@@ -44,6 +44,19 @@ def test_limits_wider_than_those_of_the_description_are_told(hand):
     assert "velocity of wheel" not in remark
 
 
+def test_limits_replace_those_within_which_no_joint_can_move(tmp_path):
+    """Exporters write zeros where nothing is known."""
+    zeros = '<limit lower="0" upper="0" velocity="0" effort="0"/>'
+    path = tmp_path / "hand.urdf"
+    path.write_text(URDF.replace('<limit lower="-1" upper="2" velocity="3" effort="4"/>', zeros))
+    robot = sy.Robot.from_urdf(path)
+    with pytest.raises(sy.InputError, match=r"^The lower limit of finger is 0 and the upper one 0: .* widen them by"):
+        MotionLimits.for_robot(robot, {"velocity": 1.0}, "limits.toml")
+    limits = MotionLimits.for_robot(robot, {"lower": {"finger": -0.5}, "upper": {"finger": 0.5}}, "limits.toml")
+    assert (limits.lower[0], limits.upper[0], limits.lower[1]) == (-0.5, 0.5, -np.inf)
+    assert not limits.widening(sy.Robot.from_urdf(path))[1:]
+
+
 def test_what_is_not_named_stays(hand):
     limits = MotionLimits.from_robot(hand).updated({"velocity": {"wheel": 1}, "effort": [2, 3], "total_power": 7})
     assert limits.velocity.tolist() == [2.0, 1.0]

@@ -109,6 +109,18 @@ def test_a_motion_is_designed_with_what_was_found_and_with_limits_where_it_has_n
     assert "--estimate" not in excite_command(judged(identification, "wrong"))
 
 
+def test_limits_that_are_zero_in_the_description_do_not_keep_a_result_from_being_told(
+    identification: Identification,
+) -> None:
+    """Exporters write zeros for the positions, where nothing is known; the report of such a robot was never written."""
+    robot = identification.model.robot
+    joints = tuple(replace(joint, lower=0.0, upper=0.0, velocity_limit=2.0) for joint in robot.joints)
+    still = replace(identification, model=sy.Model(replace(robot, joints=joints)))
+    assert excite_command(still).endswith(" --limits LIMITS.toml --estimate DIR --output motion")
+    with pytest.raises(sy.InputError, match="the joint cannot move"):
+        sy.design_excitation(still.model, period=1.0)
+
+
 def test_a_model_that_knows_its_own_data_alone_needs_another_motion(identification: Identification) -> None:
     """The errors of the verdict are ten times those of a fit in which the same motion takes part."""
     told = identification.prediction

@@ -60,7 +60,6 @@ def generate(
       steelyard generate robot.toml --online --output estimator
     """
     from steelyard.identification import model_of_estimate, parameters_for_source
-    from steelyard.identification.saved import terms_left_open
     from steelyard.robot import RobotFile
 
     if online:
@@ -85,7 +84,7 @@ def generate(
         )
     for path in written:
         echo(path)
-    if cad and not quiet and (open_terms := terms_left_open(model)):
+    if cad and not quiet and (open_terms := model.terms_left_open):
         echo(
             f"Note: the description does not state these terms, which are 0 in the source: {open_terms}. State them in "
             "the description, or give an --estimate."

@@ -18,7 +18,7 @@ from steelyard.robot.placement import rpy_rotation
 from .configuration_constraint import ConfigurationConstraint
 from .mesh_files import read_mesh
 from .robot_geometry import RobotGeometry
-from .self_collision import SelfCollision
+from .self_collision import MARGIN, SelfCollision
 from .shapes import Box, Capsule, Cylinder, Mesh, PlacedShape, Shape, Sphere
 from .workspace import Obstacle, ObstacleClearance, TablePlane, WorkspaceBox
 
@@ -120,7 +120,8 @@ class _Reader:
                 options["srdf"] = self.folder / srdf
             if "neutral_configuration" in collision:
                 options["neutral_configuration"] = collision.numbers("neutral_configuration", self.robot.dof)
-            limit = self.made(where, lambda: SelfCollision(geometry, **distances, **options))
+            # The table may be there for pairs to exclude alone.
+            limit = self.made(where, lambda: SelfCollision(geometry, **({"margin": MARGIN} | distances), **options))
             found += [limit] if limit.labels else []
         if obstacles:
             bodies = [self.obstacle(values, place) for place, values in obstacles]

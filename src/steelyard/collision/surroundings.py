@@ -15,17 +15,13 @@ from steelyard.robot import Robot
 from .configuration_constraint import SAMPLES_AT_ONCE
 from .configurations import place_links, upward
 from .robot_geometry import RobotGeometry, described_shapes
-from .self_collision import SelfCollision
+from .self_collision import MARGIN, SelfCollision
 from .shapes import coal_or_none
 from .workspace import TablePlane
 
 __all__ = ["MARGIN", "Surroundings"]
 
 Array = NDArray[np.float64]
-
-MARGIN = 0.01
-"""Default distance between the links of a robot, m. It is several times what a point moves at 2 m/s between two
-samples at 1 kHz, and about the tracking error of controllers of arms in fast motions."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,10 +100,12 @@ class Surroundings:
         what, height = self._lowest(q, up)
         normal = "" if up.tolist() == [0.0, 0.0, 1.0] else f" and normal = {[round(x, 6) for x in up.tolist()]}"
         side = "below" if height < 0.0 else "above"
+        shaped = "" if self.geometry is not None else "once links have shapes, "
         return (
             *self.unchecked,
             f"Floor and table were NOT checked: {what} comes down to {abs(height):.3f} m {side} the origin of the "
-            f"base; the lines [table] and offset = HEIGHT (in m){normal} in the limits file keep all links above it.",
+            f"base; {shaped}the lines [table] and offset = HEIGHT (in m){normal} in the limits file keep all links "
+            "above it.",
         )
 
     def _lowest(self, q: Array, up: Array) -> tuple[str, float]:

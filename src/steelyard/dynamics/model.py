@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from steelyard import dynamics
 from steelyard.display import html_table
 from steelyard.errors import InputError
+from steelyard.files import listed
 from steelyard.files.arguments import real_array
 from steelyard.graph import Function, Kernel
 from steelyard.lmi import AffineBlock
@@ -587,6 +588,23 @@ class Model:
     def with_rotors(self) -> Model:
         """The model with the inertia of a rotor at every joint, beside its own terms."""
         return Model(self.robot.with_terms(*self.robot.terms, RotorInertia()))
+
+    @property
+    def terms_left_open(self) -> str:
+        """Which terms the description gives no numbers of: "viscous of all joints; coulomb of elbow", or nothing."""
+        robot, is_open = self.robot, np.isnan(self.robot.parameters)
+        found: dict[str, list[str]] = {term.kind.replace("_", " "): [] for term in robot.terms}
+        for index in robot.driving_joints:
+            column = self.link_columns[index][-1] + 1
+            for term in robot.terms:
+                if is_open[column : column + len(term.parameters)].any():
+                    found[term.kind.replace("_", " ")].append(robot.joints[index].name)
+                column += len(term.parameters)
+        return "; ".join(
+            f"{kind} of {'all joints' if len(joints) == robot.dof else listed(joints)}"
+            for kind, joints in found.items()
+            if joints
+        )
 
     @cached_property
     def without_channels(self) -> Model:

@@ -23,7 +23,7 @@ from .design_problem import DesignProblem, coefficient_scale
 from .family import Family, make_family
 from .friction_laws import with_friction_laws
 from .limit_margins import Margin, Verifier, keeps_all, margins_of
-from .motion_constraints import MotionConstraint, joint_limits, torque_limits
+from .motion_constraints import MotionConstraint, joint_limits, predicted_parameters, remedy_of, torque_limits
 from .motion_limits import MotionLimits, limits_from_file
 from .motion_search import Search, SearchOptions, resting_configurations
 from .trajectory import Trajectory, save_trajectory
@@ -36,13 +36,12 @@ __all__ = ["FORMAT", "ExcitationDesign", "ExcitationObjective", "design_excitati
 
 Array = NDArray[np.float64]
 
-_WATCHED = (
-    "; self-collision is watched by default, and [collision] in the limits file has `exclude` for pairs of links and "
-    "`self = false` for none"
-)
+_WATCHED = "; self-collision is watched by default, and `self = false` in [collision] of the limits file watches none"
 _MOST = 1e6  # samples of a period, which take 1 GB for six joints
 _NAMED = 5  # parameters that a remark names at most
 _SHORT = 40  # characters of an expression in a remark at most
+# Part of a limit of torque that friction may take. A Gen3 whose description foretold 20 N·m came to 30.
+_ROOM_FOR_FRICTION = 1.0 / 3.0
 _USED_UP = 0.01  # a limit whose margin is a smaller part of its scale counts as used up by the motion
 # Width of the smooth sign of Coulomb friction during the search, relative to typical velocities. With 0.002 to 0.1 the
 # condition numbers of motions for a WAM were 60 to 62; with 0.5, where Coulomb friction looks like viscous friction,
@@ -214,10 +213,11 @@ def design_excitation(
     prior = _prior(shown_model, asked.prior_information, weights, rate)
     problem = _problem(model, chosen, bounds, measure, regressor, prior, rate, (*constraints,), parameters)
     configurations, obstacle = resting_configurations(problem, bounds, options.seed, options.starts)
-    if not configurations:
+    if obstacle is not None:
+        remedy = remedy_of(constraints, *obstacle, "widen this limit or take it out")
         raise SolverError(
-            f"The robot cannot even rest within its limits: no configuration was found that keeps {obstacle}; widen "
-            f"this limit or take it out{_WATCHED if around.own is not None else ''}."
+            "The robot cannot even rest within its limits: no configuration was found that keeps "
+            f"{', '.join(obstacle)}; {remedy}{_WATCHED if around.own is not None else ''}."
         )
     if len(problem.constraints) == len(joint_limits(bounds)):
         configurations = configurations[:1]  # with limits of the joints alone, all starts are about the middle
@@ -261,8 +261,11 @@ def design_excitation(
         remarks.append(
             "The motion starts and ends in motion, without a ramp-up: bring the robot to the initial velocity first."
         )
-    remarks += _not_limited(bounds, motion)
+    remarks += _not_limited(bounds, motion, _torque(model, motion, parameters))
+    if parameters is None:
+        remarks += _without_friction(model, margins)
     remarks += _notes(result.status, result.finished, options.starts)
+    remarks += model.robot.remarks  # such as springs that the model does not have
     asked_for, known = measure.subset, prior
     if about_friction:  # laws that the robot may not have, in powers of its units: the stated model is judged
         asked_for, known = make_subset(model, None), _prior(model, asked.prior_information, weights, rate)
@@ -337,10 +340,10 @@ def _limits(
                     "The effort limits of the description were not checked, because it has no inertia for some link."
                 )
             bounds = bounds.updated({"torque": float("inf")})
-    for name in bounds.endless:
+    if endless := bounds.endless:
         raise InputError(
-            f"{name} has neither limits of position nor of velocity nor of acceleration, so that its motion would "
-            "grow without bound; give limits for it."
+            f"Nothing limits the position, the velocity or the acceleration of {listed(endless)}, so that the motion "
+            'would grow without bound; give limits, such as the line "velocity = 1.0" in a limits file.'
         )
     return bounds
 
@@ -489,10 +492,12 @@ def _hopeless(shown: Identifiability, count: int, margins: Sequence[Margin], per
     names = listed(map(_short, shown.unidentifiable), _NAMED)
     used = dict.fromkeys(m.name for m in margins if m.fraction < _USED_UP)
     wider = f"wider limits of {' and '.join(used)}, which the motion uses up, " if used else ""
+    # A motion that nothing slows down shows more when it is faster.
+    time = "longer" if used.keys() & {"velocity", "acceleration", "torque", "power", "total power"} else "shorter"
     return (
         f"This motion cannot identify what was asked: with torque noise of {TORQUE_NOISE:.0%} the standard deviations "
         f"of {len(shown.unidentifiable)} of {count} parameters exceed the size of all base parameters together "
-        f"({names}); try {wider}a period longer than {period:g} s, or fewer "
+        f"({names}); try {wider}a period {time} than {period:g} s, or fewer "
         "terms or parameters."
     )
 
@@ -514,10 +519,36 @@ def _short(expression: str) -> str:
     return expression if len(expression) <= _SHORT else expression[: expression.rindex(" ", 0, _SHORT)] + " ..."
 
 
-def _not_limited(limits: MotionLimits, motion: tuple[Array, ...]) -> list[str]:
+def _torque(model: Model, motion: tuple[Array, ...], parameters: ArrayLike | None) -> Array | None:
+    """Return the torques (S, N) that are predicted; None where the inertia of some link is not known."""
+    if parameters is None and np.isnan(model.robot.parameters[_link_columns(model)]).any():
+        return None
+    q, dq, ddq = motion
+    return model.inverse_dynamics(q, dq, ddq, predicted_parameters(model, parameters))
+
+
+def _without_friction(model: Model, margins: Sequence[Margin]) -> list[str]:
+    """Return the remark on torques and power that friction, which nobody states, may drive beyond their limits."""
+    # An offset is what a sensor reads at rest; no drive has to make it.
+    left = "; ".join(one for one in model.terms_left_open.split("; ") if not one.startswith("offset "))
+    torques = ("torque", "power", "total power")
+    near = next((one for one in margins if one.name in torques and one.fraction < _ROOM_FOR_FRICTION), None)
+    if near is None or not left:
+        return []
+    return [
+        f"Torques were predicted without terms of which the description gives no numbers ({left}): {near.name}, "
+        f"{near.label}, comes to {1.0 - near.fraction:.0%} of its limit without them, and on the robot it may pass it; "
+        "lower this limit by as much as friction takes, or give an estimate of an identification with a gentler motion."
+    ]
+
+
+def _not_limited(limits: MotionLimits, motion: tuple[Array, ...], torque: Array | None) -> list[str]:
     """Return the remark on what no limit was given for, with what the motion reaches there."""
     found = []
-    for name, values, unit in (("velocity", motion[1], "rad/s or m/s"), ("acceleration", motion[2], "rad/s² or m/s²")):
+    reached = [("velocity", motion[1], "rad/s or m/s"), ("acceleration", motion[2], "rad/s² or m/s²")]
+    if torque is not None:
+        reached.append(("torque", torque, "N·m or N"))
+    for name, values, unit in reached:
         free = np.flatnonzero(np.isinf(getattr(limits, name)))
         if len(free):
             whose = (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
@@ -24,6 +25,7 @@ __all__ = [
     "TotalPowerLimit",
     "joint_limits",
     "predicted_parameters",
+    "remedy_of",
     "torque_limits",
 ]
 
@@ -42,8 +44,9 @@ class MotionConstraint(Protocol):
     ----------
     name : str
         Name in messages, such as ``"table plane"`` or ``"torque"``. A constraint may also have an attribute `remarks`,
-        a tuple of sentences, which become remarks of the design, and an attribute `farthest`, (m,) clearances beyond
-        which none are told apart.
+        a tuple of sentences, which become remarks of the design, an attribute `farthest`, (m,) clearances beyond which
+        none are told apart, and an attribute `remedies`, (m,) clauses that say what to do where no motion keeps a
+        clearance.
     labels : tuple of str
         (m,) descriptions of the columns of the clearances, such as ``"forearm_link to shoulder_link"``.
     scale : float or ndarray
@@ -92,6 +95,15 @@ class MotionConstraint(Protocol):
             An array of zeros where the clearance does not depend on a quantity.
         """
         ...
+
+
+def remedy_of(constraints: Sequence[MotionConstraint], name: str, label: str, otherwise: str) -> str:
+    """Return what to do where no motion keeps a part of a constraint."""
+    for constraint in constraints:
+        remedies = getattr(constraint, "remedies", None)
+        if constraint.name == name and label in constraint.labels and remedies is not None:
+            return str(remedies[constraint.labels.index(label)])
+    return otherwise
 
 
 _ORDERS = {"position": 0, "velocity": 1, "acceleration": 2}

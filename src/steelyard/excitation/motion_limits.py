@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from steelyard.robot import Robot
 
 from .trajectory import Trajectory
 
-__all__ = ["MotionLimits", "limits_from_file"]
+__all__ = ["MotionLimits", "described_limits", "limits_from_file"]
 
 Array = NDArray[np.float64]
 JOINT_FIELDS = ("lower", "upper", "velocity", "acceleration", "torque", "power")
@@ -73,7 +74,7 @@ class MotionLimits:
             if not self.lower[k] < self.upper[k]:
                 raise InputError(
                     f"The lower limit of {joint} is {self.lower[k]:g} and the upper one {self.upper[k]:g}: "
-                    "the joint cannot move; widen the limits, or lock the joint."
+                    "the joint cannot move; widen them by lower and upper in the limits, or lock the joint."
                 )
             for name in JOINT_FIELDS[2:]:
                 if not getattr(self, name)[k] > 0.0:
@@ -111,17 +112,7 @@ class MotionLimits:
 
         The limits of a joint that mimics another one are limits of the joint that it mimics.
         """
-        count = robot.dof
-        lower, upper = robot.position_limits
-        velocity, torque = np.full(count, np.inf), np.full(count, np.inf)
-        for joint in robot.joints:
-            k = joint.coordinate
-            if joint.multiplier != 0.0:
-                velocity[k] = min(velocity[k], joint.velocity_limit / abs(joint.multiplier))
-            if joint.mimics is None:
-                torque[k] = joint.effort_limit
-        none = np.full(count, np.inf)
-        return cls(robot.joint_names, lower, upper, velocity, none, torque, none)
+        return cls(tuple(robot.joint_names), **described_limits(robot))
 
     @classmethod
     def for_robot(
@@ -143,14 +134,26 @@ class MotionLimits:
                 )
             order = [given.index(name) for name in names]
             return replace(limits, joint_names=names, **{name: getattr(limits, name)[order] for name in JOINT_FIELDS})
-        own = cls.from_robot(robot)
         if limits is None:
-            return own
+            return cls.from_robot(robot)
         if not isinstance(limits, Mapping):
             raise InputError(
                 f'{where} must be MotionLimits or a mapping such as {{"velocity": 1.0}}, got {shown(limits)}.'
             )
-        return own.updated(limits, where)
+        # Limits of a description that no joint can move within may be replaced, and are not refused before.
+        names, own = tuple(robot.joint_names), described_limits(robot)
+        changes = _changes(names, own, limits, where)
+        if changes.keys().isdisjoint(("lower", "upper")):
+            cls.from_robot(robot)  # whose positions are refused as those of the description
+        rows: dict[str, Any] = own | changes
+        with _said_of(where):
+            return cls(names, **rows)
+
+    @classmethod
+    def suffice(cls, robot: Robot) -> bool:
+        """Return whether a motion can be designed with the limits of the description alone."""
+        own = described_limits(robot)
+        return bool(np.all(own["lower"] < own["upper"])) and not cls.from_robot(robot).endless
 
     @classmethod
     def envelope(cls, trajectories: Sequence[Trajectory], joint_names: Sequence[str], rate: float) -> MotionLimits:
@@ -185,22 +188,10 @@ class MotionLimits:
         where : str
             Origin of the limits, such as the path of a file, for messages.
         """
-        known = (*JOINT_FIELDS, "total_power")
-        changes: dict[str, Any] = {}
-        for given, value in limits.items():
-            key = "torque" if given == "effort" else given
-            if key not in known:
-                raise InputError(f"{where}: {shown(given)} is no limit; there are {', '.join(known)}.")
-            if key in changes:
-                raise InputError(f"{where}: torque and effort are the same limit; keep one of them.")
-            if key == "total_power":
-                changes[key] = read_number(value, f"{where}: total_power", infinite=True)
-            else:
-                changes[key] = self._row(key, value, where)
-        try:
+        own = {name: getattr(self, name) for name in JOINT_FIELDS}
+        changes = _changes(self.joint_names, own, limits, where)
+        with _said_of(where):
             return replace(self, **changes)
-        except InputError as error:
-            raise InputError(f"{where}: {error}") from None
 
     @property
     def endless(self) -> tuple[str, ...]:
@@ -214,10 +205,9 @@ class MotionLimits:
         A number for all joints is wider for some of them than its author may think, as it is for a joint that others
         mimic: the limits of these are limits of the joint that drives them.
         """
-        own = MotionLimits.from_robot(robot)
-        wider = []
+        own, wider = described_limits(robot), []
         for name in JOINT_FIELDS:
-            given, described = getattr(self, name), getattr(own, name)
+            given, described = getattr(self, name), own[name]
             beyond = given < described if name == "lower" else given > described
             wider += [
                 f"{name} of {self.joint_names[k]} ({given[k]:.4g}, there {described[k]:.4g})"
@@ -226,26 +216,6 @@ class MotionLimits:
         if not wider:
             return ()
         return (f"Some limits are wider than those of the description: {listed(wider, 4)}.",)
-
-    def _row(self, key: str, value: Any, where: str) -> Array:
-        names = self.joint_names
-        if isinstance(value, Mapping):
-            row = getattr(self, key).copy()
-            for name, number in value.items():
-                if name not in names:
-                    raise InputError(f"{where}: {key} names a joint {shown(name)}; the joints are {listed(names)}.")
-                row[names.index(name)] = read_number(number, f"{where}: {key} of {name}", infinite=True)
-            return np.asarray(row)
-        if not isinstance(value, list | tuple | np.ndarray) or (isinstance(value, np.ndarray) and value.ndim == 0):
-            return np.full(len(names), read_number(value, f"{where}: {key}", infinite=True))
-        values: list[Any] = list(value)
-        if len(values) != len(names):
-            raise InputError(
-                f"{where}: {key} has {len(values)} values, but there are {len(names)} joints: {listed(names)}."
-            )
-        return np.array(
-            [read_number(v, f"{where}: {key} of {n}", infinite=True) for n, v in zip(names, values, strict=True)]
-        )
 
     def reduced(self, margin: float) -> MotionLimits:
         """Return limits that are narrower by a fraction: with 0.1, a tenth of each range and magnitude stays free."""
@@ -290,6 +260,67 @@ class MotionLimits:
             for k, joint in enumerate(self.joint_names)
         ]
         return html_table("", ("joint", *JOINT_FIELDS), rows)
+
+
+def described_limits(robot: Robot) -> dict[str, Any]:
+    """Return the rows of limits (N,) that the description has, also such within which no joint can move."""
+    count = robot.dof
+    lower, upper = robot.position_limits
+    velocity, torque = np.full(count, np.inf), np.full(count, np.inf)
+    for joint in robot.joints:
+        k = joint.coordinate
+        if joint.multiplier != 0.0:
+            velocity[k] = min(velocity[k], joint.velocity_limit / abs(joint.multiplier))
+        if joint.mimics is None:
+            torque[k] = joint.effort_limit
+    none = np.full(count, np.inf)
+    return dict(zip(JOINT_FIELDS, (lower, upper, velocity, none, torque, none), strict=True))
+
+
+def _changes(names: tuple[str, ...], own: Mapping[str, Array], limits: Mapping[str, Any], where: str) -> dict[str, Any]:
+    """Return the fields that a mapping of limits changes; `own` are the rows (N,) before."""
+    known = (*JOINT_FIELDS, "total_power")
+    changes: dict[str, Any] = {}
+    for given, value in limits.items():
+        key = "torque" if given == "effort" else given
+        if key not in known:
+            raise InputError(f"{where}: {shown(given)} is no limit; there are {', '.join(known)}.")
+        if key in changes:
+            raise InputError(f"{where}: torque and effort are the same limit; keep one of them.")
+        if key == "total_power":
+            changes[key] = read_number(value, f"{where}: total_power", infinite=True)
+        else:
+            changes[key] = _row(names, own[key], key, value, where)
+    return changes
+
+
+def _row(names: tuple[str, ...], own: Array, key: str, value: Any, where: str) -> Array:
+    if isinstance(value, Mapping):
+        row = own.copy()
+        for name, number in value.items():
+            if name not in names:
+                raise InputError(f"{where}: {key} names a joint {shown(name)}; the joints are {listed(names)}.")
+            row[names.index(name)] = read_number(number, f"{where}: {key} of {name}", infinite=True)
+        return np.asarray(row)
+    if not isinstance(value, list | tuple | np.ndarray) or (isinstance(value, np.ndarray) and value.ndim == 0):
+        return np.full(len(names), read_number(value, f"{where}: {key}", infinite=True))
+    values: list[Any] = list(value)
+    if len(values) != len(names):
+        raise InputError(
+            f"{where}: {key} has {len(values)} values, but there are {len(names)} joints: {listed(names)}."
+        )
+    return np.array(
+        [read_number(v, f"{where}: {key} of {n}", infinite=True) for n, v in zip(names, values, strict=True)]
+    )
+
+
+@contextmanager
+def _said_of(where: str) -> Iterator[None]:
+    """Say where limits come from that cannot be kept."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{where}: {error}") from None
 
 
 _LIMITS = (*JOINT_FIELDS, "effort", "total_power")

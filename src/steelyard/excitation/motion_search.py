@@ -18,6 +18,7 @@ from steelyard.files import read_whole, tell
 
 from .design_problem import COARSE, FINE, DesignProblem, Iterate, minimise
 from .limit_margins import Margin, Verifier, keeps_all
+from .motion_constraints import remedy_of
 from .motion_limits import MotionLimits
 from .workers import Flag, Pool, Shares, pool_of
 
@@ -194,10 +195,12 @@ class Search:
             if status == "interrupted":
                 raise KeyboardInterrupt
             margin = best.worst
+            otherwise = "widen this limit, or give the motion more time (a longer period)"
+            remedy = remedy_of(self.problem.constraints, margin.name, margin.label, otherwise)
             raise SolverError(
                 f"No motion was found that keeps every limit: in the best of {len(found)} attempts {margin.name}, "
-                f"{margin.label}, is passed by {-margin.clearance:.4g} at {margin.time:.3f} s; widen this limit, give "
-                "the motion more time (a longer period), or try more starts."
+                f"{margin.label}, is passed by {-margin.clearance:.4g} at {margin.time:.3f} s; {remedy}, or try "
+                "more starts."
             )
         return SearchResult(best, len(found), status)
 
@@ -306,7 +309,7 @@ class Search:
 
 def resting_configurations(
     problem: DesignProblem, limits: MotionLimits, seed: int, count: int
-) -> tuple[tuple[Array, ...], str | None]:
+) -> tuple[tuple[Array, ...], tuple[str, str] | None]:
     """Return configurations (N,) in which the robot can rest within all limits.
 
     The middle of the ranges comes first, where the robot can rest in it. The others are random; those with the largest
@@ -321,8 +324,8 @@ def resting_configurations(
     -------
     configurations : tuple of ndarray
         Empty where no such configuration was found.
-    obstacle : str or None
-        In this case the constraint that the fewest configurations keep.
+    obstacle : tuple of str or None
+        In this case name and label of the constraint that the fewest configurations keep.
     """
     half = 0.5 * (limits.upper - limits.lower)
     half = np.where(np.isfinite(half), half, np.pi)
@@ -331,7 +334,7 @@ def resting_configurations(
         [np.zeros_like(half), random.uniform(-0.9, 0.9, (_CONFIGURATIONS, len(half))) * half]
     )
     room = np.full(len(q), np.inf)
-    obstacle: tuple[int, str] = (len(q) + 1, "")
+    obstacle = (len(q) + 1, ("", ""))
     for begin in range(0, len(q), 500):  # until enough configurations are found
         part = slice(begin, begin + 500)
         own = np.ascontiguousarray(q[part])
@@ -343,7 +346,7 @@ def resting_configurations(
             column = int(np.argmin((fractions >= 0.0).sum(axis=0)))
             kept = int((fractions[:, column] >= 0.0).sum())
             if begin == 0 and kept < obstacle[0]:
-                obstacle = (kept, f"{constraint.name}, {constraint.labels[column]}")
+                obstacle = (kept, (constraint.name, constraint.labels[column]))
             room[part] = np.minimum(room[part], fractions.min(axis=1))
         if (room[: begin + 500] >= 0.0).sum() >= count:
             room[begin + 500 :] = -1.0

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from steelyard.dynamics import Model
+from steelyard.errors import InputError
 from steelyard.excitation import ExcitationDesign, ExcitationObjective, Trajectory, design_excitation, load_trajectory
 from steelyard.regression import Information
 from steelyard.robot import Robot, RobotFile
@@ -76,6 +77,12 @@ def _about_the_carrier(file: RobotFile, model: Model, objective: ExcitationObjec
     names = [objective.subset] if isinstance(objective.subset, str) else list(objective.subset or ())
     if "payload" not in names or "payload" in model.robot.link_names:
         return objective
+    ends = [model.robot.link_names[index] for index in model.robot.end_links]
+    if len(ends) > 1 and "frame" not in file.section("payload"):
+        raise InputError(
+            f"{model.robot.name} has several last links, {', '.join(ends)}; name the one that carries the payload in "
+            "place of the word payload, or by frame = ... in [payload] of a robot file."
+        )
     link = payload_mounting(file, model)[0]
     return replace(objective, subset=[model.robot.link_names[link] if name == "payload" else name for name in names])
 

@@ -436,7 +436,7 @@ def excite_command(identification: Identification) -> str:
     The torques of the motion are those of the answer, unless that is wrong: a description has no friction and may leave
     out a gripper. That of a Gen3 foretold 20 N·m at the second joint, of 39 that it may have; the answer has 30.
     """
-    limits = " --limits LIMITS.toml" if MotionLimits.from_robot(identification.model.robot).endless else ""
+    limits = "" if MotionLimits.suffice(identification.model.robot) else " --limits LIMITS.toml"
     is_known = identification.prediction.word != "wrong" and identification.estimate.parameters is not None
     estimate = " --estimate DIR" if is_known else ""
     return f"steelyard excite {_robot(identification)}{limits}{estimate} --output motion"

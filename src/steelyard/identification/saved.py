@@ -32,7 +32,7 @@ from steelyard.feasibility import (
 from steelyard.feasibility.certificates import speaks_of
 from steelyard.feasibility.certificates.certificate import LAST_DIGITS
 from steelyard.feasibility.certificates.rational import nearest_double, parse_number
-from steelyard.files import listed, write_json
+from steelyard.files import write_json
 from steelyard.regression import Estimate
 from steelyard.robot import RobotFile
 
@@ -50,7 +50,6 @@ __all__ = [
     "parameters_of_description",
     "parameters_of_estimate",
     "set_and_estimate",
-    "terms_left_open",
 ]
 
 ROUNDING = 1e-13
@@ -388,29 +387,6 @@ def parameters_of_description(model: Model, *, base: bool = False) -> NDArray[np
             )
     values = np.nan_to_num(values)
     return model.base_parameters().values(values) if base else values
-
-
-def terms_left_open(model: Model) -> str:
-    """Say which terms `parameters_of_description` takes for zero since the description does not state them.
-
-    Returns
-    -------
-    str
-        Such as "viscous of all joints; coulomb of elbow, wrist"; empty where the description states all of them.
-    """
-    robot, is_open = model.robot, np.isnan(model.robot.parameters)
-    found: dict[str, list[str]] = {term.kind.replace("_", " "): [] for term in robot.terms}
-    for index in robot.driving_joints:
-        column = model.link_columns[index][-1] + 1
-        for term in robot.terms:
-            if is_open[column : column + len(term.parameters)].any():
-                found[term.kind.replace("_", " ")].append(robot.joints[index].name)
-            column += len(term.parameters)
-    return "; ".join(
-        f"{kind} of {'all joints' if len(joints) == robot.dof else listed(joints)}"
-        for kind, joints in found.items()
-        if joints
-    )
 
 
 def parameters_for_source(

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from steelyard.dynamics import Model
 from steelyard.errors import InputError
-from steelyard.excitation import MotionLimits
+from steelyard.excitation.motion_limits import described_limits
 from steelyard.files import listed, read_table, reading_table
 from steelyard.regression import Estimate
 from steelyard.regression.estimate import estimate_file
-from steelyard.robot import RobotFile
+from steelyard.robot import Robot, RobotFile
 from steelyard.simulation import (
     Event,
     Measurement,
@@ -29,7 +29,7 @@ from steelyard.simulation import (
 )
 
 from .default_terms import model_of_estimate
-from .saved import matching_estimate, parameters_of_description, terms_left_open
+from .saved import matching_estimate, parameters_of_description
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -119,7 +119,6 @@ def simulate_files(
     """
     file = RobotFile.load(robot)
     model = model_of_estimate(estimate, file)
-    drives = MotionLimits.from_robot(model.robot)
     inputs = [file.path, *([model.robot.source] if model.robot.source is not None else [])]
     parameters, base, whose = _parameters(model, estimate)
     elastic = None if estimate is None else _elastic(model, estimate)
@@ -176,7 +175,7 @@ def simulate_files(
         notes = (*notes, *_notes_on_following(result, trajectory, model.robot.position_units))
     if motors is not None:
         at_drives = result.torque if elastic is None else result.torque[:, motor_coordinates(model)]
-        notes = (*notes, *_notes_on_drives(at_drives, drives))
+        notes = (*notes, *_notes_on_drives(at_drives, model.robot))
     options = {
         **result.options,
         "initial": initial_positions.tolist(),
@@ -246,13 +245,13 @@ def _notes_on_following(result: SimulationResult, trajectory: Trajectory, units:
     )
 
 
-def _notes_on_drives(torque: Array, drives: MotionLimits) -> tuple[str, ...]:
+def _notes_on_drives(torque: Array, robot: Robot) -> tuple[str, ...]:
     """Say which joints take more torque (S, N) than the description allows, for a simulated drive gives any."""
-    most = np.fmax.reduce(np.abs(torque), axis=0)
+    most, allowed = np.fmax.reduce(np.abs(torque), axis=0), described_limits(robot)["torque"]
     beyond = [
-        f"{name} takes {most[k]:.4g} of {drives.torque[k]:.4g} N·m or N"
-        for k, name in enumerate(drives.joint_names)
-        if most[k] > _PASSED * drives.torque[k]
+        f"{name} takes {most[k]:.4g} of {allowed[k]:.4g} N·m or N"
+        for k, name in enumerate(robot.joint_names)
+        if most[k] > _PASSED * allowed[k]
     ]
     if not beyond:
         return ()
@@ -262,7 +261,7 @@ def _notes_on_drives(torque: Array, drives: MotionLimits) -> tuple[str, ...]:
 def _parameters(model: Model, estimate: str | Path | None) -> tuple[Array, bool, str]:
     """Return parameters, whether they are base parameters, and whose they are."""
     if estimate is None:
-        open_terms = terms_left_open(model)
+        open_terms = model.terms_left_open
         zeros = f", with 0 for the terms that it does not state: {open_terms}" if open_terms else ""
         return parameters_of_description(model), False, f"the description (CAD){zeros}"
     loaded: Estimate = matching_estimate(model, estimate)

@@ -185,15 +185,15 @@ def excite_on_the_fly(
     given = model_of_estimate(estimate, file)
     given.refuse_presliding("excited on the fly")
     whole = given.without_channels
-    bounds = MotionLimits.from_robot(whole.robot)
     constraints: tuple[MotionConstraint, ...] = ()
+    asked: dict[str, Any] | None = None
     if limits is not None:
         asked, sections = limits_from_file(limits)
-        bounds = bounds.updated(asked, str(limits))
         if sections:
             from steelyard.collision import geometry_from_dict
 
             constraints = tuple(geometry_from_dict(sections, whole.robot, Path(limits).parent, where=str(limits)))
+    bounds = MotionLimits.for_robot(whole.robot, asked, str(limits))
     if not (np.isfinite(rate) and rate >= 100.0):
         raise InputError(f"rate must be at least 100 Hz for a control loop, got {rate:g} Hz.")
     links = tuple(replace(link, inertia=None, own_inertia=None) for link in whole.robot.links)
