@@ -203,6 +203,20 @@ def test_settings_of_the_compiler_do_not_change_what_is_written(tmp_path, compil
     assert np.allclose(Robot.from_mjcf(target).links[2].inertia.parameters, hand, rtol=1e-9, atol=1e-12)
 
 
+def test_a_locked_body_heavier_than_the_estimate_keeps_a_part(tmp_path):
+    source, target = written(tmp_path, ARM), tmp_path / "out.xml"
+    robot = Robot.from_mjcf(source, locked=["wrist"])
+    parameters = random_bodies(robot)
+    parameters[10:20] *= 0.01
+    write_mjcf(robot, parameters, known(robot), source, target)
+    assert np.allclose(Robot.from_mjcf(target, locked=["wrist"]).parameters, parameters, rtol=1e-9, atol=1e-12)
+    model, before = (mujoco.MjModel.from_xml_path(str(path)) for path in (target, source))
+    hand = model.body("hand").id
+    share = model.body_mass[hand] / before.body_mass[hand]
+    assert 0.0 < share < 1.0
+    assert np.allclose(model.body_inertia[hand], share * before.body_inertia[hand], rtol=1e-9)
+
+
 def test_an_inertia_on_the_bound_of_what_is_possible(tmp_path):
     """MuJoCo refuses a moment that exceeds the sum of the two others by whatever little."""
     source, target = written(tmp_path, ARM), tmp_path / "out.xml"

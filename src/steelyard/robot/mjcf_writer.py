@@ -48,8 +48,8 @@ def write_mjcf(
     The inertia of a body is written as principal moments and axes in its ``<inertial>``, and values of a joint at the
     joint, also where the old ones came from geoms or defaults. Bodies that are
     welded to a moving one get an ``<inertial>`` without mass, so that the total is the estimate. Bodies on *locked*
-    joints keep theirs, which is taken from the estimate. Where a body has several joints, and the estimate says that
-    something moves between them, a body is put there.
+    joints keep theirs, which is taken from the estimate, or a part of it where no possible body would remain. Where a
+    body has several joints, and the estimate says that something moves between them, a body is put there.
 
     Settings of the compiler that would change what is written are taken out: ``settotalmass``, and ``boundmass``,
     ``boundinertia`` and ``inertiafromgeom="true"`` where they matter; the other bodies then get the inertias that they
