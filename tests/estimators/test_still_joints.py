@@ -6,7 +6,8 @@ import pytest
 import steelyard as sy
 from steelyard.feasibility.constraints import LinearBound
 
-ARM = """<mujoco model="arm"><worldbody><body name="upper"><inertial pos="0 0 -0.2" mass="3" diaginertia="0.05 0.05 0.01"/>
+ARM = """<mujoco model="arm"><worldbody>
+<body name="upper"><inertial pos="0 0 -0.2" mass="3" diaginertia="0.05 0.05 0.01"/>
 <joint name="shoulder" axis="0 1 0" damping="0.1" frictionloss="0.2" armature="0.05"/>
 <body name="fore" pos="0 0 -0.4"><inertial pos="0.05 0 -0.1" mass="1" diaginertia="0.01 0.01 0.002"/>
 <joint name="elbow" axis="0 1 0" damping="0.45" frictionloss="0.3" armature="0.013"/></body></body></worldbody></mujoco>
