@@ -46,6 +46,8 @@ MOST_SPANS = 8
 MOST_LOGS = 8
 EXPLAINED = 0.3
 """Part of the squared error of a joint that a cause must take away for the joint to count as explained."""
+LIGHT = 0.01
+"""Part of the described mass of the links that a branch may have before its being there twice is worth a step."""
 NAMES = {
     "viscous": "viscous friction",
     "coulomb": "Coulomb friction",
@@ -167,6 +169,7 @@ def _steps(identification: Identification) -> Iterator[NextStep]:
             yield _doctor(identification)
         return  # what the motion shows, and what is assumed, means nothing of a wrong model, or of none
     yield from _counterbalance(identification)
+    yield from _left_out(identification)
     weak = list(_weak(identification))
     yield from _remaining(identification, weak, doubtful)
     yield from _intervals(identification)
@@ -605,6 +608,27 @@ def _counterbalance(identification: Identification) -> Iterator[NextStep]:
         f"moving = MOVING # m from there to its other end\n"
         f"aligned = ALIGNED # rad, where its ends are nearest to each other; by these logs near {found.aligned:.1f}"
         " if it pulls",
+        "toml",
+    )
+
+
+def _left_out(identification: Identification) -> Iterator[NextStep]:
+    """Branches that the tip leaves out, whose mass would count twice in the description that is written."""
+    robot = identification.model.robot
+    described = sum(link.inertia.mass for link in robot.links if link.inertia is not None)
+    branches = [one for one in robot.left_out if one.mass > LIGHT * described]
+    if not branches:
+        return
+    joints = dict.fromkeys(name for one in branches for name in one.joints)
+    carriers = listed(dict.fromkeys(one.carrier for one in branches), MOST_NAMED)
+    yield NextStep(
+        "Lock what the tip leaves out, if the robot carried it in the logs.",
+        f"The tip {robot.read_with.get('tip')} leaves out {listed(joints, MOST_NAMED)} and what moves with them, "
+        f"{few_digits(sum(one.mass for one in branches))} kg by the description. If {carriers} carried that in the "
+        "logs, it is in what was identified, and who loads the written description has it twice.",
+        "[description]\nlocked = { "
+        + ", ".join(f"{json.dumps(name)} = 0.0" for name in joints)
+        + " } # where they stood, rad or m",
         "toml",
     )
 

@@ -16,7 +16,7 @@ from steelyard.files import is_real, shown, suggestion
 from steelyard.files.arguments import LARGEST, LONGEST_NAME
 
 from .inertia import Inertia
-from .joint import Attachment, Joint, JointKind, Link
+from .joint import Attachment, Joint, JointKind, LeftOut, Link
 from .placement import axis_frame, inverse, motion_z
 
 __all__ = ["ONE_DOF", "DescribedJoint", "DescribedLink", "DescribedMimic", "DescribedTree", "robot_parts"]
@@ -267,6 +267,7 @@ class _Assembly:
         self.names: list[str] = []
         self.described_joints: list[str] = []
         self.attachments: dict[int, list[Attachment]] = {-1: []}
+        self.left_out: list[LeftOut] = []
 
     def parts(self, root: str) -> dict[str, Any]:
         stack = [_Place(root, -1, np.eye(4), False)]
@@ -291,6 +292,7 @@ class _Assembly:
             "base_inertia": self.tree.links[root].inertia,
             "source": self.tree.source,
             "remarks": self.tree.remarks,
+            "left_out": tuple(self.left_out),
         }
 
     def _push(self, place: _Place, pending: list[tuple[_Place, DescribedJoint]]) -> None:
@@ -315,12 +317,27 @@ class _Assembly:
             self._push(merged, pending)
             return
         if not is_within:
+            if place.carrier >= 0:
+                self.left_out.append(self._branch(self.names[place.carrier], joint))
             return
         index = len(self.joints)
         self.joints.append(self._moving(place, joint, drive))
         self.names.append(joint.child)
         self.attachments[index] = []
         self._push(_Place(joint.child, index, np.eye(4), False), pending)
+
+    def _branch(self, carrier: str, first: DescribedJoint) -> LeftOut:
+        joints: list[str] = []
+        mass, pending, chain = 0.0, [first], self.chain or ()
+        while pending:
+            joint = pending.pop()
+            if joint.kind != "fixed":  # what follows a joint that is locked is locked with it
+                follows = joint.mimic is not None and joint.mimic.joint not in chain
+                joints.append(joint.mimic.joint if joint.mimic is not None and follows else joint.name)
+            inertia = self.tree.links[joint.child].inertia
+            mass += 0.0 if inertia is None else inertia.mass
+            pending += reversed(self.children[joint.child])
+        return LeftOut(carrier, tuple(dict.fromkeys(joints)), mass)
 
     def _moving(self, place: _Place, joint: DescribedJoint, drive: _Drive) -> Joint:
         turned = axis_frame(joint.axis)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,7 +14,7 @@ from steelyard.errors import InputError
 from .inertia import Inertia
 from .placement import frozen, motion_z
 
-__all__ = ["Attachment", "Drives", "Joint", "JointKind", "Link", "differing_joint", "joint_geometry"]
+__all__ = ["Attachment", "Drives", "Joint", "JointKind", "LeftOut", "Link", "differing_joint", "joint_geometry"]
 
 Matrix = NDArray[np.float64]
 JointKind = Literal["revolute", "continuous", "prismatic"]
@@ -55,6 +55,24 @@ class Attachment:
 
     def __repr__(self) -> str:
         return f"Attachment({self.name!r}, {'locked' if self.locked else 'fixed'})"
+
+
+class LeftOut(NamedTuple):
+    """A branch of a description that a moving link carries, and that is no part of the robot, since it has a tip.
+
+    Attributes
+    ----------
+    carrier : str
+        The name of the moving link.
+    joints : tuple of str
+        The joints of the branch that would have to be locked for it to be part of the robot.
+    mass : float
+        Of its links in the description, kg.
+    """
+
+    carrier: str
+    joints: tuple[str, ...]
+    mass: float
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,7 @@ from steelyard.files import shown, suggestion
 from steelyard.once import cached_property
 
 from .inertia import INERTIA_SYMBOLS, Inertia
-from .joint import Attachment, Joint, Link
+from .joint import Attachment, Joint, LeftOut, Link
 from .placement import frozen
 
 __all__ = ["Condition", "Robot", "Term", "TermParameter"]
@@ -262,6 +262,8 @@ class Robot:
         a controller numbers them; empty where none are.
     xacro_arguments : mapping
         With which the description was expanded.
+    left_out : tuple of LeftOut
+        Branches of the description that moving links carry, and that its tip leaves out.
 
     Raises
     ------
@@ -294,6 +296,7 @@ class Robot:
     read_with: Mapping[str, Any] = field(default_factory=dict)
     described_joints: tuple[str, ...] = ()
     xacro_arguments: Mapping[str, str] = field(default_factory=dict)
+    left_out: tuple[LeftOut, ...] = ()
 
     def __post_init__(self) -> None:
         try:
