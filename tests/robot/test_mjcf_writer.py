@@ -217,6 +217,17 @@ def test_a_locked_body_heavier_than_the_estimate_keeps_a_part(tmp_path):
     assert np.allclose(model.body_inertia[hand], share * before.body_inertia[hand], rtol=1e-9)
 
 
+def test_moments_that_mujoco_refuses_are_not_written_as_others(tmp_path):
+    """As estimates have them that are consistent in their inertia alone."""
+    source, target = written(tmp_path, ARM), tmp_path / "out.xml"
+    robot = Robot.from_mjcf(source)
+    parameters = random_bodies(robot)
+    parameters[:10] = Inertia.from_com(1.0, (0.1, 0.2, 0.3), np.diag([0.1, 0.1, 0.3])).parameters
+    with pytest.raises(InputError, match=r'body "upper": .* 0\.1, 0\.1, 0\.3 kg·m², .* the consistency "full"'):
+        write_mjcf(robot, parameters, known(robot), source, target)
+    assert not target.exists()
+
+
 def test_an_inertia_on_the_bound_of_what_is_possible(tmp_path):
     """MuJoCo refuses a moment that exceeds the sum of the two others by whatever little."""
     source, target = written(tmp_path, ARM), tmp_path / "out.xml"

@@ -31,6 +31,7 @@ OTHER_INERTIA = ("fullinertia", "quat", "axisangle", "xyaxes", "zaxis", "euler")
 # MuJoCo refuses principal moments of which two are less than the third, or one below 1e-14 kg m², by whatever little.
 # An estimate may lie on that bound, where rounding decides; so much, relative to the largest one, is added to all.
 MARGIN, LEAST = 1e-12, 2e-14
+ROUNDING = 1e-9  # of the second moments, which rounding of an estimate on the bound exceeds by far less
 READ_BACK = 1e-9
 # Assets by the attribute of <compiler> that says where their files are.
 FOLDERS = {"mesh": "meshdir", "hfield": "meshdir", "skin": "meshdir", "texture": "texturedir"}
@@ -79,9 +80,9 @@ def write_mjcf(
     Raises
     ------
     InputError
-        When an array has the wrong size, a link's mass is not positive, a value of a joint is negative, a body is a
-        copy that MuJoCo makes (``<replicate>``, ``<attach>``), `source` is not the robot's MJCF, or `target` is
-        `source`.
+        When an array has the wrong size, a link's mass is not positive, its moments of inertia are such that MuJoCo
+        refuses them, a value of a joint is negative, a body is a copy that MuJoCo makes (``<replicate>``,
+        ``<attach>``), `source` is not the robot's MJCF, or `target` is `source`.
     MissingExtraError
         When it takes MuJoCo to read the source, which is not installed.
 
@@ -137,7 +138,7 @@ class MjcfWriter:
         self.joint_rows = dict(zip(read.joint_names, read.compiled.joints, strict=True))
         self.springs = any("springdamper" in one.attributes for one in self.document.root.iterate())
         self.between = {link for link in read.link_of.values() if link not in self.rows}
-        allowed = {name: _allowed(inertia) for name, inertia in changes.inertias.items()}
+        allowed = {name: _allowed(name, inertia) for name, inertia in changes.inertias.items()}
         self.inertias = {name: inertia for name, inertia in allowed.items() if name in self.rows}
         self.inertias_between = {name: inertia for name, inertia in allowed.items() if name in self.between}
         self.inertias |= {name: Inertia.zero() for name in changes.emptied if self._weighs(name)}
@@ -357,12 +358,26 @@ def _least(inertia: Inertia) -> dict[str, float]:
     return {"boundmass": inertia.mass, "boundinertia": float(np.linalg.eigvalsh(inertia.about_com)[0])}
 
 
-def _allowed(inertia: Inertia) -> Inertia:
-    """Return an inertia that MuJoCo takes: the same one, or one whose moments are larger by next to nothing."""
+def _allowed(name: str, inertia: Inertia) -> Inertia:
+    """Return an inertia that MuJoCo takes: the same one, or one whose moments are larger by next to nothing.
+
+    Raises
+    ------
+    InputError
+        If next to nothing is not enough, as of estimates that are consistent in their inertia alone: with moments that
+        were enlarged by as much as it takes, the torques of a simulated arm were off by 10.6 %, and by 2.8 % as
+        estimated.
+    """
     moments = np.linalg.eigvalsh(inertia.about_com)
     short = max(moments[2] * (1.0 + MARGIN) - moments[0] - moments[1], LEAST - moments[0])
     if short <= 0.0:
         return inertia
+    if short > max(ROUNDING * float(np.trace(inertia.about_origin)), 2.0 * LEAST):
+        told = ", ".join(f"{value:.3g}" for value in moments)
+        raise InputError(
+            f'body "{name}": its principal moments of inertia would be {told} kg·m², of which one exceeds the sum of '
+            'the others, so that MuJoCo refuses the file; use the consistency "full"'
+        )
     return Inertia(inertia.mass, inertia.first_moment, inertia.about_origin + short * np.eye(3))
 
 
