@@ -67,6 +67,7 @@ def test_what_a_simulation_would_miss_is_said(tmp_path, suffix, text, capsys):
     again = RobotFile.load(tmp_path / "result" / f"robot.{suffix}")
     values = dict(zip(result.estimate.parameter_names, result.estimate.parameters, strict=True))
     assert [joint.rotor_inertia for joint in again.robot.joints] == [values["Ia1"], values["Ia2"]]
+    assert [joint.torque_offset for joint in again.robot.joints] == [values["Foj1"], values["Foj2"]]
     assert {"kind": "rotor_inertia"} in again.terms
     assert f'offset="{float(values["Foj2"])!r}"' in (tmp_path / "result" / f"robot.{suffix}").read_text()
 

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from steelyard.dynamics import Offset
 from steelyard.errors import InputError
 from steelyard.robot import Drives, Inertia, Robot
 from steelyard.robot.mjcf_writer import write_mjcf
@@ -215,6 +216,19 @@ def test_a_locked_body_heavier_than_the_estimate_keeps_a_part(tmp_path):
     share = model.body_mass[hand] / before.body_mass[hand]
     assert 0.0 < share < 1.0
     assert np.allclose(model.body_inertia[hand], share * before.body_inertia[hand], rtol=1e-9)
+
+
+def test_offsets_are_read_again(tmp_path):
+    source, target, again = written(tmp_path, ARM), tmp_path / "out.xml", tmp_path / "again.xml"
+    robot = Robot.from_mjcf(source)
+    write_mjcf(robot, robot.parameters, known(robot, offset=[0.5, np.nan, -0.25]), source, target)
+    offsets = [joint.torque_offset for joint in Robot.from_mjcf(target).joints]
+    assert np.array_equal(offsets, [0.5, np.nan, -0.25], equal_nan=True)
+    nominal = Robot.from_mjcf(target).with_terms(Offset()).parameters[10::11]
+    assert np.array_equal(nominal, offsets, equal_nan=True)
+    again.write_text(target.read_text("utf-8").replace('data="-0.25"', 'data="-0.25 1"'), encoding="utf-8")
+    with pytest.raises(InputError, match=r"data of 'steelyard:offset:wrist' must be one finite number, got '-0\.25 1'"):
+        Robot.from_mjcf(again)
 
 
 def test_moments_that_mujoco_refuses_are_not_written_as_others(tmp_path):

@@ -19,7 +19,15 @@ from .inertia import Inertia
 from .joint import Attachment, Joint, JointKind, LeftOut, Link
 from .placement import axis_frame, inverse, motion_z
 
-__all__ = ["ONE_DOF", "DescribedJoint", "DescribedLink", "DescribedMimic", "DescribedTree", "robot_parts"]
+__all__ = [
+    "ONE_DOF",
+    "DescribedJoint",
+    "DescribedLink",
+    "DescribedMimic",
+    "DescribedTree",
+    "robot_parts",
+    "with_extension",
+]
 
 Matrix = NDArray[np.float64]
 
@@ -79,8 +87,8 @@ class DescribedJoint:
         In the frame of the joint; not a zero vector.
     child_placement : (4, 4) array
         Frame of the child link in the frame of the joint, at the value 0.
-    lower, upper, velocity_limit, effort_limit, damping, friction, rotor_inertia, before_lengths, after_lengths
-        As in `Joint`.
+    lower, upper, velocity_limit, effort_limit, damping, friction, rotor_inertia : float
+        As in `Joint`, and so are `before_lengths`, `after_lengths` and `torque_offset`.
     """
 
     name: str
@@ -101,6 +109,7 @@ class DescribedJoint:
     rotor_inertia: float = math.nan
     before_lengths: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
     after_lengths: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    torque_offset: float = math.nan
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,12 +158,11 @@ class _Place(NamedTuple):
     locked: bool
 
 
-def with_rotors(joints: Mapping[str, DescribedJoint], rotor_inertias: Mapping[str, float]) -> dict[str, DescribedJoint]:
-    """Return the joints with these inertias of rotors, by their names; other names are passed over."""
-    return {
-        name: replace(joint, rotor_inertia=rotor_inertias.get(name, joint.rotor_inertia))
-        for name, joint in joints.items()
-    }
+def with_extension(
+    joints: Mapping[str, DescribedJoint], told: Mapping[str, Mapping[str, float]]
+) -> dict[str, DescribedJoint]:
+    """Return the joints with these values of their fields, by the names of joints; other names are passed over."""
+    return {name: replace(joint, **told.get(name, {})) for name, joint in joints.items()}
 
 
 def robot_parts(tree: DescribedTree, tip: str | None, locked: Iterable[str] | Mapping[str, float]) -> dict[str, Any]:
@@ -359,6 +367,7 @@ class _Assembly:
             damping=joint.damping,
             friction=joint.friction,
             rotor_inertia=joint.rotor_inertia,
+            torque_offset=joint.torque_offset,
             before_lengths={
                 name: tuple((place.placement[:3, :3] @ direction).tolist())
                 for name, direction in joint.before_lengths.items()

@@ -239,6 +239,8 @@ class Joint:
         Viscous (N m s/rad or N s/m) and Coulomb friction (N m or N) of the description; NaN where unknown.
     rotor_inertia : float
         Inertia of the rotor as the joint feels it (kg m² or kg); NaN where the description does not say.
+    torque_offset : float
+        Constant torque that the drive gives beyond all others (N m or N); NaN where the description does not say.
 
     Examples
     --------
@@ -265,6 +267,7 @@ class Joint:
     rotor_inertia: float = np.nan
     before_lengths: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
     after_lengths: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    torque_offset: float = np.nan
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "before", frozen(self.before, (4, 4)))

@@ -17,7 +17,7 @@ from .description_changes import DescriptionChanges, description_changes, is_sam
 from .inertia import Inertia
 from .joint import SPRINGS_AND_POWERS, Drives
 from .mjcf_compiled import OF_ACTUATORS, ON_JOINT
-from .mjcf_document import MjcfElement, MjcfFile
+from .mjcf_document import OWN_NUMBER, MjcfElement, MjcfFile
 from .mjcf_tree import MjcfTree, read_mjcf_tree
 from .robot import Robot
 from .xml_edit import attribute_text, number_text, tag_text
@@ -25,8 +25,6 @@ from .xml_edit import attribute_text, number_text, tag_text
 __all__ = ["DRIVE_ATTRIBUTES", "MjcfWriter", "write_mjcf"]
 
 DRIVE_ATTRIBUTES = {"damping": "damping", "friction": "frictionloss", "rotor_inertia": "armature"}
-OWN = "steelyard:{}:{}"
-"""Name of a number in ``<custom>``: what it is, and of which joint."""
 OTHER_INERTIA = ("fullinertia", "quat", "axisangle", "xyaxes", "zaxis", "euler")
 # MuJoCo refuses principal moments of which two are less than the third, or one below 1e-14 kg m², by whatever little.
 # An estimate may lie on that bound, where rounding decides; so much, relative to the largest one, is added to all.
@@ -107,7 +105,7 @@ def write_mjcf(
     source, target = Path(source), Path(target)
     changes = description_changes(robot, parameters, drives.held_by_joints())
     own = {
-        OWN.format(key, name): drives.told(key, name, k)
+        OWN_NUMBER.format(key, name): drives.told(key, name, k)
         for key in drives.without_joint
         if key not in SPRINGS_AND_POWERS
         for k, name in enumerate(robot.joint_names)

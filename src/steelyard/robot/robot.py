@@ -704,14 +704,15 @@ class Robot:
 
     @cached_property
     def felt_joints(self) -> tuple[Joint, ...]:
-        """The driving joints (N,), with what they feel of the friction and rotor inertia of joints that mimic them."""
+        """The driving joints (N,), with what they feel of the drives of joints that mimic them."""
         felt = []
         for index in self.driving_joints:
             driver = self.joints[index]
             together = [joint for joint in self.joints if driver.name in (joint.name, joint.mimics)]
 
-            def total(name: str, power: int, together: list[Joint] = together) -> float:
-                parts = [getattr(one, name) * abs(one.multiplier) ** power for one in together]
+            def total(name: str, power: int, together: list[Joint] = together, signed: bool = False) -> float:
+                ratios = [one.multiplier if signed else abs(one.multiplier) for one in together]
+                parts = [getattr(one, name) * ratio**power for one, ratio in zip(together, ratios, strict=True)]
                 known = [part for part in parts if not np.isnan(part)]
                 return float(sum(known)) if known else np.nan
 
@@ -721,6 +722,7 @@ class Robot:
                     damping=total("damping", 2),
                     friction=total("friction", 1),
                     rotor_inertia=total("rotor_inertia", 2),
+                    torque_offset=total("torque_offset", 1, signed=True),
                 )
                 if len(together) > 1
                 else driver
