@@ -81,6 +81,8 @@ def missed_terms(model: Model, estimate: Estimate, samples: Sequence[Samples]) -
     of_terms = np.array(estimate.parameters)
     of_terms[np.ravel(model.link_columns)] = 0.0
     drives = model.drives(estimate.parameters)
+    if "stiffness" in kind.holds and "offset" not in kind.holds:
+        drives = drives.with_offsets_in_springs()  # as it is written
     for one in samples:
         rows = one.used_rows
         torque = model.inverse_dynamics(one.q, one.dq, one.ddq, of_terms, channels=one.channels)

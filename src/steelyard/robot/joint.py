@@ -120,6 +120,9 @@ def _unknown() -> Matrix:
 SPRINGS_AND_POWERS = ("spring_stiffness", "spring_rest", "quadratic_damping", "cubic_damping")
 """What few robots have, and few formats hold."""
 
+FARTHEST_REST = 100.0
+"""rad or m: springs that nobody has come out with 3e-7 N m/rad, the least that is feasible, and offsets of 0.01 N m."""
+
 
 @dataclass(frozen=True, eq=False)
 class Drives:
@@ -182,6 +185,29 @@ class Drives:
     def told_where_present(self) -> dict[str, Matrix]:
         """Springs and friction of higher powers, by their names, where the robot has any."""
         return {name: getattr(self, name) for name in SPRINGS_AND_POWERS if np.isfinite(getattr(self, name)).any()}
+
+    def with_offsets_in_springs(self) -> Drives:
+        """The same torques with the offsets of joints that have a spring in its place of rest, and zero themselves.
+
+        No motion tells the two apart, and few formats hold an offset. That of a spring so weak that it would rest
+        beyond `FARTHEST_REST` stays.
+
+        Examples
+        --------
+        >>> drives = Drives.unknown(1).with_known(spring_stiffness=[40.0], spring_rest=[0.0], offset=[-12.0])
+        >>> drives.with_offsets_in_springs().spring_rest.tolist()
+        [0.3]
+        """
+        stiffness, offset = np.nan_to_num(self.spring_stiffness), np.nan_to_num(self.offset)
+        rest = np.nan_to_num(self.spring_rest)
+        far = np.maximum(np.abs(rest), FARTHEST_REST)
+        held = (offset != 0.0) & (np.abs(stiffness * rest - offset) <= stiffness * far)
+        moved = rest - np.divide(offset, stiffness, out=np.zeros_like(rest), where=held)
+        return replace(
+            self,
+            offset=np.where(held, 0.0, self.offset),
+            spring_rest=np.where(held, moved, self.spring_rest),
+        )
 
     @property
     def without_joint(self) -> tuple[str, ...]:

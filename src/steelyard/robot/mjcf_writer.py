@@ -66,10 +66,10 @@ def write_mjcf(
         Values of `robot.parameter_names`.
     drives : Drives
         Of each coordinate; NaN leaves a value as it was. They include what the mimic joints of the coordinate add,
-        which get 0. Springs and powers of the speed are as MuJoCo 4.0 reads them. The offset, for which MJCF has no
-        place, stands in ``<custom>`` as the number with the name ``steelyard:offset:`` and that of the joint; the
-        stiffness and the damping of the transmission of an elastic joint likewise, ``steelyard:stiffness:`` and
-        ``steelyard:transmission_damping:``.
+        which get 0. Springs and powers of the speed are as MuJoCo 4.0 reads them. The offset of a joint with a spring
+        goes into its ``springref``. That of others, for which MJCF has no place, stands in ``<custom>`` as the number
+        with the name ``steelyard:offset:`` and that of the joint; the stiffness and the damping of the transmission of
+        an elastic joint likewise, ``steelyard:stiffness:`` and ``steelyard:transmission_damping:``.
     source : str or Path
         The MJCF to copy.
     target : str or Path
@@ -103,6 +103,7 @@ def write_mjcf(
     name="hinge" damping="0.3" armature="0.02"/><geom size="0.1"/></body></worldbody></mujoco>
     """
     source, target = Path(source), Path(target)
+    drives = drives.with_offsets_in_springs()
     changes = description_changes(robot, parameters, drives.held_by_joints())
     own = {
         OWN_NUMBER.format(key, name): drives.told(key, name, k)
