@@ -50,3 +50,35 @@ def test_what_is_left_out_and_was_there_is_to_be_locked(tmp_path):
     tool = 9.81 * 1.0 * (0.3 + 0.2)
     assert abs(gravity["locked"]) == pytest.approx(abs(right), rel=0.01)
     assert abs(gravity["tip"]) == pytest.approx(abs(right) + tool, rel=0.01)  # of which the step warns
+
+
+MJCF = """<mujoco><worldbody><body name="upper"><inertial pos="0.2 0.01 0" mass="3" diaginertia=".02 .06 .06"/>
+<joint name="one" axis="0 1 0"/><body name="fore" pos="0.4 0 0"><inertial pos="0.2 0.01 0" mass="2"
+diaginertia=".02 .06 .06"/><joint name="two" axis="0 1 0" stiffness="20" springref="10"/>
+</body></body></worldbody></mujoco>"""
+
+
+@pytest.mark.slow
+def test_springs_of_the_description_are_no_mistake_of_the_log(tmp_path):
+    (tmp_path / "arm.xml").write_text(MJCF)
+    model = sy.Model(sy.Robot.from_mjcf(tmp_path / "arm.xml"))
+    assert [joint.has_spring for joint in model.robot.joints] == [False, True]
+    t = np.arange(0.0, 20.0, 0.005)
+    rate = np.array([2.0, 3.1])
+    phase = t[:, None] * rate
+    q = np.sin(phase) + 0.4 * np.sin(2.3 * phase)
+    dq = rate * (np.cos(phase) + 0.92 * np.cos(2.3 * phase))
+    ddq = -(rate**2) * (np.sin(phase) + 0.4 * 2.3**2 * np.sin(2.3 * phase))
+    torque = model.inverse_dynamics(q, dq, ddq, np.array(model.robot.parameters))
+    torque[:, 1] += 30.0 * (q[:, 1] - 0.3)
+    torque += np.random.default_rng(2).normal(scale=0.02, size=torque.shape)
+    log = {"t": t, "q1": q[:, 0], "q2": q[:, 1], "tau1": torque[:, 0], "tau2": torque[:, 1]}
+    first = next_steps(sy.identify(tmp_path / "arm.xml", log))[0]
+    assert "a spring at two, which the model leaves out" in first.reason
+    kinds = "".join(f'[[terms]]\nkind = "{kind}"\n' for kind in ("viscous", "coulomb", "offset"))
+    (tmp_path / "robot.toml").write_text(f'[description]\nfile = "arm.xml"\n{kinds}{first.code}\n')
+    mended = sy.identify(tmp_path / "robot.toml", log)
+    assert mended.prediction.word == "good"
+    assert not any("spring" in step.action for step in next_steps(mended))
+    told = dict(zip(mended.parameter_names, np.asarray(mended), strict=True))
+    assert (told["Ksj2"], told["Foj2"]) == pytest.approx((30.0, -9.0), rel=0.02)

@@ -153,6 +153,7 @@ def _steps(identification: Identification) -> Iterator[NextStep]:
     other = list(_other_estimator(identification))
     yield from other
     yield from _changes(identification)
+    yield from _springs(identification)
     mistakes = list(_mistakes(identification))
     sure, doubtful = ([step for is_sure, step in mistakes if is_sure is wanted] for wanted in (True, False))
     yield from sure
@@ -608,6 +609,24 @@ def _counterbalance(identification: Identification) -> Iterator[NextStep]:
         f"moving = MOVING # m from there to its other end\n"
         f"aligned = ALIGNED # rad, where its ends are nearest to each other; by these logs near {found.aligned:.1f}"
         " if it pulls",
+        "toml",
+    )
+
+
+def _springs(identification: Identification) -> Iterator[NextStep]:
+    """Springs of the description that the model leaves out, where it does not predict well: they look like mistakes."""
+    robot = identification.model.robot
+    sprung = [k for k, index in enumerate(robot.driving_joints, 1) if robot.joints[index].has_spring]
+    if not sprung or identification.prediction.word == "good" or any(term.kind == "spring" for term in robot.terms):
+        return
+    several = len(sprung) > 1
+    named = listed([robot.joint_names[k - 1] for k in sprung], MOST_NAMED)
+    yield NextStep(
+        f"Add the spring{'s' * several} of the description to the model.",
+        f"The description has {'springs' if several else 'a spring'} at {named}, which the model leaves out and the "
+        "robot may have. Where robot.toml states no terms yet, state viscous, coulomb and offset beside it, and "
+        "rotor_inertia where the drives have gears; the offset says where the spring rests.",
+        f'[[terms]]\nkind = "spring"\njoints = {sprung}',
         "toml",
     )
 

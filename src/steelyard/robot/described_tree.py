@@ -88,7 +88,7 @@ class DescribedJoint:
     child_placement : (4, 4) array
         Frame of the child link in the frame of the joint, at the value 0.
     lower, upper, velocity_limit, effort_limit, damping, friction, rotor_inertia : float
-        As in `Joint`, and so are `before_lengths`, `after_lengths` and `torque_offset`.
+        As in `Joint`, and so are `before_lengths`, `after_lengths`, `torque_offset` and `has_spring`.
     """
 
     name: str
@@ -110,6 +110,7 @@ class DescribedJoint:
     before_lengths: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
     after_lengths: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
     torque_offset: float = math.nan
+    has_spring: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -368,6 +369,7 @@ class _Assembly:
             friction=joint.friction,
             rotor_inertia=joint.rotor_inertia,
             torque_offset=joint.torque_offset,
+            has_spring=joint.has_spring,
             before_lengths={
                 name: tuple((place.placement[:3, :3] @ direction).tolist())
                 for name, direction in joint.before_lengths.items()

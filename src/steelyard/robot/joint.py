@@ -267,6 +267,8 @@ class Joint:
         Inertia of the rotor as the joint feels it (kg m² or kg); NaN where the description does not say.
     torque_offset : float
         Constant torque that the drive gives beyond all others (N m or N); NaN where the description does not say.
+    has_spring : bool
+        Whether the description has a spring at the joint, which the term `spring` models.
 
     Examples
     --------
@@ -294,6 +296,7 @@ class Joint:
     before_lengths: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
     after_lengths: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
     torque_offset: float = np.nan
+    has_spring: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "before", frozen(self.before, (4, 4)))

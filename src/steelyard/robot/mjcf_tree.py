@@ -180,6 +180,7 @@ def _joint(
         damping=row["damping"] + of_actuators["damping"],
         friction=row["friction"],
         rotor_inertia=row["armature"] + of_actuators["armature"],
+        has_spring=bool(row["stiffness"]),
     )
 
 

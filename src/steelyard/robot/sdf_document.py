@@ -452,7 +452,7 @@ class SdfReader(XmlReader):
         mimic = self._mimic(frame, axis_element, owner)
         return DescribedJoint(
             name, line, kind, above.name, below.name, origin, axis, placed, mimic,
-            lower, upper, velocity, effort, damping, friction,
+            lower, upper, velocity, effort, damping, friction, has_spring=stiffness > 0.0,
         )  # fmt: skip
 
     def _axis(self, frame: SdfFrame, element: etree._Element, owner: str) -> tuple[float, ...]:
