@@ -160,7 +160,7 @@ class _Place(NamedTuple):
 
 
 def with_extension(
-    joints: Mapping[str, DescribedJoint], told: Mapping[str, Mapping[str, float]]
+    joints: Mapping[str, DescribedJoint], told: Mapping[str, Mapping[str, Any]]
 ) -> dict[str, DescribedJoint]:
     """Return the joints with these values of their fields, by the names of joints; other names are passed over."""
     return {name: replace(joint, **told.get(name, {})) for name, joint in joints.items()}
