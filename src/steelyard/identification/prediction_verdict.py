@@ -458,8 +458,9 @@ def without_turns(model: Model, samples: Samples, base: Array, errors: Array) ->
 
     Friction jumps where the motion turns, by twice the Coulomb friction. A row whose error is noise with the velocity
     of its joint reversed belongs to the other side of the turn. One whose error has then the other sign has a friction
-    between both, as a joint that sticks. So has the soft friction of MuJoCo, which takes 17 ms to turn: in a sound log
-    of it 62 of 9724 rows held 60 % of the squared error, and were told as impacts.
+    between both, as a joint that sticks. So has the soft friction of MuJoCo, which takes 17 ms to turn. *Measured* on
+    20 sound logs of 10 s of it: in 14 such rows were told as impacts, now in none, and with a planted impact of 16 ms,
+    as large as the torques of its joint, it is told in all 20 as before.
     """
     left = errors.copy() if samples.mask is None else np.where(samples.mask, errors, np.nan)
     if samples.regressor is not None:  # which went through the filters of the torques, as their jumps did
