@@ -3,16 +3,30 @@
 import re
 
 import numpy as np
+import pytest
 from mjcf_readings import EXACT
 
 import steelyard as sy
-from steelyard.dynamics import PolynomialFriction, Spring
+from steelyard.dynamics import Offset, PolynomialFriction, Spring
+from steelyard.robot import Drives
+from steelyard.robot.mjcf_writer import write_mjcf
 
 LIFT = """<mujoco><option><flag contact="disable"/></option><worldbody><body name="arm">
 <joint name="turn" axis="0 1 0" damping="0.1" frictionloss="0.2"/><geom type="box" size="0.1 0.05 0.3" pos="0 0 0.3" mass="4"/>
 <body name="slider" pos="0 0 0.6"><joint name="slide" type="slide" axis="1 0 0"/>
 <geom type="box" size="0.3 0.04 0.04" pos="0.3 0 0" mass="1.5"/></body></body></worldbody></mujoco>"""  # noqa: E501
-FOUND = {"Fcj1": 0.4, "Fvj1": 0.7, "Fv2j1": -0.1, "Fv3j1": 0.2, "Fvj2": 3.0, "Fv3j2": 0.5, "Ksj1": 12.0, "Ksj2": 40.0}
+FOUND = {
+    "Fcj1": 0.4,
+    "Fvj1": 0.7,
+    "Fv2j1": -0.1,
+    "Fv3j1": 0.2,
+    "Fvj2": 3.0,
+    "Fv3j2": 0.5,
+    "Ksj1": 12.0,
+    "Ksj2": 40.0,
+    "Foj1": -3.0,
+    "Foj2": 8.0,
+}
 
 
 def estimate_of(robot):
@@ -36,11 +50,13 @@ TERMS = (PolynomialFriction(powers=[0, 1, 2, 3], speed=3.0), Spring(rest=[0.3, -
 
 
 @EXACT
-def test_mujoco_moves_as_the_estimate_says(tmp_path, random):
+@pytest.mark.parametrize("terms", [TERMS, (*TERMS, Offset())])
+def test_mujoco_moves_as_the_estimate_says(tmp_path, random, terms):
+    """An offset is where the spring rests: MuJoCo knows no other constant torque."""
     import mujoco
 
     (tmp_path / "lift.xml").write_text(LIFT)
-    model, parameters, estimate = estimate_of(sy.Robot.from_mjcf(tmp_path / "lift.xml").with_terms(*TERMS))
+    model, parameters, estimate = estimate_of(sy.Robot.from_mjcf(tmp_path / "lift.xml").with_terms(*terms))
     estimate.write_description(tmp_path / "lift.xml", tmp_path / "weighed.xml")
     simulator = mujoco.MjModel.from_xml_path(str(tmp_path / "weighed.xml"))
     data = mujoco.MjData(simulator)
@@ -49,6 +65,18 @@ def test_mujoco_moves_as_the_estimate_says(tmp_path, random):
         mujoco.mj_inverse(simulator, data)
         expected = model.inverse_dynamics(q, dq, ddq, parameters)
         np.testing.assert_allclose(data.qfrc_inverse, expected, rtol=1e-9, atol=1e-9)
+
+
+def test_what_is_no_spring_holds_no_offset(tmp_path):
+    (tmp_path / "lift.xml").write_text(LIFT)
+    robot = sy.Robot.from_mjcf(tmp_path / "lift.xml")
+    drives = Drives.unknown(2).with_known(spring_stiffness=[1e-6, 40.0], spring_rest=[0.0, 0.0], offset=[0.5, -12.0])
+    write_mjcf(robot, robot.parameters, drives, tmp_path / "lift.xml", tmp_path / "weighed.xml")
+    text = (tmp_path / "weighed.xml").read_text()
+    assert 'name="steelyard:offset:turn" data="0.5"' in text
+    assert 'stiffness="1e-06" springref="0.0"' in text
+    assert 'stiffness="40.0" springref="0.3"' in text  # of a slide, in m
+    assert 'name="steelyard:offset:slide" data="0.0"' in text
 
 
 def test_a_urdf_holds_them_in_an_extension(tmp_path):

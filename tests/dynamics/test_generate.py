@@ -123,3 +123,24 @@ def test_bad_requests_are_refused_before_anything_is_written(arm, tmp_path):
         with pytest.raises(sy.InputError, match=phrase):
             call()
     assert not target.exists()
+
+
+def test_joints_that_have_no_number_are_told_where_they_stand(tmp_path):
+    def link(name):
+        inertia = '<inertia ixx=".1" ixy="0" ixz="0" iyy=".1" iyz="0" izz=".1"/>'
+        return f'<link name="{name}"><inertial><mass value="1"/>{inertia}</inertial></link>'
+
+    def joint(name, parent, child, more=""):
+        return f'<joint name="{name}" type="revolute"><parent link="{parent}"/><child link="{child}"/>{more}</joint>'
+
+    (tmp_path / "arm.urdf").write_text(
+        '<robot name="arm">' + "".join(link(name) for name in "abcd") + joint("one", "a", "b")
+        + joint("held */", "b", "c") + joint("two", "c", "d", '<mimic joint="one" multiplier="-2" offset="0.1"/>')
+        + "</robot>"
+    )  # fmt: skip
+    robot = sy.Robot.from_urdf(tmp_path / "arm.urdf", locked={"held */": 0.3})
+    written = sy.Model(robot).generate("python", ["gravity"], directory=tmp_path / "code")
+    text = " ".join(module_of(written).read_text("utf-8").split())
+    assert "the functions hold there alone: 'held" in text
+    assert "at 0.3 (rad or m)." in text
+    assert "to which their torques are added: 'two' at -2 times 'one' plus 0.1 (rad or m)." in text

@@ -53,6 +53,9 @@ def test_what_a_simulation_would_miss_is_said(tmp_path, suffix, text, capsys):
     share = np.sqrt((missed**2).sum() / (torque**2).sum())
     told = float(said.partition("misses ")[2].partition("%")[0])
     assert told == pytest.approx(100 * share, rel=0.15)
+    # Of joint two its link has 0.06 + 2 · 0.2² kg·m², and its rotor 0.3; of joint one the links have more than half.
+    kept = said.partition("part of their inertia (two ")[2].partition("%)")[0]
+    assert float(kept) == pytest.approx(100 * 0.14 / 0.44, abs=2.0)
     # It is more than 5 % of the torques, so that it stands where everybody looks, and once.
     assert share > 0.1
     assert found(result)[-1] == said
@@ -64,6 +67,7 @@ def test_what_a_simulation_would_miss_is_said(tmp_path, suffix, text, capsys):
     again = RobotFile.load(tmp_path / "result" / f"robot.{suffix}")
     values = dict(zip(result.estimate.parameter_names, result.estimate.parameters, strict=True))
     assert [joint.rotor_inertia for joint in again.robot.joints] == [values["Ia1"], values["Ia2"]]
+    assert [joint.torque_offset for joint in again.robot.joints] == [values["Foj1"], values["Foj2"]]
     assert {"kind": "rotor_inertia"} in again.terms
     assert f'offset="{float(values["Foj2"])!r}"' in (tmp_path / "result" / f"robot.{suffix}").read_text()
 

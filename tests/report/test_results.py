@@ -3,8 +3,8 @@
 import json
 from dataclasses import replace
 from pathlib import Path
-from xml.sax.saxutils import escape
 
+import numpy as np
 import pytest
 
 from steelyard.errors import InputError
@@ -77,22 +77,11 @@ def test_the_description_itself_is_never_replaced(identification: Identification
 def test_a_description_that_cannot_take_the_estimate_costs_no_other_result(
     identification: Identification, tmp_path: Path
 ) -> None:
-    """As where what hangs on a locked joint is heavier by CAD than all that the link carries by the data."""
-    source = identification.model.robot.source
-    assert source is not None
-    last = escape(identification.model.robot.link_names[-1])
-    anvil = (
-        '<link name="anvil"><inertial><mass value="50"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
-        f'</inertial></link><joint name="hinge" type="continuous"><parent link="{last}"/><child link="anvil"/></joint>'
-        "</robot>"
-    )
-    heavy = tmp_path / "heavy.urdf"
-    heavy.write_text(source.read_text().replace("</robot>", anvil))
-    model = type(identification.model)(replace(identification.model.robot, source=heavy))
-    estimate = replace(identification.estimate, description={"tip": None, "locked": ["hinge"]})
+    """As where an estimator of the user found a damping that no joint has."""
+    estimate = replace(identification.estimate, damping=-np.ones(identification.model.dof))
     folder = tmp_path / "results"
-    with pytest.raises(InputError, match=r'without "anvil".*; all other results are in'):
-        save_results(replace(identification, model=model, estimate=estimate), folder)
+    with pytest.raises(InputError, match=r"its damping is -1.*; all other results are in"):
+        save_results(replace(identification, estimate=estimate), folder)
     names = {"estimate.json", "parameters.csv", "report.html", "run.json"}
     assert {path.name for path in folder.iterdir()} == names
     assert set(json.loads((folder / "run.json").read_text())["files"]) == names

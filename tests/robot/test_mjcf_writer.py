@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from steelyard.dynamics import Offset
 from steelyard.errors import InputError
 from steelyard.robot import Drives, Inertia, Robot
 from steelyard.robot.mjcf_writer import write_mjcf
@@ -201,6 +202,44 @@ def test_settings_of_the_compiler_do_not_change_what_is_written(tmp_path, compil
     again = Robot.from_mjcf(target, locked=["wrist"])
     assert np.allclose(again.parameters, parameters, rtol=1e-9, atol=1e-12)
     assert np.allclose(Robot.from_mjcf(target).links[2].inertia.parameters, hand, rtol=1e-9, atol=1e-12)
+
+
+def test_a_locked_body_heavier_than_the_estimate_keeps_a_part(tmp_path):
+    source, target = written(tmp_path, ARM), tmp_path / "out.xml"
+    robot = Robot.from_mjcf(source, locked=["wrist"])
+    parameters = random_bodies(robot)
+    parameters[10:20] *= 0.01
+    write_mjcf(robot, parameters, known(robot), source, target)
+    assert np.allclose(Robot.from_mjcf(target, locked=["wrist"]).parameters, parameters, rtol=1e-9, atol=1e-12)
+    model, before = (mujoco.MjModel.from_xml_path(str(path)) for path in (target, source))
+    hand = model.body("hand").id
+    share = model.body_mass[hand] / before.body_mass[hand]
+    assert 0.0 < share < 1.0
+    assert np.allclose(model.body_inertia[hand], share * before.body_inertia[hand], rtol=1e-9)
+
+
+def test_offsets_are_read_again(tmp_path):
+    source, target, again = written(tmp_path, ARM), tmp_path / "out.xml", tmp_path / "again.xml"
+    robot = Robot.from_mjcf(source)
+    write_mjcf(robot, robot.parameters, known(robot, offset=[0.5, np.nan, -0.25]), source, target)
+    offsets = [joint.torque_offset for joint in Robot.from_mjcf(target).joints]
+    assert np.array_equal(offsets, [0.5, np.nan, -0.25], equal_nan=True)
+    nominal = Robot.from_mjcf(target).with_terms(Offset()).parameters[10::11]
+    assert np.array_equal(nominal, offsets, equal_nan=True)
+    again.write_text(target.read_text("utf-8").replace('data="-0.25"', 'data="-0.25 1"'), encoding="utf-8")
+    with pytest.raises(InputError, match=r"data of 'steelyard:offset:wrist' must be one finite number, got '-0\.25 1'"):
+        Robot.from_mjcf(again)
+
+
+def test_moments_that_mujoco_refuses_are_not_written_as_others(tmp_path):
+    """As estimates have them that are consistent in their inertia alone."""
+    source, target = written(tmp_path, ARM), tmp_path / "out.xml"
+    robot = Robot.from_mjcf(source)
+    parameters = random_bodies(robot)
+    parameters[:10] = Inertia.from_com(1.0, (0.1, 0.2, 0.3), np.diag([0.1, 0.1, 0.3])).parameters
+    with pytest.raises(InputError, match=r'body "upper": .* 0\.1, 0\.1, 0\.3 kg·m², .* the consistency "full"'):
+        write_mjcf(robot, parameters, known(robot), source, target)
+    assert not target.exists()
 
 
 def test_an_inertia_on_the_bound_of_what_is_possible(tmp_path):

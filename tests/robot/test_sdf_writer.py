@@ -100,6 +100,19 @@ def test_what_is_written_is_read_again(tmp_path, seed):
     assert np.allclose(Model(weighed).inverse_dynamics(q, dq, ddq, weighed.parameters), ours, rtol=0, atol=1e-9)
 
 
+def test_locked_links_heavier_than_the_estimate_keep_a_part(tmp_path):
+    path, _ = arm(tmp_path)
+    locked, target = {"wrist": 0.2}, tmp_path / "weighed.sdf"
+    robot = Robot.from_sdf(path, locked=locked)
+    parameters = np.concatenate([body(np.random.default_rng(seed)) for seed in range(len(robot.links))])
+    parameters[:10] *= 0.1
+    write_sdf(robot, parameters, Drives.unknown(robot.dof), path, target)
+    weighed = Robot.from_sdf(target, locked=locked)
+    assert np.allclose(weighed.parameters, parameters, rtol=1e-11, atol=1e-13)
+    tip = {one.name: one.inertia.mass for one in weighed.links[0].attachments}["tool::tip"]
+    assert 0.0 < tip < 1.0
+
+
 def test_what_is_refused(tmp_path):
     path, robot = arm(tmp_path)
     drives = Drives.unknown(3)

@@ -201,6 +201,18 @@ def test_the_tip_keeps_the_chain_and_what_is_fixed_to_it(read):
     assert robot.links[1].inertia.mass == 1.0
 
 
+def test_what_the_tip_leaves_out_is_known(read):
+    """Of what moving links carry: a branch of the base moves nothing."""
+    robot = read(*ARM, tip="lower")
+    assert [one.carrier for one in robot.left_out] == ["lower", "lower"]
+    assert {name for one in robot.left_out for name in one.joints} == {"grip"}
+    assert sum(one.mass for one in robot.left_out) == pytest.approx(0.2)
+    assert read(*ARM, tip="lower", locked=["grip"]).left_out == ()
+    assert read(*ARM).left_out == ()
+    (branch,) = read(*ARM, tip="bolt").left_out
+    assert (branch.carrier, branch.joints, branch.mass) == ("upper", ("elbow", "grip"), pytest.approx(1.2))
+
+
 def test_locked_side_branches_stay_on_the_chain(read):
     robot = read(*ARM, tip="lower", locked=["grip"])
     assert robot.links[1].absorbed == ("finger_a", "finger_b")

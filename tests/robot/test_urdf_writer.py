@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from steelyard.errors import InputError
 from steelyard.robot import Inertia, Robot, write_urdf
+from steelyard.robot.description_changes import remark_on_held
 
 SOURCE = """<?xml version='1.0' encoding="utf-8"?>
 <!-- kept: Größe > 1 -->
@@ -247,16 +248,33 @@ def test_a_massless_estimate_is_refused_and_nothing_is_written(source, tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["bench.urdf"]
 
 
-def test_a_locked_link_heavier_than_the_estimate_is_refused(source, tmp_path):
+@pytest.mark.parametrize(
+    "lower", [BODY.parameters * 0.1, Inertia.from_com(0.5, (0, 0, 0), np.eye(3) * 1e-3).parameters]
+)
+def test_a_locked_link_heavier_than_the_estimate_keeps_a_part(source, tmp_path, lower):
+    """The hand weighs more than what was identified of it and the link that carries it, or is wider."""
+    robot, target = Robot.from_urdf(source, locked={"wrist": 0.7}), tmp_path / "out.urdf"
+    values = np.concatenate([BODY.parameters, lower])
+    write_urdf(robot, values, np.zeros(2), np.zeros(2), source, target)
+    assert np.allclose(Robot.from_urdf(target, locked={"wrist": 0.7}).parameters, values, rtol=1e-12, atol=1e-15)
+    before, hand = (Robot.from_urdf(path).links[2].inertia.parameters for path in (source, target))
+    share = hand[9] / before[9]
+    assert 0.0 < share < 1.0
+    assert np.allclose(hand, share * before, rtol=1e-12)
+    for link in Robot.from_urdf(target).links:
+        assert np.linalg.eigvalsh(link.own_inertia.pseudo_inertia)[0] > 0.0
+    assert f"(hand with {share:.2g} of it, for lower)" in remark_on_held(robot, values)
+    assert remark_on_held(robot, estimate(robot)) == ""
+
+
+def test_what_is_no_body_shares_nothing_with_a_locked_link(source, tmp_path):
     robot = Robot.from_urdf(source, locked=["wrist"])
-    light = np.concatenate([BODY.parameters, BODY.parameters * 0.1])
-    with pytest.raises(InputError, match=r'link "lower": without "hand", .* would have mass -0\.1 kg'):
-        write_urdf(robot, light, np.zeros(2), np.zeros(2), source, tmp_path / "out.urdf")
-    small = Inertia.from_com(0.5, (0, 0, 0), np.eye(3) * 1e-3).parameters
-    with pytest.raises(InputError, match=r'link "lower": without "hand", .* a pseudo-inertia with the eigenvalue -'):
+    rod = Inertia.from_com(0.5, (0, 0, 0), np.diag([1e-3, 1e-3, 0.0])).parameters
+    with pytest.raises(InputError, match=r'link "lower": without hand, .* a pseudo-inertia with the eigenvalue -'):
         write_urdf(
-            robot, np.concatenate([BODY.parameters, small]), np.zeros(2), np.zeros(2), source, tmp_path / "out.urdf"
+            robot, np.concatenate([BODY.parameters, rod]), np.zeros(2), np.zeros(2), source, tmp_path / "out.urdf"
         )
+    assert remark_on_held(robot, np.concatenate([BODY.parameters, rod])) == ""
 
 
 @pytest.mark.parametrize(

@@ -144,7 +144,25 @@ def _description(robot: Robot, fixed: bool) -> str:
         f"Units are SI, angles in radians. Gravity, where it is no argument, is ({x:g}, {y:g}, {z:g}) m/s² in the base "
         "frame.",
         "Inertial parameters are barycentric: L about the origin of the link frame, first moment l, mass m.",
+        *_not_among_the_joints(robot),
     ]
     if fixed:
         parts.append("The parameters of one robot stand in the code as numbers.")
     return " ".join(parts)
+
+
+def _not_among_the_joints(robot: Robot) -> list[str]:
+    """Say of joints of the description that have no number in q where they stand, a sentence for each kind."""
+    said = []
+    if locked := robot.read_with.get("locked"):
+        held = ", ".join(f"{name!r} at {value:g}" for name, value in locked.items())
+        said.append(f"Joints that are held still, so that the functions hold there alone: {held} (rad or m).")
+    names = robot.joint_names
+    follow = [
+        f"{joint.name!r} at {joint.multiplier:g} times {names[joint.coordinate]!r} plus {joint.offset:g}"
+        for joint in robot.joints
+        if joint.mimics is not None
+    ]
+    if follow:
+        said.append(f"Joints that follow others, to which their torques are added: {', '.join(follow)} (rad or m).")
+    return said

@@ -36,11 +36,12 @@ __all__ = [
 
 
 def described_values(term: Term, joint: Joint) -> tuple[float, ...]:
-    """Return what the description says of a joint's own friction and rotor, one a parameter; NaN where unknown.
+    """Return what the description says of a joint's own friction, rotor and offset, one a parameter; NaN where unknown.
 
     It is the `nominal` of terms whose parameters are those of the joint, and not of a motor or a screw.
     """
-    said = {"damping": joint.damping, "friction": joint.friction, "rotor_inertia": joint.rotor_inertia}
+    said = {name: getattr(joint, name) for name in ("damping", "friction", "rotor_inertia")}
+    said["offset"] = joint.torque_offset
     return tuple(said.get(parameter.described_as or "", math.nan) for parameter in term.parameters)
 
 

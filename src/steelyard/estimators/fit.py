@@ -114,18 +114,45 @@ def fit(
 
     remarks = list(found.remarks)
     unidentifiable = np.asarray(info.unidentifiable_mask)
+    parameters, described = _as_described(unidentifiable, feasible_set, found.parameters)
     if unidentifiable.any():
         decides = "tie-break" if prior is None else "prior"
+        but = f" ({', '.join(described)} as in the description)" if described else ""
         remarks.append(
             f"The data does not determine {len(info.unidentifiable)} of {info.base_count} base parameters, which the "
-            f"{decides} decides: {'; '.join(info.unidentifiable)}."
+            f"{decides} decides{but}: {'; '.join(info.unidentifiable)}."
         )
     return proved_estimate(
         info,
         feasible_set,
-        found.parameters,
+        parameters,
         f"feasible {method_name(info, values is not None)}",
         weights=values,
         remarks=remarks,
         optimality_gap=found.optimality_gap if np.isfinite(found.optimality_gap) else None,
     )
+
+
+def _as_described(
+    unidentifiable: npt.NDArray[np.bool_], feasible_set: FeasibleSet, parameters: npt.NDArray[np.float64]
+) -> tuple[npt.NDArray[np.float64], list[str]]:
+    """Return the parameters with those terms as in the description for which nothing else asks, and their names.
+
+    Nothing asks for the friction and the rotor of a joint that stands still, which would be zero in what is written.
+    *Measured* in MuJoCo: a joint of 0.014 kg·m², of which its rotor has 0.010, stays within 7 mrad of where a
+    controller with 5 N·m·s/rad at 500 Hz holds it; with zeros it had 0.0025 kg·m² and flew away, and as described, with
+    an armature that is 30 % too large, it stays within 7 mrad.
+    """
+    said = np.asarray(feasible_set.model.robot.parameters, dtype=np.float64)
+    if said.shape != parameters.shape or not unidentifiable.any():
+        return parameters, []
+    K = np.asarray(feasible_set.K)
+    terms = np.setdiff1d(np.arange(len(parameters)), feasible_set.link_columns)
+    hidden = K[:, terms].any(axis=0) & ~K[np.ix_(~unidentifiable, terms)].any(axis=0)
+    at_zero = np.abs(parameters[terms]) <= 2.0 * feasible_set.margin
+    columns = terms[hidden & at_zero & np.isfinite(said[terms]) & (said[terms] != 0.0)]
+    changed = parameters.copy()
+    changed[columns] = said[columns]
+    if not len(columns) or not feasible_set.contains(changed):
+        return parameters, []
+    return changed, [str(feasible_set.model.parameter_names[column]) for column in columns]

@@ -46,6 +46,8 @@ MOST_SPANS = 8
 MOST_LOGS = 8
 EXPLAINED = 0.3
 """Part of the squared error of a joint that a cause must take away for the joint to count as explained."""
+LIGHT = 0.01
+"""Part of the described mass of the links that a branch may have before its being there twice is worth a step."""
 NAMES = {
     "viscous": "viscous friction",
     "coulomb": "Coulomb friction",
@@ -151,6 +153,7 @@ def _steps(identification: Identification) -> Iterator[NextStep]:
     other = list(_other_estimator(identification))
     yield from other
     yield from _changes(identification)
+    yield from _springs(identification)
     mistakes = list(_mistakes(identification))
     sure, doubtful = ([step for is_sure, step in mistakes if is_sure is wanted] for wanted in (True, False))
     yield from sure
@@ -167,6 +170,7 @@ def _steps(identification: Identification) -> Iterator[NextStep]:
             yield _doctor(identification)
         return  # what the motion shows, and what is assumed, means nothing of a wrong model, or of none
     yield from _counterbalance(identification)
+    yield from _left_out(identification)
     weak = list(_weak(identification))
     yield from _remaining(identification, weak, doubtful)
     yield from _intervals(identification)
@@ -605,6 +609,45 @@ def _counterbalance(identification: Identification) -> Iterator[NextStep]:
         f"moving = MOVING # m from there to its other end\n"
         f"aligned = ALIGNED # rad, where its ends are nearest to each other; by these logs near {found.aligned:.1f}"
         " if it pulls",
+        "toml",
+    )
+
+
+def _springs(identification: Identification) -> Iterator[NextStep]:
+    """Springs of the description that the model leaves out, where it does not predict well: they look like mistakes."""
+    robot = identification.model.robot
+    sprung = [k for k, index in enumerate(robot.driving_joints, 1) if robot.joints[index].has_spring]
+    if not sprung or identification.prediction.word == "good" or any(term.kind == "spring" for term in robot.terms):
+        return
+    several = len(sprung) > 1
+    named = listed([robot.joint_names[k - 1] for k in sprung], MOST_NAMED)
+    yield NextStep(
+        f"Add the spring{'s' * several} of the description to the model.",
+        f"The description has {'springs' if several else 'a spring'} at {named}, which the model leaves out and the "
+        "robot may have. Where robot.toml states no terms yet, state viscous, coulomb and offset beside it, and "
+        "rotor_inertia where the drives have gears; the offset says where the spring rests.",
+        f'[[terms]]\nkind = "spring"\njoints = {sprung}',
+        "toml",
+    )
+
+
+def _left_out(identification: Identification) -> Iterator[NextStep]:
+    """Branches that the tip leaves out, whose mass would count twice in the description that is written."""
+    robot = identification.model.robot
+    described = sum(link.inertia.mass for link in robot.links if link.inertia is not None)
+    branches = [one for one in robot.left_out if one.mass > LIGHT * described]
+    if not branches:
+        return
+    joints = dict.fromkeys(name for one in branches for name in one.joints)
+    carriers = listed(dict.fromkeys(one.carrier for one in branches), MOST_NAMED)
+    yield NextStep(
+        "Lock what the tip leaves out, if the robot carried it in the logs.",
+        f"The tip {robot.read_with.get('tip')} leaves out {listed(joints, MOST_NAMED)} and what moves with them, "
+        f"{few_digits(sum(one.mass for one in branches))} kg by the description. If {carriers} carried that in the "
+        "logs, it is in what was identified, and who loads the written description has it twice.",
+        "[description]\nlocked = { "
+        + ", ".join(f"{json.dumps(name)} = 0.0" for name in joints)
+        + " } # where they stood, rad or m",
         "toml",
     )
 

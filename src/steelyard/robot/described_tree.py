@@ -16,10 +16,18 @@ from steelyard.files import is_real, shown, suggestion
 from steelyard.files.arguments import LARGEST, LONGEST_NAME
 
 from .inertia import Inertia
-from .joint import Attachment, Joint, JointKind, Link
+from .joint import Attachment, Joint, JointKind, LeftOut, Link
 from .placement import axis_frame, inverse, motion_z
 
-__all__ = ["ONE_DOF", "DescribedJoint", "DescribedLink", "DescribedMimic", "DescribedTree", "robot_parts"]
+__all__ = [
+    "ONE_DOF",
+    "DescribedJoint",
+    "DescribedLink",
+    "DescribedMimic",
+    "DescribedTree",
+    "robot_parts",
+    "with_extension",
+]
 
 Matrix = NDArray[np.float64]
 
@@ -79,8 +87,8 @@ class DescribedJoint:
         In the frame of the joint; not a zero vector.
     child_placement : (4, 4) array
         Frame of the child link in the frame of the joint, at the value 0.
-    lower, upper, velocity_limit, effort_limit, damping, friction, rotor_inertia, before_lengths, after_lengths
-        As in `Joint`.
+    lower, upper, velocity_limit, effort_limit, damping, friction, rotor_inertia : float
+        As in `Joint`, and so are `before_lengths`, `after_lengths`, `torque_offset` and `has_spring`.
     """
 
     name: str
@@ -101,6 +109,8 @@ class DescribedJoint:
     rotor_inertia: float = math.nan
     before_lengths: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
     after_lengths: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    torque_offset: float = math.nan
+    has_spring: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,12 +159,11 @@ class _Place(NamedTuple):
     locked: bool
 
 
-def with_rotors(joints: Mapping[str, DescribedJoint], rotor_inertias: Mapping[str, float]) -> dict[str, DescribedJoint]:
-    """Return the joints with these inertias of rotors, by their names; other names are passed over."""
-    return {
-        name: replace(joint, rotor_inertia=rotor_inertias.get(name, joint.rotor_inertia))
-        for name, joint in joints.items()
-    }
+def with_extension(
+    joints: Mapping[str, DescribedJoint], told: Mapping[str, Mapping[str, Any]]
+) -> dict[str, DescribedJoint]:
+    """Return the joints with these values of their fields, by the names of joints; other names are passed over."""
+    return {name: replace(joint, **told.get(name, {})) for name, joint in joints.items()}
 
 
 def robot_parts(tree: DescribedTree, tip: str | None, locked: Iterable[str] | Mapping[str, float]) -> dict[str, Any]:
@@ -267,6 +276,7 @@ class _Assembly:
         self.names: list[str] = []
         self.described_joints: list[str] = []
         self.attachments: dict[int, list[Attachment]] = {-1: []}
+        self.left_out: list[LeftOut] = []
 
     def parts(self, root: str) -> dict[str, Any]:
         stack = [_Place(root, -1, np.eye(4), False)]
@@ -291,6 +301,7 @@ class _Assembly:
             "base_inertia": self.tree.links[root].inertia,
             "source": self.tree.source,
             "remarks": self.tree.remarks,
+            "left_out": tuple(self.left_out),
         }
 
     def _push(self, place: _Place, pending: list[tuple[_Place, DescribedJoint]]) -> None:
@@ -315,12 +326,27 @@ class _Assembly:
             self._push(merged, pending)
             return
         if not is_within:
+            if place.carrier >= 0:
+                self.left_out.append(self._branch(self.names[place.carrier], joint))
             return
         index = len(self.joints)
         self.joints.append(self._moving(place, joint, drive))
         self.names.append(joint.child)
         self.attachments[index] = []
         self._push(_Place(joint.child, index, np.eye(4), False), pending)
+
+    def _branch(self, carrier: str, first: DescribedJoint) -> LeftOut:
+        joints: list[str] = []
+        mass, pending, chain = 0.0, [first], self.chain or ()
+        while pending:
+            joint = pending.pop()
+            if joint.kind != "fixed":  # what follows a joint that is locked is locked with it
+                follows = joint.mimic is not None and joint.mimic.joint not in chain
+                joints.append(joint.mimic.joint if joint.mimic is not None and follows else joint.name)
+            inertia = self.tree.links[joint.child].inertia
+            mass += 0.0 if inertia is None else inertia.mass
+            pending += reversed(self.children[joint.child])
+        return LeftOut(carrier, tuple(dict.fromkeys(joints)), mass)
 
     def _moving(self, place: _Place, joint: DescribedJoint, drive: _Drive) -> Joint:
         turned = axis_frame(joint.axis)
@@ -342,6 +368,8 @@ class _Assembly:
             damping=joint.damping,
             friction=joint.friction,
             rotor_inertia=joint.rotor_inertia,
+            torque_offset=joint.torque_offset,
+            has_spring=joint.has_spring,
             before_lengths={
                 name: tuple((place.placement[:3, :3] @ direction).tolist())
                 for name, direction in joint.before_lengths.items()

@@ -10,18 +10,28 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
+from steelyard.files import listed
 
 from .inertia import Inertia, pseudo_inertia
-from .joint import Link
+from .joint import Attachment, Link
 from .robot import Robot
 from .xml_edit import number_text
 
-__all__ = ["DescriptionChanges", "description_changes", "is_same", "moment_texts", "require_robot", "require_target"]
+__all__ = [
+    "DescriptionChanges",
+    "description_changes",
+    "is_same",
+    "moment_texts",
+    "remark_on_held",
+    "require_robot",
+    "require_target",
+]
 
 Matrix = NDArray[np.float64]
 
 # What differs by less, relative to a value, or to mass and second moments, is the rounding of sums.
 SAME = 1e-12
+MOST_NAMED = 3
 
 
 @dataclass(frozen=True)
@@ -32,7 +42,7 @@ class DescriptionChanges:
     ----------
     inertias : dict
         The inertia for the element of a link, by its name. It is the whole one that moves with the link, without what
-        hangs on locked joints.
+        hangs on locked joints; these are among them where they keep a part of theirs alone.
     emptied : tuple of str
         Names of links that are fixed to those: they have no inertia of their own then.
     drives : dict
@@ -63,15 +73,15 @@ def description_changes(robot: Robot, parameters: ArrayLike, drives: Mapping[str
     Raises
     ------
     InputError
-        When an array has the wrong size, a link's mass is not positive, what remains of a link without its locked links
-        is no possible body, or a value of a joint is negative.
+        When an array has the wrong size, a link's mass is not positive, a link that carries others on locked joints is
+        no possible body, or a value of a joint is negative.
     """
     values = _vector(parameters, len(robot.parameter_names), "parameters")
     inertias: dict[str, Inertia] = dict(robot.base_mended)
     emptied: list[str] = []
     for link, start in zip(robot.links, robot.link_starts, strict=True):
         if link.inertia is None or not is_same(link.inertia.parameters, values[start : start + 10]):
-            inertias[link.name] = _own_inertia(link, values[start : start + 10])
+            inertias |= _inertias_of(link, values[start : start + 10])
             emptied += [one.name for one in link.attachments if not one.locked]
     changed: dict[str, dict[str, float]] = {}
     for name, given in drives.items():
@@ -145,8 +155,40 @@ def is_same(old: Matrix, new: Matrix, tolerance: float = SAME) -> bool:
     return bool((np.abs(new - old) <= tolerance * np.outer(scale, scale)).all())
 
 
-def _own_inertia(link: Link, parameters: Matrix) -> Inertia:
-    """The inertia to write into the link's own element: the estimate without what locked links bring themselves."""
+def remark_on_held(robot: Robot, parameters: ArrayLike) -> str:
+    """Say which links on locked joints are written with a part of their inertia alone; else nothing.
+
+    Parameters
+    ----------
+    robot : Robot
+        As it was read from the description.
+    parameters : (n,) array
+        Values of `robot.parameter_names`.
+    """
+    values, found = _vector(parameters, len(robot.parameter_names), "parameters"), []
+    for link, start in zip(robot.links, robot.link_starts, strict=True):
+        held = _held(link)
+        try:
+            share = _share_of_held(link, Inertia.from_parameters(values[start : start + 10]), held)
+        except InputError:  # which is told where it is written
+            continue
+        if share < 1.0:
+            found.append(f"{listed([one.name for one, _ in held], MOST_NAMED)} with {share:.2g} of it, for {link.name}")
+    if not found:
+        return ""
+    return (
+        f"The description is written with less inertia behind locked joints ({'; '.join(found)}): with all that it "
+        "says of them, no possible body would remain of the estimate for the link that carries them. The sum is the "
+        "estimate where the joints are locked; elsewhere it is as right as the description is."
+    )
+
+
+def _inertias_of(link: Link, parameters: Matrix) -> dict[str, Inertia]:
+    """The inertias to write for a link and what it carries on locked joints, by the names of their elements.
+
+    What hangs on locked joints keeps its own inertia, which is taken from the estimate, since a simulator may move it;
+    it is written only where it takes a part of that, see `_share_of_held`.
+    """
     if not np.isfinite(parameters).all():
         raise InputError(f'link "{link.name}": its parameters must be finite, got {parameters.tolist()}')
     inertia = Inertia.from_parameters(parameters)
@@ -155,21 +197,34 @@ def _own_inertia(link: Link, parameters: Matrix) -> Inertia:
             f'link "{link.name}": its mass is {inertia.mass:g} kg, which no body has; '
             "write the estimate of a feasible fit or correction"
         )
-    held = [one for one in link.attachments if one.locked and one.inertia is not None]
-    for one in held:
-        if one.inertia is not None:
-            inertia = inertia - one.inertia.moved(one.placement)
-    if held:
-        names = ", ".join(f'"{one.name}"' for one in held)
-        smallest = float(np.linalg.eigvalsh(inertia.pseudo_inertia)[0])
-        if inertia.mass <= 0.0 or smallest <= 0.0:
-            reason = (
-                f"mass {inertia.mass:g} kg"
-                if inertia.mass <= 0.0
-                else f"a pseudo-inertia with the eigenvalue {smallest:g}"
-            )
-            raise InputError(
-                f'link "{link.name}": without {names}, which hang on locked joints and keep their inertia, its '
-                f"estimate would have {reason}, which no body has; mend their CAD inertia, or make the joints fixed"
-            )
-    return inertia
+    held = _held(link)
+    share = _share_of_held(link, inertia, held)
+    parts = {one.name: Inertia.from_parameters(share * own.parameters) for one, own in held} if share < 1.0 else {}
+    for one, own in held:
+        inertia = inertia - parts.get(one.name, own).moved(one.placement)
+    return {link.name: inertia, **parts}
+
+
+def _held(link: Link) -> list[tuple[Attachment, Inertia]]:
+    return [(one, one.inertia) for one in link.attachments if one.locked and one.inertia is not None]
+
+
+def _share_of_held(link: Link, estimate: Inertia, held: list[tuple[Attachment, Inertia]]) -> float:
+    """What of their inertia links on locked joints keep: all, or as much as leaves half of the estimate to the link.
+
+    The half is of the pseudo-inertia, in every direction. A share of the whole estimate for each of them would be
+    possible as well, but their centres of mass would no longer be where the description has them.
+    """
+    whole = sum((own.moved(one.placement).pseudo_inertia for one, own in held), np.zeros((4, 4)))
+    rest = np.linalg.eigvalsh(estimate.pseudo_inertia - whole)
+    if not held or rest[0] > 0.0:
+        return 1.0
+    try:
+        root = np.linalg.inv(np.linalg.cholesky(estimate.pseudo_inertia))
+    except np.linalg.LinAlgError:
+        raise InputError(
+            f'link "{link.name}": without {listed([one.name for one, _ in held], MOST_NAMED)}, which hang on locked '
+            f"joints and keep their inertia, its estimate would have a pseudo-inertia with the eigenvalue {rest[0]:g}, "
+            "which no body has; write the estimate of a feasible fit or correction"
+        ) from None
+    return float(0.5 / np.linalg.eigvalsh(root @ whole @ root.T)[-1])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,7 +14,7 @@ from steelyard.errors import InputError
 from .inertia import Inertia
 from .placement import frozen, motion_z
 
-__all__ = ["Attachment", "Drives", "Joint", "JointKind", "Link", "differing_joint", "joint_geometry"]
+__all__ = ["Attachment", "Drives", "Joint", "JointKind", "LeftOut", "Link", "differing_joint", "joint_geometry"]
 
 Matrix = NDArray[np.float64]
 JointKind = Literal["revolute", "continuous", "prismatic"]
@@ -55,6 +55,24 @@ class Attachment:
 
     def __repr__(self) -> str:
         return f"Attachment({self.name!r}, {'locked' if self.locked else 'fixed'})"
+
+
+class LeftOut(NamedTuple):
+    """A branch of a description that a moving link carries, and that is no part of the robot, since it has a tip.
+
+    Attributes
+    ----------
+    carrier : str
+        The name of the moving link.
+    joints : tuple of str
+        The joints of the branch that would have to be locked for it to be part of the robot.
+    mass : float
+        Of its links in the description, kg.
+    """
+
+    carrier: str
+    joints: tuple[str, ...]
+    mass: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,6 +119,9 @@ def _unknown() -> Matrix:
 
 SPRINGS_AND_POWERS = ("spring_stiffness", "spring_rest", "quadratic_damping", "cubic_damping")
 """What few robots have, and few formats hold."""
+
+FARTHEST_REST = 100.0
+"""rad or m: springs that nobody has come out with 3e-7 N m/rad, the least that is feasible, and offsets of 0.01 N m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,6 +186,29 @@ class Drives:
         """Springs and friction of higher powers, by their names, where the robot has any."""
         return {name: getattr(self, name) for name in SPRINGS_AND_POWERS if np.isfinite(getattr(self, name)).any()}
 
+    def with_offsets_in_springs(self) -> Drives:
+        """The same torques with the offsets of joints that have a spring in its place of rest, and zero themselves.
+
+        No motion tells the two apart, and few formats hold an offset. That of a spring so weak that it would rest
+        beyond `FARTHEST_REST` stays.
+
+        Examples
+        --------
+        >>> drives = Drives.unknown(1).with_known(spring_stiffness=[40.0], spring_rest=[0.0], offset=[-12.0])
+        >>> drives.with_offsets_in_springs().spring_rest.tolist()
+        [0.3]
+        """
+        stiffness, offset = np.nan_to_num(self.spring_stiffness), np.nan_to_num(self.offset)
+        rest = np.nan_to_num(self.spring_rest)
+        far = np.maximum(np.abs(rest), FARTHEST_REST)
+        held = (offset != 0.0) & (np.abs(stiffness * rest - offset) <= stiffness * far)
+        moved = rest - np.divide(offset, stiffness, out=np.zeros_like(rest), where=held)
+        return replace(
+            self,
+            offset=np.where(held, 0.0, self.offset),
+            spring_rest=np.where(held, moved, self.spring_rest),
+        )
+
     @property
     def without_joint(self) -> tuple[str, ...]:
         """Names of those that no joint of a description holds."""
@@ -221,6 +265,10 @@ class Joint:
         Viscous (N m s/rad or N s/m) and Coulomb friction (N m or N) of the description; NaN where unknown.
     rotor_inertia : float
         Inertia of the rotor as the joint feels it (kg m² or kg); NaN where the description does not say.
+    torque_offset : float
+        Constant torque that the drive gives beyond all others (N m or N); NaN where the description does not say.
+    has_spring : bool
+        Whether the description has a spring at the joint, which the term `spring` models.
 
     Examples
     --------
@@ -247,6 +295,8 @@ class Joint:
     rotor_inertia: float = np.nan
     before_lengths: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
     after_lengths: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    torque_offset: float = np.nan
+    has_spring: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "before", frozen(self.before, (4, 4)))

@@ -18,6 +18,7 @@ from .xml_edit import XmlEdit, XmlElement, in_order
 
 __all__ = [
     "JOINTS",
+    "OWN_NUMBER",
     "MjcfDocument",
     "MjcfElement",
     "MjcfFile",
@@ -49,6 +50,8 @@ NAMES = frozenset(
     )
 )
 JOINTS = ("joint", "freejoint")
+OWN_NUMBER = "steelyard:{}:{}"
+"""Name of a number of ours in ``<custom>``: what it is, and of which joint."""
 COPYING = {"replicate": 1, "composite": 1, "flexcomp": 1000}
 """Elements that stand for so many copies as `count` says, and for how many where it does not."""
 MOST_COPIES = 20_000

@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from steelyard.errors import InputError
+from steelyard.files import shown
 
-from .described_tree import DescribedJoint, DescribedLink, DescribedMimic, DescribedTree, robot_parts
+from .described_tree import DescribedJoint, DescribedLink, DescribedMimic, DescribedTree, robot_parts, with_extension
 from .mjcf_compiled import BALL, BODY, CONNECT, FREE, HINGE, JOINT, SLIDE, TENDON, WELD, CompiledMjcf, compiled
-from .mjcf_document import MjcfDocument, new_name, read_mjcf_document
+from .mjcf_document import OWN_NUMBER, MjcfDocument, new_name, read_mjcf_document
 from .mjcf_reading import BeyondReadingError, read_compiled
 from .mjcf_remarks import mjcf_remarks
 from .placement import axis_frame, inverse, motion_z, translation
@@ -116,10 +117,28 @@ def mjcf_tree(document: MjcfDocument) -> MjcfTree:
             link_of[joints[number]] = link
             parent, frame = link, np.eye(4)
         links[name] = DescribedLink(name, line, body["inertia"])
+    described = with_extension(described, {name: {"torque_offset": of} for name, of in _offsets(document).items()})
     remarks = mjcf_remarks(document, model, bodies, joints)
     path = document.path
     tree = DescribedTree(str(path), document.name, links, described, path, remarks=remarks)
     return MjcfTree(document, model, bodies, joints, link_of, tree)
+
+
+def _offsets(document: MjcfDocument) -> dict[str, float]:
+    """Return the offsets that stand as numbers of ours in ``<custom>``, by the names of joints."""
+    found, prefix = {}, OWN_NUMBER.format("offset", "")
+    for element in (one for section in document.root.all("custom") for one in section.all("numeric")):
+        name, text = element.attributes.get("name", ""), element.attributes.get("data", "")
+        if not name.startswith(prefix):
+            continue
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        found[name.removeprefix(prefix)] = value
+        if not math.isfinite(value):
+            raise InputError(f"{element.where}: data of {shown(name)} must be one finite number, got {shown(text)}")
+    return found
 
 
 def _named(rows: Sequence[Mapping[str, Any]], noun: str) -> tuple[str, ...]:
@@ -161,6 +180,7 @@ def _joint(
         damping=row["damping"] + of_actuators["damping"],
         friction=row["friction"],
         rotor_inertia=row["armature"] + of_actuators["armature"],
+        has_spring=bool(row["stiffness"]),
     )
 
 

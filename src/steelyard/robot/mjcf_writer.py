@@ -17,7 +17,7 @@ from .description_changes import DescriptionChanges, description_changes, is_sam
 from .inertia import Inertia
 from .joint import SPRINGS_AND_POWERS, Drives
 from .mjcf_compiled import OF_ACTUATORS, ON_JOINT
-from .mjcf_document import MjcfElement, MjcfFile
+from .mjcf_document import OWN_NUMBER, MjcfElement, MjcfFile
 from .mjcf_tree import MjcfTree, read_mjcf_tree
 from .robot import Robot
 from .xml_edit import attribute_text, number_text, tag_text
@@ -25,12 +25,11 @@ from .xml_edit import attribute_text, number_text, tag_text
 __all__ = ["DRIVE_ATTRIBUTES", "MjcfWriter", "write_mjcf"]
 
 DRIVE_ATTRIBUTES = {"damping": "damping", "friction": "frictionloss", "rotor_inertia": "armature"}
-OWN = "steelyard:{}:{}"
-"""Name of a number in ``<custom>``: what it is, and of which joint."""
 OTHER_INERTIA = ("fullinertia", "quat", "axisangle", "xyaxes", "zaxis", "euler")
 # MuJoCo refuses principal moments of which two are less than the third, or one below 1e-14 kg m², by whatever little.
 # An estimate may lie on that bound, where rounding decides; so much, relative to the largest one, is added to all.
 MARGIN, LEAST = 1e-12, 2e-14
+ROUNDING = 1e-9  # of the second moments, which rounding of an estimate on the bound exceeds by far less
 READ_BACK = 1e-9
 # Assets by the attribute of <compiler> that says where their files are.
 FOLDERS = {"mesh": "meshdir", "hfield": "meshdir", "skin": "meshdir", "texture": "texturedir"}
@@ -48,8 +47,8 @@ def write_mjcf(
     The inertia of a body is written as principal moments and axes in its ``<inertial>``, and values of a joint at the
     joint, also where the old ones came from geoms or defaults. Bodies that are
     welded to a moving one get an ``<inertial>`` without mass, so that the total is the estimate. Bodies on *locked*
-    joints keep theirs, which is taken from the estimate. Where a body has several joints, and the estimate says that
-    something moves between them, a body is put there.
+    joints keep theirs, which is taken from the estimate, or a part of it where no possible body would remain. Where a
+    body has several joints, and the estimate says that something moves between them, a body is put there.
 
     Settings of the compiler that would change what is written are taken out: ``settotalmass``, and ``boundmass``,
     ``boundinertia`` and ``inertiafromgeom="true"`` where they matter; the other bodies then get the inertias that they
@@ -67,10 +66,10 @@ def write_mjcf(
         Values of `robot.parameter_names`.
     drives : Drives
         Of each coordinate; NaN leaves a value as it was. They include what the mimic joints of the coordinate add,
-        which get 0. Springs and powers of the speed are as MuJoCo 4.0 reads them. The offset, for which MJCF has no
-        place, stands in ``<custom>`` as the number with the name ``steelyard:offset:`` and that of the joint; the
-        stiffness and the damping of the transmission of an elastic joint likewise, ``steelyard:stiffness:`` and
-        ``steelyard:transmission_damping:``.
+        which get 0. Springs and powers of the speed are as MuJoCo 4.0 reads them. The offset of a joint with a spring
+        goes into its ``springref``. That of others, for which MJCF has no place, stands in ``<custom>`` as the number
+        with the name ``steelyard:offset:`` and that of the joint; the stiffness and the damping of the transmission of
+        an elastic joint likewise, ``steelyard:stiffness:`` and ``steelyard:transmission_damping:``.
     source : str or Path
         The MJCF to copy.
     target : str or Path
@@ -79,9 +78,9 @@ def write_mjcf(
     Raises
     ------
     InputError
-        When an array has the wrong size, a link's mass is not positive, a value of a joint is negative, a body is a
-        copy that MuJoCo makes (``<replicate>``, ``<attach>``), `source` is not the robot's MJCF, or `target` is
-        `source`.
+        When an array has the wrong size, a link's mass is not positive, its moments of inertia are such that MuJoCo
+        refuses them, a value of a joint is negative, a body is a copy that MuJoCo makes (``<replicate>``,
+        ``<attach>``), `source` is not the robot's MJCF, or `target` is `source`.
     MissingExtraError
         When it takes MuJoCo to read the source, which is not installed.
 
@@ -104,9 +103,10 @@ def write_mjcf(
     name="hinge" damping="0.3" armature="0.02"/><geom size="0.1"/></body></worldbody></mujoco>
     """
     source, target = Path(source), Path(target)
+    drives = drives.with_offsets_in_springs()
     changes = description_changes(robot, parameters, drives.held_by_joints())
     own = {
-        OWN.format(key, name): drives.told(key, name, k)
+        OWN_NUMBER.format(key, name): drives.told(key, name, k)
         for key in drives.without_joint
         if key not in SPRINGS_AND_POWERS
         for k, name in enumerate(robot.joint_names)
@@ -137,7 +137,7 @@ class MjcfWriter:
         self.joint_rows = dict(zip(read.joint_names, read.compiled.joints, strict=True))
         self.springs = any("springdamper" in one.attributes for one in self.document.root.iterate())
         self.between = {link for link in read.link_of.values() if link not in self.rows}
-        allowed = {name: _allowed(inertia) for name, inertia in changes.inertias.items()}
+        allowed = {name: _allowed(name, inertia) for name, inertia in changes.inertias.items()}
         self.inertias = {name: inertia for name, inertia in allowed.items() if name in self.rows}
         self.inertias_between = {name: inertia for name, inertia in allowed.items() if name in self.between}
         self.inertias |= {name: Inertia.zero() for name in changes.emptied if self._weighs(name)}
@@ -357,12 +357,26 @@ def _least(inertia: Inertia) -> dict[str, float]:
     return {"boundmass": inertia.mass, "boundinertia": float(np.linalg.eigvalsh(inertia.about_com)[0])}
 
 
-def _allowed(inertia: Inertia) -> Inertia:
-    """Return an inertia that MuJoCo takes: the same one, or one whose moments are larger by next to nothing."""
+def _allowed(name: str, inertia: Inertia) -> Inertia:
+    """Return an inertia that MuJoCo takes: the same one, or one whose moments are larger by next to nothing.
+
+    Raises
+    ------
+    InputError
+        If next to nothing is not enough, as of estimates that are consistent in their inertia alone: with moments that
+        were enlarged by as much as it takes, the torques of a simulated arm were off by 10.6 %, and by 2.8 % as
+        estimated.
+    """
     moments = np.linalg.eigvalsh(inertia.about_com)
     short = max(moments[2] * (1.0 + MARGIN) - moments[0] - moments[1], LEAST - moments[0])
     if short <= 0.0:
         return inertia
+    if short > max(ROUNDING * float(np.trace(inertia.about_origin)), 2.0 * LEAST):
+        told = ", ".join(f"{value:.3g}" for value in moments)
+        raise InputError(
+            f'body "{name}": its principal moments of inertia would be {told} kg·m², of which one exceeds the sum of '
+            'the others, so that MuJoCo refuses the file; use the consistency "full"'
+        )
     return Inertia(inertia.mass, inertia.first_moment, inertia.about_origin + short * np.eye(3))
 
 

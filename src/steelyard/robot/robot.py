@@ -17,7 +17,7 @@ from steelyard.files import shown, suggestion
 from steelyard.once import cached_property
 
 from .inertia import INERTIA_SYMBOLS, Inertia
-from .joint import Attachment, Joint, Link
+from .joint import Attachment, Joint, LeftOut, Link
 from .placement import frozen
 
 __all__ = ["Condition", "Robot", "Term", "TermParameter"]
@@ -262,6 +262,8 @@ class Robot:
         a controller numbers them; empty where none are.
     xacro_arguments : mapping
         With which the description was expanded.
+    left_out : tuple of LeftOut
+        Branches of the description that moving links carry, and that its tip leaves out.
 
     Raises
     ------
@@ -294,6 +296,7 @@ class Robot:
     read_with: Mapping[str, Any] = field(default_factory=dict)
     described_joints: tuple[str, ...] = ()
     xacro_arguments: Mapping[str, str] = field(default_factory=dict)
+    left_out: tuple[LeftOut, ...] = ()
 
     def __post_init__(self) -> None:
         try:
@@ -701,14 +704,15 @@ class Robot:
 
     @cached_property
     def felt_joints(self) -> tuple[Joint, ...]:
-        """The driving joints (N,), with what they feel of the friction and rotor inertia of joints that mimic them."""
+        """The driving joints (N,), with what they feel of the drives of joints that mimic them."""
         felt = []
         for index in self.driving_joints:
             driver = self.joints[index]
             together = [joint for joint in self.joints if driver.name in (joint.name, joint.mimics)]
 
-            def total(name: str, power: int, together: list[Joint] = together) -> float:
-                parts = [getattr(one, name) * abs(one.multiplier) ** power for one in together]
+            def total(name: str, power: int, together: list[Joint] = together, signed: bool = False) -> float:
+                ratios = [one.multiplier if signed else abs(one.multiplier) for one in together]
+                parts = [getattr(one, name) * ratio**power for one, ratio in zip(together, ratios, strict=True)]
                 known = [part for part in parts if not np.isnan(part)]
                 return float(sum(known)) if known else np.nan
 
@@ -718,6 +722,7 @@ class Robot:
                     damping=total("damping", 2),
                     friction=total("friction", 1),
                     rotor_inertia=total("rotor_inertia", 2),
+                    torque_offset=total("torque_offset", 1, signed=True),
                 )
                 if len(together) > 1
                 else driver

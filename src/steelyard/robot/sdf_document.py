@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from steelyard.errors import InputError
 from steelyard.files import suggestion
 
-from .described_tree import ONE_DOF, DescribedJoint, DescribedLink, DescribedMimic, DescribedTree, with_rotors
+from .described_tree import ONE_DOF, DescribedJoint, DescribedLink, DescribedMimic, DescribedTree, with_extension
 from .inertia import Inertia, inertia_tensor
 from .placement import inverse, quaternion_rotation, rpy_rotation, snapped
 from .references import find_reference
@@ -369,7 +369,7 @@ class SdfReader(XmlReader):
     def _described(self, robot: SdfFrame) -> DescribedTree:
         joints = {frame.name: self._joint(frame) for frame in self.joints}
         if robot.inner is not None and robot.inner.element is not None:
-            joints = with_rotors(joints, self.rotor_inertias(robot.inner.element))
+            joints = with_extension(joints, self.of_drives(robot.inner.element))
         links = {frame.name: self._link(frame) for frame in self.links}
         if WORLD not in links and any(joint.parent == WORLD for joint in joints.values()):
             links = {WORLD: DescribedLink(WORLD, 0, None), **links}
@@ -452,7 +452,7 @@ class SdfReader(XmlReader):
         mimic = self._mimic(frame, axis_element, owner)
         return DescribedJoint(
             name, line, kind, above.name, below.name, origin, axis, placed, mimic,
-            lower, upper, velocity, effort, damping, friction,
+            lower, upper, velocity, effort, damping, friction, has_spring=stiffness > 0.0,
         )  # fmt: skip
 
     def _axis(self, frame: SdfFrame, element: etree._Element, owner: str) -> tuple[float, ...]:

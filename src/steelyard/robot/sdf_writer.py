@@ -33,6 +33,7 @@ def write_sdf(robot: Robot, parameters: ArrayLike, drives: Drives, source: str |
 
     A link must have a mass in SDF, so links that are fixed to a moving link keep theirs, which is taken from the
     estimate; where no possible body would remain, the estimate is shared among the links by the masses that they had.
+    Links on *locked* joints keep theirs, too, or a part of it where no possible body would remain.
     A body that is as the SDF has it does not change. Friction goes into `<dynamics>` of the axis; rotor inertia and
     offset, for which the format has no place, into `<steelyard:drives>` of the model. Where the target is in another
     folder, relative paths of files that are there are made absolute.
@@ -76,12 +77,11 @@ def write_sdf(robot: Robot, parameters: ArrayLike, drives: Drives, source: str |
     require_target(source, target, robot, "SDF")
     edit = XmlEdit(read_bytes(source, remedy="give the path of an SDF"), source)
     model, links, joints = _robot_model(edit, robot, source)
-    for link in robot.links:
-        if link.name in changes.inertias:
-            for name, inertia in _shared(link, changes.inertias[link.name]).items():
-                _set_inertial(edit, links[name], inertia)
-    for name, inertia in robot.base_mended.items():
-        _set_inertial(edit, links[name], inertia)
+    moving = {link.name: link for link in robot.links}
+    for name, inertia in changes.inertias.items():
+        parts = _shared(moving[name], inertia) if name in moving else {name: inertia}
+        for one, part in parts.items():
+            _set_inertial(edit, links[one], part)
     for name, known in changes.drives.items():
         _set_dynamics(edit, joints[name], {key: number_text(known[key]) for key in FRICTION if key in known})
     write_extension(edit, model, robot, drives, changes.drives)

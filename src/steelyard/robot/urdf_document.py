@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from steelyard.errors import InputError
 from steelyard.files import read_bytes, suggestion
 
-from .described_tree import ONE_DOF, DescribedJoint, DescribedLink, DescribedMimic, DescribedTree, with_rotors
+from .described_tree import ONE_DOF, DescribedJoint, DescribedLink, DescribedMimic, DescribedTree, with_extension
 from .inertia import Inertia, inertia_tensor
 from .placement import rpy_rotation
 from .xml_document import SHORTEST_AXIS, XmlReader, line_of, parse_xml
@@ -111,7 +111,7 @@ class UrdfReader(XmlReader):
                     f'the joint "{joint.name}" was already on line {joints[joint.name].line}; names must differ',
                 )
             joints[joint.name] = joint
-        joints = with_rotors(joints, self.rotor_inertias(root))
+        joints = with_extension(joints, self.of_drives(root))
         return DescribedTree(str(self.path), root.get("name") or self.path.stem, links, joints, self.path)
 
     def link(self, element: etree._Element) -> DescribedLink:

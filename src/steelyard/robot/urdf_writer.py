@@ -42,12 +42,13 @@ def write_urdf(
     What the parameters do not change stays as it is, too, so that a copy with the robot's own parameters is the same.
 
     The whole inertia of a moving link is written into that link; links that are fixed to it lose their `<inertial>`, so
-    that the total is the estimate. Links that hang on *locked* joints keep theirs, which is taken from the estimate.
-    Links fixed to the base do not change, but for `base_mended` of the robot. Friction goes into `<dynamics>`, and
-    into `<gazebo reference="joint">` and `<ros2_control>` where these state damping or friction a second time; what
-    the format has no place for, as rotor inertia, offsets and springs, into `<steelyard:drives>`. A xacro is
-    written as the URDF that it describes. Where the target is in another folder, relative paths of files that are
-    there are made absolute. The target is written beside and renamed, so it is whole or not there.
+    that the total is the estimate. Links that hang on *locked* joints keep theirs, which is taken from the estimate, or
+    a part of it where no possible body would remain. Links fixed to the base do not change, but for `base_mended` of
+    the robot. Friction goes into `<dynamics>`, and into `<gazebo reference="joint">` and `<ros2_control>` where these
+    state damping or friction a second time; what the format has no place for, as rotor inertia, offsets and springs,
+    into `<steelyard:drives>`. A xacro is written as the URDF that it describes. Where the target is in another folder,
+    relative paths of files that are there are made absolute. The target is written beside and renamed, so it is whole
+    or not there.
 
     Parameters
     ----------
@@ -70,8 +71,8 @@ def write_urdf(
     Raises
     ------
     InputError
-        When an array has the wrong size, a link's mass is not positive, what remains of a link without its locked links
-        is no possible body, a friction value is negative, `source` is not the robot's URDF, or `target` is `source`.
+        When an array has the wrong size, a link's mass is not positive, a link with others on locked joints is no
+        possible body, a friction value is negative, `source` is not the robot's URDF, or `target` is `source`.
 
     Examples
     --------

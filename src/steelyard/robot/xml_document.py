@@ -91,16 +91,17 @@ class XmlReader:
         self.place = str(path)
         self.namespace = ""
 
-    def rotor_inertias(self, parent: etree._Element) -> dict[str, float]:
-        """Return what the extension `<steelyard:drives>` of a robot says, by the names of joints."""
+    def of_drives(self, parent: etree._Element) -> dict[str, dict[str, float]]:
+        """Return what the extension `<steelyard:drives>` says, by the names of joints and of their fields."""
         found = {}
         for element in parent.iterfind(f"{DRIVES}/{{{DRIVES_NAMESPACE}}}joint"):
             name = self.text(element, "name", "a <steelyard:joint>")
-            found[name] = self.number(element, "rotor_inertia", f'joint "{name}"', math.nan)
-            if found[name] < 0.0:
-                raise self.error(
-                    element, f'joint "{name}": its rotor_inertia is {found[name]:g}, but no rotor has that'
-                )
+            inertia, offset = (
+                self.number(element, key, f'joint "{name}"', math.nan) for key in ("rotor_inertia", "offset")
+            )
+            if inertia < 0.0:
+                raise self.error(element, f'joint "{name}": its rotor_inertia is {inertia:g}, but no rotor has that')
+            found[name] = {"rotor_inertia": inertia, "torque_offset": offset}
         return found
 
     def children(self, element: etree._Element, tag: str) -> list[etree._Element]:
