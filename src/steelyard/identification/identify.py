@@ -30,7 +30,6 @@ from steelyard.regression import Estimate, Information, least_squares
 from steelyard.regression.reduction import errors_of, residuals
 from steelyard.regression.time_blocks import FOLDS
 from steelyard.robot.described_inertia import remark_on_base
-from steelyard.robot.description_changes import remark_on_held
 
 from .default_terms import RotorDecision, decide_rotors
 from .doubts import doubts_of, heavy_ends
@@ -409,8 +408,12 @@ def identify(
         remarks[of_base] = None
     missed = None
     if model.robot.source is not None:
-        if of_held := remark_on_held(model.robot, np.asarray(estimate)):
-            remarks[of_held] = None
+        holds = any(one.locked for link in model.robot.links for one in link.attachments)
+        if holds and estimate.parameters is not None:
+            from steelyard.robot.description_changes import remark_on_held  # few robots have locked joints
+
+            if of_held := remark_on_held(model.robot, estimate.parameters):
+                remarks[of_held] = None
         from .missed_terms import missed_terms  # there is no description otherwise
 
         missed = missed_terms(model, estimate, [log.samples for log in read.logs])
