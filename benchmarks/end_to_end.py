@@ -45,16 +45,14 @@ for _ in range(4):
         return timed
     taken = {}
     kept = {}
-    for name in ("check", "tried_prior", "plausible_fit", "parameter_table", "doubts_of", "_predict"):
+    for name in ("reduced_logs", "check", "tried_prior", "plausible_fit", "parameter_table", "doubts_of", "_predict"):
         kept[name] = getattr(module, name)
         setattr(module, name, note(name, kept[name]))
-    for name in ("decide", "reduced"):
-        kept[name] = getattr(module.LogReader, name)
-        setattr(module.LogReader, name, note(name, kept[name]))
+    decide = module.LogReader.decide
+    module.LogReader.decide = note("decide", decide)
     estimate = note("all", identify)(sys.argv[1], [sys.argv[2]]).estimate
     note("save", estimate.save)(sys.argv[3])
-    for name in ("decide", "reduced"):
-        setattr(module.LogReader, name, kept.pop(name))
+    module.LogReader.decide = decide
     for name, function in kept.items():
         setattr(module, name, function)
     taken["all"] = [a + b for a, b in zip(taken["all"], taken["save"])]
@@ -63,7 +61,7 @@ print(json.dumps(min(rounds, key=lambda one: one["all"][0])))
 """
 STEPS = {
     "decide": "filter and columns decided by the middle of the log",
-    "reduced": "decoding, filters, regressor, reduction",
+    "reduced_logs": "decoding, filters, regressor, reduction",
     "check": "is least squares possible",
     "tried_prior": "weight of the prior by cross-validation",
     "plausible_fit": "feasible fit and the price of the prior",

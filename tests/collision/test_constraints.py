@@ -94,6 +94,22 @@ class TestPairs:
         assert limit.labels == ("b to base", "c to base", "c to a", "c to b")
         assert limit.clearance(np.zeros((3, 4)) + default_neutral_configuration(chain.robot)).shape == (3, 4)
 
+    @pytest.mark.parametrize(("mass", "moments", "apart"), [(0.37, (4e-4, 5e-4, 3e-4), True), (1.0, (1.0,) * 3, False)])
+    def test_a_heavy_link_without_a_shape_is_a_body(self, tmp_path, mass, moments, apart):
+        """The links on either side of the wrist are 0 to 0.1 m apart; what a template leaves as an inertial is none."""
+        ixx, iyy, izz = moments
+        inertial = (
+            f'<inertial><mass value="{mass}"/><inertia ixx="{ixx}" iyy="{iyy}" izz="{izz}" ixy="0" ixz="0" iyz="0"/>'
+            "</inertial>"
+        )
+        path = tmp_path / "chain.urdf"
+        path.write_text(CHAIN.replace('<link name="wrist"/>', f'<link name="wrist">{inertial}</link>'))
+        robot = sy.Robot.from_urdf(path)
+        rod = rotation_y(np.pi / 2)
+        rod[0, 3] = 0.25
+        shapes = [PlacedShape.on(robot, name, Capsule(0.03, 0.3), rod) for name in ("b", "c")]
+        assert watched(SelfCollision(RobotGeometry(robot, shapes))) == (pairs("b c") if apart else set())
+
     def test_the_neutral_configuration(self, chain):
         """At 0 the second rod is stretched out; folded back, the tool lies on the first rod."""
         folded = np.array([0.0, 2.5, 2.3, 0.0])

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.errors import InputError
+from steelyard.robot.described_inertia import described_bodies
 from steelyard.robot.xml_document import parse_xml
 
 from .configuration_constraint import DistanceConstraint, checked_margin
@@ -50,7 +51,7 @@ class SelfCollision(DistanceConstraint):
     distance is that of their nearest shapes, and negative where they overlap. Pairs of links of the description are
     left out if they
 
-    - are adjacent: no other link with a shape lies between them in the tree,
+    - are adjacent: no other link with a shape or a mass lies between them in the tree,
     - touch at 95 % of 200 random configurations within the limits of the joints, or at the neutral configuration: where
       nobody states it, if they also touch at half of the random ones,
     - are excluded, or disabled by an SRDF.
@@ -243,7 +244,7 @@ def watched_pairs(
     left_out: list[LeftOut] = []
     open_pairs: list[LinkPair] = []
     carrier = {one.link: one.body for one in geometry.shapes}
-    solid = {*carrier, *shapeless}
+    solid = {*carrier, *shapeless, *_heavy_links(geometry)}
     for first, second in combinations(geometry.links, 2):
         if carrier[first] == carrier[second]:
             continue  # they do not move relative to each other
@@ -270,6 +271,12 @@ def watched_pairs(
         tuple(margins.get(group[0], margins.get(group[0][::-1], margin)) for group in groups),
         (*left_out, *touching),
     )
+
+
+def _heavy_links(geometry: RobotGeometry) -> list[str]:
+    """Return the links of the description whose mass can be believed: bodies, and no mere frames."""
+    bodies = [part for parts in described_bodies(geometry.robot) for part in parts]
+    return [part.name for part in bodies if part.is_usable and part.inertia is not None and part.inertia.mass > 0.0]
 
 
 def _label(geometry: RobotGeometry, group: Sequence[LinkPair]) -> str:

@@ -145,7 +145,8 @@ def two_heaps(amplitudes: Array, causes: int = 1) -> tuple[float, Numbers, float
         return None
     lower, upper = values[: best + 1], values[best + 1 :]
     # The second heap has two numbers of its own, each of which costs half of log(count).
-    odds = _of_two(lower, upper) - count * float(unsure[best]) - _of_one(values) - log(count)
+    two = _of_two(lower, upper) - count * float(unsure[best]) - log(count)
+    odds = two - _of_one(values, two - log(causes / CHANCE))
     if not odds > log(causes / CHANCE):
         return None
     first = 2 * len(lower) >= count
@@ -178,16 +179,20 @@ def _most(negative: Callable[[Array], float], start: Sequence[float]) -> float:
     return -float(minimize(negative, np.array(start), method="Nelder-Mead", options=options).fun)
 
 
-def _of_one(values: Array) -> float:
+def _of_one(values: Array, enough: float) -> float:
     """The largest logarithm of the likelihood of one heap, from three starts, of which two are skewed.
 
-    One that has no tails at all, as where parts are sorted by size, is as likely all over.
+    One that has no tails at all, as where parts are sorted by size, is as likely all over. What reaches `enough` is not
+    improved any more: the first start does in most heaps.
     """
-    without_tails = -len(values) * log(max(float(np.ptp(values)), 1e-300))
+    found = -len(values) * log(max(float(np.ptp(values)), 1e-300))
     starts = [
         (float(np.quantile(values, where)), 0.0, skew, 1.5) for where, skew in ((0.5, 0.0), (0.3, 0.7), (0.7, -0.7))
     ]
-    return max(without_tails, *(_most(lambda p: -_log_likelihood(values - p[0], *p[1:]), one) for one in starts))
+    for start in starts:
+        if found < enough:
+            found = max(found, _most(lambda p: -_log_likelihood(values - p[0], *p[1:]), start))
+    return found
 
 
 def _of_two(lower: Array, upper: Array) -> float:
