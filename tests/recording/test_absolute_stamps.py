@@ -87,6 +87,14 @@ def test_no_ns_is_lost(name: str, tmp_path: Path) -> None:
         expect(recording, slice(recording.first_row, recording.first_row + recording.count))
 
 
+@pytest.mark.parametrize("suffix", ["csv", "npz", "parquet"])
+def test_no_ns_of_what_is_saved_is_lost(suffix: str, tmp_path: Path) -> None:
+    WRITERS["ns.csv"](tmp_path / "log.csv")
+    saved = Recording.read(tmp_path / "log.csv").save(tmp_path / f"saved.{suffix}")
+    expect(Recording.read(saved))
+    assert LogFiles(saved).names == ("t_ns", "q1", "tau1")
+
+
 @pytest.mark.parametrize("kind", ["ros1.bag", "json.mcap"])
 def test_no_ns_of_a_bag_is_lost(kind: str, tmp_path: Path) -> None:
     pytest.importorskip("rosbags")

@@ -30,7 +30,7 @@ from .samples import Samples
 from .survey import LogSurvey, turn_remarks
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike, NDArray
 
     from steelyard.dynamics import Model
 
@@ -243,9 +243,15 @@ class Recording(Measurements):
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write to .npz, .csv or .parquet with the columns t, q1, …, dq1, …, ddq1, …, tau1, …; `read` takes it back.
 
+        Times of a log whose clock does not begin with it (`clock_origin`) are written on that clock, as whole
+        nanoseconds in the column t_ns.
+
         Raises
         ------
         InputError
             For another suffix.
         """
-        return write_log(Path(path), self.arrays())
+        arrays: dict[str, NDArray[Any]] = dict(self.arrays())
+        if self.clock_origin:
+            arrays = {"t_ns": self.clock_origin + np.rint(1e9 * arrays.pop("t")).astype(np.int64), **arrays}
+        return write_log(Path(path), arrays)

@@ -224,7 +224,7 @@ class CsvFile(LogFile):
         return Head(tuple(names), start, dialect, comment, begin)
 
     @classmethod
-    def write(cls, file: IO[bytes], arrays: Mapping[str, NDArray[np.float64]]) -> None:
+    def write(cls, file: IO[bytes], arrays: Mapping[str, NDArray[Any]]) -> None:
         """Write the columns under a line of their names."""
         import polars as pl
 

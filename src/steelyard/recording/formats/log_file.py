@@ -102,7 +102,7 @@ class LogFile(ABC):
         """Read whole columns."""
 
     @classmethod
-    def write(cls, file: IO[bytes], arrays: Mapping[str, NDArray[np.float64]]) -> None:
+    def write(cls, file: IO[bytes], arrays: Mapping[str, NDArray[Any]]) -> None:
         """Write arrays (S,) and (S, M), by name, to a binary file; `Recording.save` calls this where `saved_as` is set.
 
         `read` must find a column of each (S,) array under its name, and of each (S, M) array under the name and 1 to M.

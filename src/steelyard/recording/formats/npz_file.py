@@ -115,7 +115,7 @@ class NpzFile(LogFile):
         return ()
 
     @classmethod
-    def write(cls, file: IO[bytes], arrays: Mapping[str, NDArray[np.float64]]) -> None:
+    def write(cls, file: IO[bytes], arrays: Mapping[str, NDArray[Any]]) -> None:
         """Write the arrays as they are."""
         np.savez(file, **arrays)  # type: ignore[arg-type]
 

@@ -91,7 +91,7 @@ class ParquetFile(TableFile):
         return super().places() if self._largest_group <= LARGE_GROUP else None
 
     @classmethod
-    def write(cls, file: IO[bytes], arrays: Mapping[str, NDArray[np.float64]]) -> None:
+    def write(cls, file: IO[bytes], arrays: Mapping[str, NDArray[Any]]) -> None:
         """Write the columns in row groups small enough to be read one by one."""
         import polars as pl
 

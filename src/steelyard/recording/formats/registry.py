@@ -81,7 +81,7 @@ def log_format(suffix: str) -> type[LogFile] | None:
     return LOG_FORMATS.get(suffix.lower().removeprefix("."))
 
 
-def write_log(path: Path, arrays: Mapping[str, NDArray[np.float64]]) -> Path:
+def write_log(path: Path, arrays: Mapping[str, NDArray[Any]]) -> Path:
     """Write arrays (S,) and (S, M) as a log in the format of the suffix; the file appears whole or not at all.
 
     Raises
