@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import time
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import lru_cache
@@ -18,8 +19,10 @@ from .standard_input import standard_input
 
 __all__ = ["LogContent", "content_hash", "content_hashes", "contents_of", "hashed_log", "unchanged"]
 
-LARGE = 50_000_000
-"""Bytes of a file that is read for its hash once in a process, as long as its size and its time stay the same."""
+SETTLED = 2.0
+"""s since a file was last written, after which it is read for its hash once in a process, as long as its size and times
+stay the same. What is written meanwhile has other times then, also where a file system tells them to the second: git
+takes files of its index for unchanged by this rule."""
 
 
 def hashed_log(source: str | Path) -> list[dict[str, str]]:
@@ -154,11 +157,11 @@ def _hash(path: Path) -> str:
                 digest.update(f"{one.name}\0{_hash(one)}\0".encode())
         return digest.hexdigest()
     known = path.stat()
-    if known.st_size < LARGE:
+    if time.time() - max(known.st_mtime, known.st_ctime) < SETTLED:
         return file_hash(path, remedy=REMEDY)
-    return _hash_of_large(path, known.st_ino, known.st_size, known.st_mtime_ns)
+    return _hash_of_settled(path, known.st_ino, known.st_size, known.st_mtime_ns, known.st_ctime_ns)
 
 
 @lru_cache(maxsize=100_000)
-def _hash_of_large(path: Path, *unchanged: int) -> str:
+def _hash_of_settled(path: Path, *unchanged: int) -> str:
     return file_hash(path, remedy=REMEDY)
