@@ -1,6 +1,7 @@
 """The report says what the data says, and nothing in it comes from elsewhere or goes elsewhere."""
 
 import base64
+import importlib
 import zlib
 from dataclasses import replace
 from pathlib import Path
@@ -144,6 +145,19 @@ def test_plotly_is_in_the_page_compressed(page: lxml.html.HtmlElement, text: str
     (script,) = page.xpath("//script[@id='plotly']")
     assert zlib.decompress(base64.b64decode(script.text)).decode() == get_plotlyjs()
     assert len(text.encode()) < 3e6
+
+
+def test_plotly_is_compressed_once_a_machine(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("STEELYARD_CACHE_DIR", str(tmp_path))
+    module = importlib.import_module("steelyard.report.html_document")
+    make = module._compressed_plotly.__wrapped__
+    made = make()
+    monkeypatch.delattr(module, "compressed")
+    assert make() == made
+    for file in tmp_path.iterdir():
+        file.write_bytes(file.read_bytes()[:-1])
+    with pytest.raises(NameError):  # what is damaged is made anew
+        make()
 
 
 def test_nothing_is_loaded_from_elsewhere(page: lxml.html.HtmlElement) -> None:

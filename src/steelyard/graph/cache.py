@@ -1,4 +1,4 @@
-"""Compiled object code kept on disk, so that a robot is compiled once a machine."""
+"""Compiled object code, and what else takes long to make, kept on disk: a robot is compiled once a machine."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _MAGIC = b"steelyard-object-2\n"
 
 
 class ObjectCache:
-    """A folder of object files named by the hash of what they were made from.
+    """A folder of files, most of them of object code, named by the hash of what they were made from.
 
     A file holds a hash of its key and its content, so that a damaged or misplaced one is recognised and made again.
     Files are written beside and renamed, so that two processes may write the same one. The environment variable
@@ -51,7 +51,7 @@ class ObjectCache:
         return cls(folder if folder is not None and _private(folder) else None)
 
     def read(self, key: str) -> bytes | None:
-        """Return the object code kept under `key`, or None where there is none or it is damaged."""
+        """Return the content kept under `key`, or None where there is none or it is damaged."""
         if self.folder is None:
             return None
         try:

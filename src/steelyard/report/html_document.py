@@ -10,9 +10,11 @@ import zlib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from hashlib import sha256
 from importlib import resources
 
 from steelyard.errors import printable
+from steelyard.graph import ObjectCache
 
 __all__ = [
     "WITHOUT_SCRIPTS",
@@ -291,10 +293,19 @@ def html_document(
 
 @lru_cache(maxsize=1)
 def _compressed_plotly() -> str:
-    """Return Plotly's script, deflated and in base 64: 1.9 MB in place of 4.8."""
+    """Return Plotly's script, deflated and in base 64: 1.9 MB in place of 4.8.
+
+    It is kept beside compiled models: deflating it takes longer than all the charts of a page.
+    """
     from plotly.offline import get_plotlyjs
 
-    return compressed(get_plotlyjs().encode())
+    script = get_plotlyjs().encode()
+    kept, key = ObjectCache.default(), f"{sha256(script).hexdigest()}-zlib-{zlib.ZLIB_RUNTIME_VERSION}"
+    found = kept.read(key)
+    if found is None:
+        found = compressed(script).encode()
+        kept.write(key, found)
+    return found.decode("ascii")
 
 
 def compressed(content: bytes) -> Markup:
