@@ -143,6 +143,53 @@ class TestPairs:
         reasons = {frozenset((one.first, one.second)): one.reason for one in limit.left_out}
         assert reasons[frozenset(("base", "b"))] == "touch in 100% of random configurations"
 
+    @pytest.mark.parametrize(("bend", "watching"), [(0.93, False), (1.8, True)])
+    def test_shapes_that_hardly_come_apart_are_left_out(self, scissors, bend, watching):
+        """A ball turns in a ring of balls with a gap: of 11 % of the turn and 10 mm, or of half and more than that."""
+        ring = [one for angle, one in self.ring(scissors, "right") if abs(angle) > bend]
+        limit = SelfCollision(RobotGeometry(scissors, [*self.balls(scissors), *ring]), margin=0.01)
+        assert watched(limit) == (pairs("left right") if watching else set())
+        if not watching:
+            assert str(limit.left_out[-1]).startswith("left and right: nowhere farther apart than ")
+
+    def test_links_that_are_never_all_apart_are_left_out(self, scissors):
+        """Two halves of a ring on one moving link: of each the ball comes clear, of both it never does."""
+        halves = [
+            [one for angle, one in self.ring(scissors, link) if side * angle > 0.93]
+            for link, side in (("right", 1.0), ("plate", -1.0))
+        ]
+        balls = self.balls(scissors)
+        for half, link in zip(halves, ("right", "plate"), strict=True):
+            assert watched(
+                SelfCollision(RobotGeometry(scissors, [*balls, *half]), margin=0.01, exclude=["base"])
+            ) == pairs(f"left {link}")
+        limit = SelfCollision(RobotGeometry(scissors, [*balls, *halves[0], *halves[1]]), margin=0.01, exclude=["base"])
+        assert watched(limit) == set()
+        reasons = {frozenset((one.first, one.second)): one.reason for one in limit.left_out}
+        assert {pair for pair, reason in reasons.items() if "nowhere farther" in reason} == pairs(
+            "left right", "left plate"
+        )
+
+    @pytest.fixture
+    def scissors(self, tmp_path):
+        path = tmp_path / "scissors.urdf"
+        plate = '<joint name="f" type="fixed"><parent link="right"/><child link="plate"/></joint></robot>'
+        bare = SCISSORS.replace(BALL, "").replace(ROD, "")
+        path.write_text(bare.replace("</robot>", f'<link name="plate"/>{plate}'))
+        return sy.Robot.from_urdf(path)
+
+    @staticmethod
+    def balls(robot):
+        """The ball, and a shape of the base, without which the two links would be adjacent."""
+        ball = PlacedShape.on(robot, "left", Sphere(0.012), translation(0.03, 0.0, 0.0))
+        return [ball, PlacedShape.on(robot, "base", Sphere(0.001))]
+
+    @staticmethod
+    def ring(robot, link):
+        angles = np.linspace(-np.pi, np.pi, 40)
+        places = [translation(0.03 * np.cos(a), 0.03 * np.sin(a), 0.0) for a in angles]
+        return [(a, PlacedShape.on(robot, link, Sphere(0.008), one)) for a, one in zip(angles, places, strict=True)]
+
     def test_exclusions(self, chain, tmp_path):
         srdf = tmp_path / "chain.srdf"
         srdf.write_text('<robot name="chain"><disable_collisions link1="tool" link2="b"/></robot>')

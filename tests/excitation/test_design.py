@@ -357,6 +357,30 @@ def test_limits_that_cannot_be_kept_are_named(arm, arm_limits, arm_parameters):
 
 
 @pytest.mark.slow
+def test_a_smaller_motion_is_made_where_none_of_full_size_keeps_a_limit(arm, arm_limits):
+    """A limit without slopes tells a search nothing of where it holds; rest does."""
+
+    class Fence:
+        """The first joint must stay within 0.6 rad of zero."""
+
+        name = "fence"
+        labels = ("joint1",)
+        scale = 1.0
+
+        def clearance(self, q, dq, ddq):
+            return np.where(np.abs(q[:, :1]) <= 0.6, 1.0, -1.0)
+
+        def vjp(self, q, dq, ddq, weights):
+            return np.zeros_like(q), np.zeros_like(q), np.zeros_like(q)
+
+    design = designed(arm, arm_limits, constraints=[Fence()], starts=1)
+    assert design.margins[0].clearance >= 0.0
+    travel = np.ptp(motions_of(design, 1000.0)[0], axis=0)
+    assert 0.1 < travel[0] <= 1.2
+    assert np.all(travel > 0.1)
+
+
+@pytest.mark.slow
 def test_joints_without_limits_of_position(arm):
     limits = MotionLimits.of(arm.robot.joint_names, lower={"joint2": 0.5}, velocity=2.0, acceleration=6.0)
     design = designed(arm, limits)

@@ -32,6 +32,9 @@ Minimiser = Callable[[DesignProblem, Array, Callable[[], bool]], Array]
 # there are enough, so that only robots in narrow surroundings need all of them.
 _CONFIGURATIONS = 4000
 _REFINED = 4  # one in so many starts is refined, which takes about as long as all the starts together
+_SIZES = (0.9, 0.75, 0.5, 0.3, 0.15)
+"""Of smaller motions that are tried where a refined one passes a limit: rest, of which they have more and more, passes
+none."""
 _ROUNDS = 3  # of a refinement at most; violated instants are added to the checked ones before the next round
 
 
@@ -178,7 +181,8 @@ class Search:
                     for candidate in found.values():
                         self._shares.put(candidate.index, 0.0)
                     chosen = sorted(found.values(), key=self._rank)[: -(-self.options.starts // _REFINED)]
-                    self._collect(pool, {c.index: (c.index, configurations[0], c) for c in chosen}, found)
+                    places = {c.index: configurations[c.index % len(configurations)] for c in chosen}
+                    self._collect(pool, {c.index: (c.index, places[c.index], c) for c in chosen}, found)
             except KeyboardInterrupt:
                 self._halt.set()
                 status = "interrupted"
@@ -259,7 +263,8 @@ class Search:
 
     def _work(self, k: int, configuration: Array, found: Candidate | None) -> Candidate | None:
         if found is not None:
-            return self._refined(found)
+            refined = self._refined(found)
+            return refined if refined.x is not None else self._smaller(refined, configuration)
         if self._stopped() and k > 0:
             return None
         x = self._random_start(np.random.default_rng([self.options.seed, k]), configuration)
@@ -284,6 +289,17 @@ class Search:
             rounds = FINE[-2:]
         return best
 
+    def _smaller(self, candidate: Candidate, configuration: Array) -> Candidate:
+        """Return the largest of some smaller motions, about the configuration, that keeps every limit."""
+        still = self._still(configuration)
+        for size in _SIZES:
+            found = self._judged(candidate.index, Iterate(still + size * (candidate.iterate.x - still), []))
+            if found.x is not None:
+                return found
+            if self._stopped():
+                break
+        return candidate
+
     def _judged(self, k: int, iterate: Iterate) -> Candidate:
         margins = self.verifier.margins(self.problem, iterate.x)
         worst = min(margins, key=lambda m: m.fraction)
@@ -294,8 +310,7 @@ class Search:
 
     def _random_start(self, random: np.random.Generator, configuration: Array) -> Array:
         """Return random coefficients about a configuration, scaled so that the motion is mostly within its limits."""
-        problem = self.problem
-        still = ((configuration - problem.center)[:, None] * problem.family.constant / problem.scale).ravel()
+        problem, still = self.problem, self._still(configuration)
         moving = random.standard_normal(problem.unknowns)
         if problem.family.name == "fourier":
             moving = (moving.reshape(problem.scale.shape) * (problem.family.constant == 0.0)).ravel()
@@ -305,6 +320,11 @@ class Search:
             fall = np.maximum(before - after, 1e-12)
             size = min(size, float(np.min(np.maximum(before, 0.02) / fall)))
         return np.asarray(still + max(size, 0.02) * moving)
+
+    def _still(self, configuration: Array) -> Array:
+        """Return the coefficients of rest in a configuration."""
+        problem = self.problem
+        return ((configuration - problem.center)[:, None] * problem.family.constant / problem.scale).ravel()
 
 
 def resting_configurations(
