@@ -338,6 +338,10 @@ def test_limits_that_cannot_be_kept_are_named(arm, arm_limits, arm_parameters):
     with pytest.raises(sy.SolverError, match=r"cannot even rest .* torque, joint2 within 0\.5") as caught:
         designed(arm, arm_limits | {"torque": {"joint2": 0.5}}, parameters=arm_parameters)
     assert "\n" not in str(caught.value)
+    frictional = arm_parameters.copy()
+    frictional[-2] = 14.5  # Coulomb's at the third joint, as of descriptions that have the same at each
+    with pytest.raises(sy.SolverError, match=r"cannot even move slowly .* torque, joint3 within 14, .* lower friction"):
+        designed(arm, arm_limits | {"torque": {"joint3": 14.0}}, parameters=frictional)
 
     class Stillness:
         """Where the robot moves at all, it is too fast."""
@@ -347,11 +351,17 @@ def test_limits_that_cannot_be_kept_are_named(arm, arm_limits, arm_parameters):
         scale = 1.0
 
         def clearance(self, q, dq, ddq):
-            return -1.0 * np.any(dq != 0.0, axis=1, keepdims=True)
+            return -1.0 * np.any(np.abs(dq) > self.speed, axis=1, keepdims=True)
 
         def vjp(self, q, dq, ddq, weights):
             return np.zeros_like(q), np.zeros_like(q), np.zeros_like(q)
 
+    Stillness.speed = 0.0
+    with pytest.raises(
+        sy.SolverError, match=r"cannot even move slowly .* stillness, a, is passed as soon as it moves;"
+    ):
+        designed(arm, arm_limits, constraints=[Stillness()], starts=1)
+    Stillness.speed = 1e-6
     with pytest.raises(sy.SolverError, match=r"No motion was found .* stillness, a, is passed by 1"):
         designed(arm, arm_limits, constraints=[Stillness()], starts=1)
 

@@ -214,11 +214,17 @@ def design_excitation(
     problem = _problem(model, chosen, bounds, measure, regressor, prior, rate, (*constraints,), parameters)
     configurations, obstacle = resting_configurations(problem, bounds, options.seed, options.starts)
     if obstacle is not None:
-        remedy = remedy_of(constraints, *obstacle, "widen this limit or take it out")
-        raise SolverError(
-            "The robot cannot even rest within its limits: no configuration was found that keeps "
-            f"{', '.join(obstacle)}; {remedy}{_WATCHED if around.own is not None else ''}."
-        )
+        what, name, label = obstacle
+        if what == "rest":
+            why, otherwise = f"no configuration was found that keeps {name}, {label}", "widen this limit or take it out"
+        else:
+            why = f"wherever it can rest, {name}, {label}, is passed as soon as it moves"
+            otherwise = "widen this limit or take it out"
+            if name == "torque":
+                why, otherwise = f"{why}, by friction and weight together", f"{otherwise}, or state a lower friction"
+        watched = _WATCHED if around.own is not None and name == around.own.name else ""
+        remedy = remedy_of(constraints, name, label, otherwise)
+        raise SolverError(f"The robot cannot even {what} within its limits: {why}; {remedy}{watched}.")
     if len(problem.constraints) == len(joint_limits(bounds)):
         configurations = configurations[:1]  # with limits of the joints alone, all starts are about the middle
 

@@ -32,6 +32,8 @@ Minimiser = Callable[[DesignProblem, Array, Callable[[], bool]], Array]
 # there are enough, so that only robots in narrow surroundings need all of them.
 _CONFIGURATIONS = 4000
 _REFINED = 4  # one in so many starts is refined, which takes about as long as all the starts together
+_BEGUN, _SLOW = 64, 1e-9
+"""Configurations of rest in which slow motion is looked at; and its speed, rad/s or m/s: friction has its sign."""
 _SIZES = (0.9, 0.75, 0.5, 0.3, 0.15)
 """Of smaller motions that are tried where a refined one passes a limit: rest, of which they have more and more, passes
 none."""
@@ -329,11 +331,11 @@ class Search:
 
 def resting_configurations(
     problem: DesignProblem, limits: MotionLimits, seed: int, count: int
-) -> tuple[tuple[Array, ...], tuple[str, str] | None]:
-    """Return configurations (N,) in which the robot can rest within all limits.
+) -> tuple[tuple[Array, ...], tuple[str, str, str] | None]:
+    """Return configurations (N,) in which the robot can rest within all limits, and begin to move either way.
 
     The middle of the ranges comes first, where the robot can rest in it. The others are random; those with the largest
-    margins come first.
+    margins come first. Friction that takes all of a drive's torque shows where a joint begins to move.
 
     Parameters
     ----------
@@ -345,7 +347,7 @@ def resting_configurations(
     configurations : tuple of ndarray
         Empty where no such configuration was found.
     obstacle : tuple of str or None
-        In this case name and label of the constraint that the fewest configurations keep.
+        In this case "rest" or "move slowly", and name and label of the constraint that the fewest configurations keep.
     """
     half = 0.5 * (limits.upper - limits.lower)
     half = np.where(np.isfinite(half), half, np.pi)
@@ -354,26 +356,46 @@ def resting_configurations(
         [np.zeros_like(half), random.uniform(-0.9, 0.9, (_CONFIGURATIONS, len(half))) * half]
     )
     room = np.full(len(q), np.inf)
-    obstacle = (len(q) + 1, ("", ""))
+    fewest = (len(q) + 1, "", "")
     for begin in range(0, len(q), 500):  # until enough configurations are found
         part = slice(begin, begin + 500)
-        own = np.ascontiguousarray(q[part])
-        still = np.zeros_like(own)
-        for constraint in problem.constraints:
-            fractions = np.asarray(constraint.clearance(own, still, still)) / np.asarray(constraint.scale)
-            if not len(constraint.labels):
-                continue
-            column = int(np.argmin((fractions >= 0.0).sum(axis=0)))
-            kept = int((fractions[:, column] >= 0.0).sum())
-            if begin == 0 and kept < obstacle[0]:
-                obstacle = (kept, (constraint.name, constraint.labels[column]))
-            room[part] = np.minimum(room[part], fractions.min(axis=1))
+        room[part], name, label, kept = _room(problem, q[part], 0.0)
+        if begin == 0:
+            fewest = (kept, name, label)
         if (room[: begin + 500] >= 0.0).sum() >= count:
             room[begin + 500 :] = -1.0
             break
     free = np.flatnonzero(room >= 0.0)
     if not len(free):
-        return (), obstacle[1]
-    first = [0] if room[0] >= 0.0 else []
-    order = [int(k) for k in free[np.argsort(-room[free], kind="stable")] if k > 0]
+        return (), ("rest", *fewest[1:])
+    best = free[np.argsort(-room[free], kind="stable")][:_BEGUN]
+    chosen = np.unique(np.concatenate([free[free == 0], best]))
+    ways = [_room(problem, q[chosen], speed) for speed in (_SLOW, -_SLOW)]
+    moving = np.minimum(*(way[0] for way in ways))
+    if not (moving >= 0.0).any():
+        _, name, label, _ = min(ways, key=lambda way: way[3])
+        return (), ("move slowly", name, label)
+    found = chosen[moving >= 0.0]
+    first = [0] if found[0] == 0 else []
+    order = [int(k) for k in best if k > 0 and k in found]
     return tuple(q[k] for k in [*first, *order][:count]), None
+
+
+def _room(problem: DesignProblem, q: Array, speed: float) -> tuple[Array, str, str, int]:
+    """Return the least clearance of each configuration, relative to its scale, where all joints have a speed.
+
+    And name and label of the constraint that the fewest configurations keep, and how many do.
+    """
+    own = np.ascontiguousarray(q)
+    still = np.zeros_like(own)
+    room, fewest = np.full(len(own), np.inf), (len(own) + 1, "", "")
+    for constraint in problem.constraints:
+        if not len(constraint.labels):
+            continue
+        fractions = np.asarray(constraint.clearance(own, still + speed, still)) / np.asarray(constraint.scale)
+        column = int(np.argmin((fractions >= 0.0).sum(axis=0)))
+        kept = int((fractions[:, column] >= 0.0).sum())
+        if kept < fewest[0]:
+            fewest = (kept, constraint.name, constraint.labels[column])
+        room = np.minimum(room, fractions.min(axis=1))
+    return room, fewest[1], fewest[2], fewest[0]
