@@ -204,16 +204,12 @@ def _tried(
         return None
     wider_set = FeasibleSet(wider, feasible_set.consistency, feasible_set.constraints, feasible_set.margin)
     try:
-        before = _validated(feasible_set, [one.narrowed(wider, model) for one in data])
         after = _validated(wider_set, data)
     except SolverError:  # data that are far from all robots like this one
         return None
-    alike = int(np.argmin(np.abs(np.log(before.prior_weights / after.weight))))
-    errors = np.array([before.joint_errors[alike, joint], after.joint_errors[after.chosen_index, joint]])
-    least = [float(np.sum(one.joint_errors[one.best_index] ** 2)) for one in (before, after)]
     values = after.parameters[after.chosen_index]
     sine, cosine = (float(values[wider.parameter_names.index(f"T{one}1j{joint + 1}")]) for one in "sc")
-    measured = information.measured[joint]
+    torque, measured = float(np.hypot(sine, cosine)), information.measured[joint]
     own, wide = feasible_set.link_columns[:, 9], wider_set.link_columns[:, 9]
     before_it, with_it = (_away(masses, known[own]) for masses in (answer[own], values[wide]))
     driven = model.robot.driving_joints[joint]
@@ -221,31 +217,29 @@ def _tried(
     mended = carried[(before_it > np.log(FAR))[carried] & (with_it < np.log(FAR))[carried]]
     of_model = values[[wider.parameter_names.index(name) for name in model.parameter_names]]
     turned = sides.turn(joint, answer) < 0.0 and 1.0 / FAR < sides.turn(joint, of_model) < FAR
+    is_large = torque >= LARGE * np.sqrt(measured.norm2 / max(measured.count, 1))
+    is_held = turned and torque >= HOLDS * sides.weight[joint]
+    if not (len(mended) and is_large) and not is_held:  # whatever the fits without it come to
+        return None
+    try:
+        before = _validated(feasible_set, [one.narrowed(wider, model) for one in data])
+    except SolverError:
+        return None
+    alike = int(np.argmin(np.abs(np.log(before.prior_weights / after.weight))))
+    errors = np.array([before.joint_errors[alike, joint], after.joint_errors[after.chosen_index, joint]])
+    least = [float(np.sum(one.joint_errors[one.best_index] ** 2)) for one in (before, after)]
+    share = 1.0 - float((errors[1] / max(errors[0], 1e-300)) ** 2)
+    aligned = float(np.arctan2(-cosine, sine))
 
     def told_of(link: int, turned: bool) -> CounterbalancedJoint:
-        return CounterbalancedJoint(
-            joint,
-            link,
-            float(known[own[link]]),
-            float(answer[own[link]]),
-            float(values[wide[link]]),
-            1.0 - float((errors[1] / max(errors[0], 1e-300)) ** 2),
-            float(np.hypot(sine, cosine)),
-            float(np.arctan2(-cosine, sine)),
-            turned,
-        )
+        masses = float(known[own[link]]), float(answer[own[link]]), float(values[wide[link]])
+        return CounterbalancedJoint(joint, link, *masses, share, torque, aligned, turned)
 
-    if len(mended):
-        found = told_of(int(mended[np.argmax(np.abs(values[wide] - answer[own])[mended])]), turned=False)
-        size = np.sqrt(measured.norm2 / max(measured.count, 1))
-        trusted, better = after.weight >= 0.99 * before.weight, least[1] <= least[0]
-        if found.share >= FALL and trusted and found.torque >= LARGE * size and better:
-            return found
-    if turned:
-        found = told_of(driven, turned=True)
-        trusted, better = after.weight >= TRUST * before.weight, least[1] <= (1.0 + LEAST_RISE) * least[0]
-        if found.share >= TURNED_FALL and trusted and found.torque >= HOLDS * sides.weight[joint] and better:
-            return found
+    trust, rise = after.weight / before.weight, least[1] / max(least[0], 1e-300) - 1.0
+    if len(mended) and is_large and share >= FALL and trust >= 0.99 and rise <= 0.0:
+        return told_of(int(mended[np.argmax(np.abs(values[wide] - answer[own])[mended])]), turned=False)
+    if is_held and share >= TURNED_FALL and trust >= TRUST and rise <= LEAST_RISE:
+        return told_of(driven, turned=True)
     return None
 
 
