@@ -88,13 +88,14 @@ def autocorrelation(windows: Sequence[Array], interval: float) -> tuple[Array, A
     mean = np.where(known, stacked, 0.0).sum(axis=0) / count
     products, pairs = np.zeros((len(lags), stacked.shape[1])), np.zeros((len(lags), stacked.shape[1]))
     for window in windows:
-        inside = np.isfinite(window)
-        centered = np.where(inside, window - mean, 0.0)
+        finite = np.isfinite(window)
+        # One joint after the other in memory, so that products are summed without being kept.
+        centered, inside = (np.ascontiguousarray(one.T) for one in (np.where(finite, window - mean, 0.0), finite + 0.0))
         for place, lag in enumerate(lags):
             if lag < len(window):
                 end = len(window) - lag
-                products[place] += (centered[:end] * centered[lag:]).sum(axis=0)
-                pairs[place] += (inside[:end] & inside[lag:]).sum(axis=0)
+                products[place] += np.einsum("js,js->j", centered[:, :end], centered[:, lag:])
+                pairs[place] += np.einsum("js,js->j", inside[:, :end], inside[:, lag:])
     with np.errstate(divide="ignore", invalid="ignore"):
         means = products / pairs
         return lags * interval, means / means[0], 1.96 / np.sqrt(count)
