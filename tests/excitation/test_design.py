@@ -367,7 +367,8 @@ def test_limits_that_cannot_be_kept_are_named(arm, arm_limits, arm_parameters):
 
 
 @pytest.mark.slow
-def test_a_smaller_motion_is_made_where_none_of_full_size_keeps_a_limit(arm, arm_limits):
+@pytest.mark.parametrize("time_limit", [None, 1e-3])
+def test_a_smaller_motion_is_made_where_none_of_full_size_keeps_a_limit(arm, arm_limits, time_limit):
     """A limit without slopes tells a search nothing of where it holds; rest does."""
 
     class Fence:
@@ -383,7 +384,7 @@ def test_a_smaller_motion_is_made_where_none_of_full_size_keeps_a_limit(arm, arm
         def vjp(self, q, dq, ddq, weights):
             return np.zeros_like(q), np.zeros_like(q), np.zeros_like(q)
 
-    design = designed(arm, arm_limits, constraints=[Fence()], starts=1)
+    design = designed(arm, arm_limits, constraints=[Fence()], starts=1, time_limit=time_limit)
     assert design.margins[0].clearance >= 0.0
     travel = np.ptp(motions_of(design, 1000.0)[0], axis=0)
     assert 0.1 < travel[0] <= 1.2

@@ -273,7 +273,9 @@ class Search:
         if self.options.minimiser is not None:
             return self._judged(k, Iterate(self.options.minimiser(self.problem, x, self._stopped), []))
         advance = partial(self._shares.put, k)
-        return self._judged(k, minimise(self.problem, Iterate(x, []), COARSE, self._stopped, advance))
+        made = self._judged(k, minimise(self.problem, Iterate(x, []), COARSE, self._stopped, advance))
+        # Where the time is over, nothing will be refined.
+        return self._smaller(made, configuration) if made.x is None and self._stopped() else made
 
     def _refined(self, candidate: Candidate) -> Candidate:
         problem, iterate = self.problem, candidate.iterate
@@ -294,12 +296,10 @@ class Search:
     def _smaller(self, candidate: Candidate, configuration: Array) -> Candidate:
         """Return the largest of some smaller motions, about the configuration, that keeps every limit."""
         still = self._still(configuration)
-        for size in _SIZES:
+        for size in _SIZES[-2:] if self._stopped() else _SIZES:
             found = self._judged(candidate.index, Iterate(still + size * (candidate.iterate.x - still), []))
             if found.x is not None:
                 return found
-            if self._stopped():
-                break
         return candidate
 
     def _judged(self, k: int, iterate: Iterate) -> Candidate:
