@@ -271,6 +271,13 @@ def design_excitation(
     if parameters is None:
         remarks += _without_friction(model, margins)
     remarks += _notes(result.status, result.finished, options.starts)
+    way = result.best.in_the_way
+    if way is not None:
+        remedy = remedy_of(constraints, way.name, way.label, "widen this limit, or give the motion more time")
+        remarks.append(
+            f"The motion was made smaller, since those of full size passed {way.name}, {way.label}; {remedy}, or try "
+            "more starts, for one that shows more."
+        )
     remarks += model.robot.remarks  # such as springs that the model does not have
     asked_for, known = measure.subset, prior
     if about_friction:  # laws that the robot may not have, in powers of its units: the stated model is judged

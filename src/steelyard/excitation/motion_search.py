@@ -6,7 +6,7 @@ import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, wait
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -107,6 +107,8 @@ class Candidate:
         Value of the criterion, with the exact sign of Coulomb friction.
     worst : Margin
         The smallest margin before the repair.
+    in_the_way : Margin or None
+        Of a motion that was made smaller, the smallest margin of that of full size.
     """
 
     index: int
@@ -114,6 +116,7 @@ class Candidate:
     x: Array | None
     figure: float
     worst: Margin
+    in_the_way: Margin | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -299,7 +302,7 @@ class Search:
         for size in _SIZES[-2:] if self._stopped() else _SIZES:
             found = self._judged(candidate.index, Iterate(still + size * (candidate.iterate.x - still), []))
             if found.x is not None:
-                return found
+                return replace(found, in_the_way=candidate.worst)
         return candidate
 
     def _judged(self, k: int, iterate: Iterate) -> Candidate:
