@@ -387,7 +387,9 @@ def test_a_smaller_motion_is_made_where_none_of_full_size_keeps_a_limit(arm, arm
     design = designed(arm, arm_limits, constraints=[Fence()], starts=1, time_limit=time_limit)
     assert design.margins[0].clearance >= 0.0
     travel = np.ptp(motions_of(design, 1000.0)[0], axis=0)
-    assert any("made smaller, since those of full size passed fence, joint1;" in one for one in design.remarks)
+    # The first one of a search is as large as it may be.
+    told = [one for one in design.remarks if "made smaller, since those of full size passed fence, joint1;" in one]
+    assert len(told) == (time_limit is None)
     assert 0.1 < travel[0] <= 1.2
     assert np.all(travel > 0.1)
 
