@@ -34,9 +34,10 @@ _CONFIGURATIONS = 4000
 _REFINED = 4  # one in so many starts is refined, which takes about as long as all the starts together
 _BEGUN, _SLOW = 64, 1e-9
 """Configurations of rest in which slow motion is looked at; and its speed, rad/s or m/s: friction has its sign."""
-_SIZES = (0.9, 0.75, 0.5, 0.3, 0.15)
+_SIZES, _REPAIRED = tuple(0.9 * 0.6**k for k in range(14)), -0.1
 """Of smaller motions that are tried where a refined one passes a limit: rest, of which they have more and more, passes
-none."""
+none; joints without limits of position may have turned hundreds of times. What passes by more than this part of a
+limit's scale is not repaired, which takes most of the time."""
 _ROUNDS = 3  # of a refinement at most; violated instants are added to the checked ones before the next round
 
 
@@ -272,7 +273,7 @@ class Search:
             return refined if refined.x is not None else self._smaller(refined, configuration)
         if self._stopped() and k > 0:
             return None
-        x = self._random_start(np.random.default_rng([self.options.seed, k]), configuration)
+        x = self._start(k, configuration)
         if self.options.minimiser is not None:
             return self._judged(k, Iterate(self.options.minimiser(self.problem, x, self._stopped), []))
         advance = partial(self._shares.put, k)
@@ -297,13 +298,22 @@ class Search:
         return best
 
     def _smaller(self, candidate: Candidate, configuration: Array) -> Candidate:
-        """Return the largest of some smaller motions, about the configuration, that keeps every limit."""
-        still = self._still(configuration)
-        for size in _SIZES[-2:] if self._stopped() else _SIZES:
-            found = self._judged(candidate.index, Iterate(still + size * (candidate.iterate.x - still), []))
-            if found.x is not None:
-                return replace(found, in_the_way=candidate.worst)
-        return candidate
+        """Return the best of smaller motions about the configuration that keep every limit.
+
+        Smaller than what the search came to, or than its start, of which joints without limits have not gone astray.
+        """
+        still, start = self._still(configuration), self._start(candidate.index, configuration)
+        best = candidate
+        for whole in (candidate.iterate.x, start):
+            for size in _SIZES:
+                x = still + size * (whole - still)
+                if min(margin.fraction for margin in self.verifier.margins(self.problem, x)) < _REPAIRED:
+                    continue
+                found = self._judged(candidate.index, Iterate(x, []))
+                if found.x is not None:
+                    best = min(best, replace(found, in_the_way=candidate.worst), key=self._rank)
+                    break
+        return best
 
     def _judged(self, k: int, iterate: Iterate) -> Candidate:
         margins = self.verifier.margins(self.problem, iterate.x)
@@ -313,9 +323,9 @@ class Search:
             x = None
         return Candidate(k, iterate, x, float("nan") if x is None else self.figure(x), worst)
 
-    def _random_start(self, random: np.random.Generator, configuration: Array) -> Array:
+    def _start(self, k: int, configuration: Array) -> Array:
         """Return random coefficients about a configuration, scaled so that the motion is mostly within its limits."""
-        problem, still = self.problem, self._still(configuration)
+        problem, still, random = self.problem, self._still(configuration), np.random.default_rng([self.options.seed, k])
         moving = random.standard_normal(problem.unknowns)
         if problem.family.name == "fourier":
             moving = (moving.reshape(problem.scale.shape) * (problem.family.constant == 0.0)).ravel()
