@@ -149,7 +149,12 @@ def test_a_small_mistake_leaves_the_word_as_it_is_and_a_wrong_unit_does_not() ->
     assert told.with_mistakes([(small,)]) is told
     unit = replace(small, kind="torque unit", statement="The torques look a thousand times too large, as if in mN·m")
     assert told.with_mistakes([(unit,)]).word == "wrong"
-    assert told.with_mistakes([(replace(small, error_before=0.21),)]).word == "wrong"
+    large = told.with_mistakes([(replace(small, error_before=0.21),)])
+    assert large.word == "wrong"
+    # A line that says "does not predict this robot" beside an error of a few per cent contradicts itself without it.
+    assert large.model_error < 0.08
+    assert large.clause.endswith(f", because of a mistake in a log or in the robot file ({small.statement})")
+    assert "mistake" not in told.clause
     joint = told.joint_error**2 - np.minimum(told.noise_floor, told.joint_error) ** 2
     torque = told.joint_error / told.joint_relative_error
     np.testing.assert_allclose(told.joint_model_error, np.sqrt(joint) / torque)

@@ -208,3 +208,52 @@ def test_base_of_a_gen3(shared_data, tmp_path) -> None:
         mujoco.MjModel.from_xml_path(str(tmp_path / "out" / "robot.urdf"))
     preflight(Robot.from_urdf(tmp_path / "out" / "robot.urdf")).write(tmp_path / "mended.urdf")
     mujoco.MjModel.from_xml_path(str(tmp_path / "mended.urdf"))
+
+
+def arm_of_boxes(tensor_of_second):
+    """Two links that are homogeneous boxes of 1000 kg/m³, the second with another tensor about its centre of mass."""
+    sizes, com, mass = np.array([0.08, 0.06, 0.3]), np.array([0.01, 0.02, 0.15]), 1.44
+    tensor = np.diag(mass / 12.0 * (np.sum(sizes**2) - sizes**2))
+    steiner = mass * (com @ com * np.eye(3) - np.outer(com, com))
+    links = '<link name="base"/>'
+    for name, own in (("l1", tensor), ("l2", tensor_of_second(tensor, steiner))):
+        moments = "".join(f' i{"xyz"[i]}{"xyz"[j]}="{own[i, j]}"' for i in range(3) for j in range(i, 3))
+        shape = f'<geometry><box size="{" ".join(map(str, sizes))}"/></geometry>'
+        place = f'<origin xyz="{" ".join(map(str, com))}"/>'
+        links += (
+            f'<link name="{name}"><inertial>{place}<mass value="{mass}"/><inertia{moments}/></inertial>'
+            f"<collision>{place}{shape}</collision></link>"
+        )
+    joints = "".join(
+        f'<joint name="j{k}" type="revolute"><parent link="{above}"/><child link="l{k}"/><axis xyz="0 1 0"/>'
+        '<origin xyz="0 0 0.3"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint>'
+        for k, above in ((1, "base"), (2, "l1"))
+    )
+    return f'<robot name="boxes">{links}{joints}</robot>'
+
+
+@pytest.mark.parametrize(
+    ("tensor_of_second", "evidence"),
+    [
+        (lambda tensor, steiner: 0.0 * tensor, "its moments of inertia are zero"),
+        (lambda tensor, steiner: tensor - steiner, "no body has these moments of inertia"),
+    ],
+    ids=["zeros", "offset taken twice"],
+)
+def test_no_cause_is_named_that_leaves_an_impossible_body(tmp_path, tensor_of_second, evidence):
+    """Zeros were called inertia about the origin, by the rounding of what is left about the centre of mass."""
+    path = tmp_path / "boxes.urdf"
+    path.write_text(arm_of_boxes(tensor_of_second))
+    found = preflight(Robot.from_urdf(path))
+    (one,) = found.findings
+    assert one.link == "l2"
+    assert not one.possible
+    assert (one.cause, one.is_guess) == ("impossible", False)
+    assert one.evidence.startswith(evidence)
+    assert np.linalg.eigvalsh(one.mended.pseudo_inertia)[0] > 0.0
+
+
+def test_a_sound_arm_of_boxes_passes(tmp_path):
+    path = tmp_path / "boxes.urdf"
+    path.write_text(arm_of_boxes(lambda tensor, steiner: tensor))
+    assert preflight(Robot.from_urdf(path)).findings == ()

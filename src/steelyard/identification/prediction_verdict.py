@@ -189,6 +189,8 @@ class PredictionVerdict:
         Of the torque of each joint, ``"N·m"`` or ``"N"``; ``"N·m or N"`` where it is not known.
     few_rows : tuple of FewRows
         Few rows that hold most of the squared error of a joint, such as those of an impact.
+    mistake : str
+        What looks wrong with a log or the robot file where the word is ``"wrong"`` for that alone; else empty.
     """
 
     word: Word
@@ -203,6 +205,7 @@ class PredictionVerdict:
     units: tuple[str, ...] = field(repr=False)
     sentences: tuple[str, ...] = field(default=(), repr=False)
     few_rows: tuple[FewRows, ...] = field(default=(), repr=False)
+    mistake: str = field(default="", repr=False)
 
     @property
     def is_usable(self) -> bool:
@@ -229,7 +232,10 @@ class PredictionVerdict:
 
     @property
     def _because(self) -> str:
-        """The joints that are missed by far more than all of them together, to end a clause."""
+        """What ends a clause: the mistake that alone makes the word, or the joints that are missed by far more than all
+        of them together."""
+        if self.mistake and self.model_error <= USABLE:  # which says by itself that the model predicts
+            return f", because of a mistake in a log or in the robot file ({self.mistake})"
         most = USABLE if self.is_usable else POOR_JOINT
         joints = np.flatnonzero(self.joint_model_error > most)
         if self.model_error > USABLE or not len(joints):
@@ -259,7 +265,7 @@ class PredictionVerdict:
         if self.word == "wrong" or first is None:
             return self
         because = f"The model {_SAID['wrong']}, because of a mistake in a log or in the robot file: {first.statement}."
-        return replace(self, word="wrong", sentences=(because, *self.sentences[1:]))
+        return replace(self, word="wrong", sentences=(because, *self.sentences[1:]), mistake=first.statement)
 
     def _is_wrong_by(self, mistake: Hypothesis) -> bool:
         errors = (self.model_error, self.worst_joint_error, mistake.error_before)
@@ -647,8 +653,9 @@ def _sentences(word: Word, model: float, own: float, source: str, tested: bool, 
         )
     elif word in ("poor", "wrong") and own <= 0.5 * model and saved:
         found.append(
-            f"It explains the data of its fit to {own:.1%}: that motion showed too little for this one, or the robot "
-            "is no longer the same, or these logs are wrong. Identify them, and steelyard compare tells what differs."
+            f"It explains the data of its fit to {own:.1%}, noise included: that motion showed too little for this "
+            "one, or the robot is no longer the same, or these logs are wrong. Identify them, and steelyard compare "
+            "tells what differs."
         )
     elif word in ("poor", "wrong") and own <= 0.5 * model:
         found.append(

@@ -49,6 +49,9 @@ REMEDIES = {
 """What to do about causes that no other numbers of the link explain."""
 
 SAME = 1e-9
+ZERO = 1e-12
+"""Second moments beside the square of the distance of the centre of mass, of which only rounding is left: that of a
+point mass 0.1 m away is 1e-16."""
 TINY = 1e-3  # kg; frames and sensors have masses that mean nothing
 
 
@@ -79,7 +82,8 @@ class LinkReport:
     described : Inertia
         As the description has it, in the frame of the link.
     margin : float
-        Least principal second moment about the centre of mass over the largest: below 0 no body has it.
+        Least principal second moment about the centre of mass over the largest: below 0 no body has it; NaN where all
+        are zero, or there is no mass.
     cause : str
         The probable cause of what is wrong, such as "unit g for kg"; empty where nothing is.
     evidence : str
@@ -284,12 +288,16 @@ def _judged(
     copies: list[str],
 ) -> LinkReport:
     values = np.linalg.eigvalsh(body.covariance)
-    margin = float(values[0] / values[-1]) if values[-1] > 0.0 else -1.0
+    # Moments about the centre of mass come from those about the origin: of zeros their rounding is left, whose ratios
+    # say nothing.
+    none = float(np.abs(values).max()) <= ZERO * float(body.com @ body.com)
+    margin = np.nan if none else float(values[0] / values[-1]) if values[-1] > 0.0 else -1.0
     possible = margin >= ROUNDING
     stand_in = np.eye(4) if reference is None else reference[0]
     nearest = None if possible else Inertia.from_parameters(possible_body(body.inertia.parameters, stand_in)[0])
     wrong = "no body has these moments of inertia"
     wrong = "" if possible else f"{wrong} (the least second moment is {margin:.2g} of the largest)"
+    wrong = "its moments of inertia are zero" if none else wrong
 
     def report(cause: str, evidence: str, mended: Inertia | None = nearest, is_guess: bool = False) -> LinkReport:
         assert part.inertia is not None
@@ -300,13 +308,16 @@ def _judged(
     if copies:
         text = f"it has the inertial of {', '.join(copies[:3])}, to the last digit, and another shape"
         return report("copied link", f"{wrong}; {text}" if wrong else text)
-    if reference is not None and density is not None:
+    if reference is not None and density is not None and not none:
         before = _mismatch(body, reference, density)
         tried = [
             (before - _mismatch(mended, reference, density) - cost, cause, mended)
             for cause, cost, mended in _causes(body, axes)
+            # What leaves a body that cannot be explains nothing, though it may be less far from the shape: a tensor
+            # from which the offset of the centre of mass was taken twice was called a decimal slip.
+            if _is_possible(mended)
         ]
-        gain, cause, mended = max(tried, key=lambda one: one[0])
+        gain, cause, mended = max(tried, key=lambda one: one[0], default=(0.0, "", body))
         if gain >= GAIN:
             is_body = np.linalg.eigvalsh(mended.covariance)[0] > 0.0
             evidence = wrong or _evidence(body, reference)
@@ -320,6 +331,11 @@ def _judged(
         if reference[1] and not DENSITIES[0] <= actual <= DENSITIES[1]:
             return report("shape contradicts mass", f"its shape contradicts its mass: {actual:.3g} kg/m³")
     return report("impossible" if wrong else "", wrong)
+
+
+def _is_possible(body: _Body) -> bool:
+    values = np.linalg.eigvalsh(body.covariance)
+    return bool(values[-1] > 0.0 and values[0] >= ROUNDING * values[-1])
 
 
 def _evidence(body: _Body, reference: tuple[Array, bool]) -> str:
