@@ -59,6 +59,30 @@ def test_errors_are_those_of_the_samples(logs):
     assert any("No run.json stands beside" in remark for remark in found.remarks)
 
 
+def test_a_joint_that_runs_harder_is_told_though_the_prediction_is_good(logs, tmp_path):
+    folder, arm = logs
+    fitted = sy.Information.from_samples(
+        arm.model, Recording.read(folder / "one.csv").process(cutoff=5.0, velocity_threshold=0.005)
+    )
+    sy.least_squares(fitted, weights="joint").save(tmp_path / "estimate.json")
+    recording = Recording.read(folder / "two.csv")
+    torque = recording.torque.copy()
+    torque[:, 2] += 0.08 * torque[:, 2].std() * np.sign(np.gradient(recording.q[:, 2], recording.t))
+    harder = replace(recording, torque=torque).save(tmp_path / "harder.csv")
+    sound, found = (
+        validate_estimate(folder / "robot.toml", tmp_path / "estimate.json", [log])
+        for log in (folder / "two.csv", harder)
+    )
+    assert {sound.prediction.word, found.prediction.word} == {"good"}
+    assert not any("Far more is left" in one for one in sound.remarks)
+    (told,) = [one for one in found.remarks if one.startswith("Far more is left")]
+    left = found.prediction.joint_error[2]
+    assert f"the fit: {left:.3g} N·m at elbow_joint (" in told
+    times = float(re.search(r"\((.*) times\)", told)[1])
+    noise = 0.015 * Recording.read(folder / "one.csv").torque[:, 2]  # of the simulation
+    assert times == pytest.approx(left / np.sqrt(np.mean(noise**2)), rel=0.1)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("moves", [True, False])
 def test_a_joint_that_is_locked_in_the_robot_file_and_moves_in_the_log_is_told(logs, run, tmp_path, moves):
