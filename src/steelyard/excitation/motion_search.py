@@ -278,8 +278,9 @@ class Search:
             return self._judged(k, Iterate(self.options.minimiser(self.problem, x, self._stopped), []))
         advance = partial(self._shares.put, k)
         made = self._judged(k, minimise(self.problem, Iterate(x, []), COARSE, self._stopped, advance))
-        # Where the time is over, nothing will be refined.
-        return self._smaller(made, configuration) if made.x is None and self._stopped() else made
+        # Where the time is over, nothing will be refined; who interrupts a search does not wait.
+        is_last = made.x is None and self._stopped() and not self._halt.is_set()
+        return self._smaller(made, configuration) if is_last else made
 
     def _refined(self, candidate: Candidate) -> Candidate:
         problem, iterate = self.problem, candidate.iterate
@@ -304,8 +305,11 @@ class Search:
         """
         still, start = self._still(configuration), self._start(candidate.index, configuration)
         best = candidate
+        sizes = _SIZES[3::3] if self._stopped() else _SIZES
         for whole in (candidate.iterate.x, start):
-            for size in _SIZES:
+            for size in sizes:
+                if self._halt.is_set():
+                    return best
                 x = still + size * (whole - still)
                 if min(margin.fraction for margin in self.verifier.margins(self.problem, x)) < _REPAIRED:
                     continue
