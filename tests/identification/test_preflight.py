@@ -253,6 +253,32 @@ def test_no_cause_is_named_that_leaves_an_impossible_body(tmp_path, tensor_of_se
     assert np.linalg.eigvalsh(one.mended.pseudo_inertia)[0] > 0.0
 
 
+@pytest.mark.parametrize("digits", [3, 5, 6])
+def test_plates_whose_moments_are_rounded_are_told_so(tmp_path, digits):
+    """Of a plate one moment is the sum of the others: rounded, half of them are less than that or more."""
+    random = np.random.default_rng(digits)
+    plates = [(random.uniform(0.5, 3.0), *random.uniform(0.1, 0.4, 2)) for _ in range(12)]
+    told = []
+    for number, (mass, a, b) in enumerate(plates):
+        moments = [float(f"{mass / 12.0 * value:.{digits}g}") for value in (b * b, a * a, a * a + b * b)]
+        path = tmp_path / f"{number}.urdf"
+        path.write_text(
+            f"""<robot name="plate"><link name="base"/><link name="plate"><inertial><origin xyz="0.1 0.02 0"/>
+            <mass value="{mass}"/><inertia ixx="{moments[0]}" iyy="{moments[1]}" izz="{moments[2]}" ixy="0" ixz="0"
+            iyz="0"/></inertial></link><joint name="j" type="revolute"><parent link="base"/><child link="plate"/>
+            <axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"""
+        )
+        (link,) = preflight(sy.Robot.from_urdf(path)).links
+        beyond = moments[2] - moments[0] - moments[1]
+        assert (link.cause == "rounding") == (beyond > 1e-12 * moments[2])
+        told.append(link.cause)
+    assert 1 < told.count("rounding") < 12
+    worse = path.read_text().replace(f'izz="{moments[2]}"', f'izz="{1.1 * moments[2]}"')
+    path.write_text(worse)
+    (link,) = preflight(sy.Robot.from_urdf(path)).links
+    assert link.cause != "rounding"
+
+
 def test_a_sound_arm_of_boxes_passes(tmp_path):
     path = tmp_path / "boxes.urdf"
     path.write_text(arm_of_boxes(lambda tensor, steiner: tensor))

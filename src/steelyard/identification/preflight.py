@@ -44,6 +44,7 @@ REMEDIES = {
     "placeholder": "Weigh the link, or take its inertial from CAD; until then leave the inertial out.",
     "copied link": "Give the link an inertial of its own, from CAD or from a scale.",
     "shape contradicts mass": "Mend the mass, or the unit or scale of the mesh, whichever is wrong.",
+    "rounding": "Write moments of inertia with more digits, as CAD has them.",
     "impossible": "The nearest possible body is a stand-in; take the inertial from CAD where there is one.",
 }
 """What to do about causes that no other numbers of the link explain."""
@@ -52,6 +53,7 @@ SAME = 1e-9
 ZERO = 1e-12
 """Second moments beside the square of the distance of the centre of mass, of which only rounding is left: that of a
 point mass 0.1 m away is 1e-16."""
+MOST_DIGITS = 9  # of a number that somebody, or a program, has rounded
 TINY = 1e-3  # kg; frames and sensors have masses that mean nothing
 
 
@@ -308,6 +310,9 @@ def _judged(
     if copies:
         text = f"it has the inertial of {', '.join(copies[:3])}, to the last digit, and another shape"
         return report("copied link", f"{wrong}; {text}" if wrong else text)
+    digits = 0 if possible or none else _too_few_digits(body)
+    if digits:
+        return report("rounding", f"{wrong}, which rounding to {digits} digits does to flat bodies and rods")
     if reference is not None and density is not None and not none:
         before = _mismatch(body, reference, density)
         tried = [
@@ -331,6 +336,25 @@ def _judged(
         if reference[1] and not DENSITIES[0] <= actual <= DENSITIES[1]:
             return report("shape contradicts mass", f"its shape contradicts its mass: {actual:.3g} kg/m³")
     return report("impossible" if wrong else "", wrong)
+
+
+def _too_few_digits(body: _Body) -> int:
+    """Return to how many digits moments are rounded, where that may have made a possible body impossible; else 0.
+
+    Half a unit of the last digit of each moment changes a second moment by half of their sum at most, and that of each
+    product by as much as itself.
+    """
+    numbers = body.tensor[np.triu_indices(3)]
+    shown = numbers[np.abs(numbers) > SAME * np.abs(numbers).max()]
+    orders = np.floor(np.log10(np.abs(shown))) + 1.0
+    for digits in range(1, MOST_DIGITS + 1):
+        units = 10.0 ** (orders - digits)
+        if np.all(np.abs(shown / units - np.rint(shown / units)) < 1e-6):
+            scale = np.where(np.eye(3, dtype=bool)[np.triu_indices(3)], 0.5, 1.0)
+            scale = scale[np.abs(numbers) > SAME * np.abs(numbers).max()]
+            least = body.mass * float(np.linalg.eigvalsh(body.covariance)[0])
+            return digits if -least <= 0.5 * float(scale @ units) else 0
+    return 0
 
 
 def _is_possible(body: _Body) -> bool:
