@@ -53,7 +53,7 @@ SAME = 1e-9
 ZERO = 1e-12
 """Second moments beside the square of the distance of the centre of mass, of which only rounding is left: that of a
 point mass 0.1 m away is 1e-16."""
-MOST_DIGITS = 9  # of a number that somebody, or a program, has rounded
+FEWEST_DIGITS, MOST_DIGITS = 3, 9  # of a number that a program has rounded; with fewer all may be rounding
 TINY = 1e-3  # kg; frames and sensors have masses that mean nothing
 
 
@@ -353,7 +353,7 @@ def _too_few_digits(body: _Body) -> int:
             scale = np.where(np.eye(3, dtype=bool)[np.triu_indices(3)], 0.5, 1.0)
             scale = scale[np.abs(numbers) > SAME * np.abs(numbers).max()]
             least = body.mass * float(np.linalg.eigvalsh(body.covariance)[0])
-            return digits if -least <= 0.5 * float(scale @ units) else 0
+            return digits if digits >= FEWEST_DIGITS and -least <= 0.5 * float(scale @ units) else 0
     return 0
 
 
