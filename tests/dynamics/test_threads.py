@@ -1,18 +1,26 @@
 """Work that is shared among threads."""
 
+import inspect
 import json
 import os
 import subprocess
 import sys
 import threading
 import time
+from collections.abc import Callable
+from typing import Any, NoReturn
 
 import numpy as np
 import pytest
 from threadpoolctl import ThreadpoolController, threadpool_limits
 
+import steelyard as sy
+from steelyard import estimators
 from steelyard.dynamics.threads import in_threads, in_turns, one_thread, require_wanted, serial
+from steelyard.estimators.plausible_fit import plausible_fit, tried_prior
 from steelyard.files.advance import tell, watched
+from steelyard.fleet.siblings import compare_siblings
+from steelyard.identification.mistakes import find_mistakes
 
 
 @pytest.mark.parametrize("threads", [1, 2, 3])
@@ -274,3 +282,49 @@ def test_threads_that_share_work_do_not_share_theirs() -> None:
     caller = threading.get_ident()
     with threadpool_limits(2, "blas"):
         assert all(in_threads(own, range(6)))
+
+
+class _SeenError(Exception):
+    """Tells how many threads BLAS had where something was first looked at."""
+
+    def __init__(self) -> None:
+        super().__init__(max(one["num_threads"] for one in ThreadpoolController().select(user_api="blas").info()))
+
+
+class _Probe:
+    def __getattribute__(self, name: str) -> NoReturn:
+        raise _SeenError
+
+    def __len__(self) -> NoReturn:
+        raise _SeenError
+
+    def __iter__(self) -> NoReturn:
+        raise _SeenError
+
+
+ESTIMATING = [getattr(estimators, name) for name in estimators.__all__ if name[0].islower()]
+FEW_ROWS = {"gains_from_equations"}  # equations of a drive each
+ALSO = {"estimate_payload": "unloaded", "check": "base", "correct": "base"}  # beside what has no default
+
+
+@pytest.mark.parametrize(
+    "function",
+    [
+        *(one for one in ESTIMATING if one.__name__ not in FEW_ROWS),
+        tried_prior,
+        plausible_fit,
+        find_mistakes,
+        compare_siblings,
+        sy.check,
+        sy.correct,
+    ],
+    ids=lambda one: one.__name__,
+)
+def test_what_estimates_keeps_linear_algebra_in_one_thread(function: Callable[..., Any]) -> None:
+    """On a busy machine a fit took twenty times as long in two threads, which wait for each other at each column."""
+    parameters = inspect.signature(function).parameters.values()
+    needed = [one for one in parameters if one.default is one.empty or one.name == ALSO.get(function.__name__)]
+    given = [_Probe() for one in needed if one.kind in (one.POSITIONAL_ONLY, one.POSITIONAL_OR_KEYWORD)]
+    named = {one.name: _Probe() for one in needed if one.kind is one.KEYWORD_ONLY}
+    with threadpool_limits(2, "blas"), pytest.raises(_SeenError, match=r"^1$"):
+        function(*given, **named)

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from steelyard.display import text_table
+from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError, SolverError
 from steelyard.feasibility.barrier import Barrier, log_determinants, minimise
 from steelyard.feasibility.feasible_set import FeasibleSet
@@ -110,6 +111,7 @@ class CrossValidation:
         return text_table(("weight", "training", "held out", ""), rows, numbers=(0, 1, 2))
 
 
+@in_one_thread
 def term_deviations(info: Information, feasible_set: FeasibleSet) -> Vector:
     """Return standard deviations of the parameters of drive terms about zero, as they are as a rule, (n,).
 
@@ -139,6 +141,7 @@ def term_deviations(info: Information, feasible_set: FeasibleSet) -> Vector:
     return found
 
 
+@in_one_thread
 def cross_validation(
     info: Information,
     stretches: Sequence[Information],

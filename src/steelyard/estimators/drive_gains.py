@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from steelyard.display import few_digits, html_table, outward, text_table
-from steelyard.dynamics.threads import one_thread
+from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError
 from steelyard.feasibility import FeasibleSet
 from steelyard.feasibility.constraints import Equality
@@ -164,6 +164,7 @@ class DriveGains:
         return html_table("Drive gains, 95 % intervals", ("joint", "gain", "from", "to"), self._rows(), self.remarks)
 
 
+@in_one_thread
 def estimate_drive_gains(
     body: CarriedBody,
     loaded: Information,
@@ -271,8 +272,7 @@ def gains_from_equations(
             "payload, its centre of mass as well where the joints do not tell one from the other, or equations in "
             "[constraints] of which the motion tells something."
         )
-    with one_thread():
-        return _Search(currents, feasible_set, asked).found(solver)
+    return _Search(currents, feasible_set, asked).found(solver)
 
 
 class _Search:

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from steelyard.dynamics import Model
 from steelyard.dynamics.algorithms.regressor import momentum_balance_with_numpy
 from steelyard.dynamics.layout import ParameterLayout
+from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError
 from steelyard.feasibility.feasible_set import FeasibleSet
 from steelyard.files import read_number
@@ -108,6 +109,7 @@ class BalanceInformation(Information):
         return replace(self, remarks=(*self.remarks, averages))
 
 
+@in_one_thread
 def momentum_information(model: Model, samples: Given, *, window: float | None = None) -> Information:
     """Reduce samples to balances of the momentum of each joint over short windows, which need no accelerations.
 
@@ -165,6 +167,7 @@ def momentum_information(model: Model, samples: Given, *, window: float | None =
     return balance_parts("momentum", model, samples, window=window, count=0)[0].told()
 
 
+@in_one_thread
 def energy_information(model: Model, samples: Given, *, window: float | None = None) -> Information:
     """Reduce samples to balances of the energy over short windows, which need no accelerations.
 
@@ -214,6 +217,7 @@ def energy_information(model: Model, samples: Given, *, window: float | None = N
     return balance_parts("energy", model, samples, window=window, count=0)[0].told()
 
 
+@in_one_thread
 def momentum(info: Information, feasible_set: FeasibleSet, weights: Any = "joint", **options: Any) -> Estimate:
     """Return the feasible parameters that balance the momentum best.
 
@@ -246,6 +250,7 @@ def momentum(info: Information, feasible_set: FeasibleSet, weights: Any = "joint
     return fit(info, feasible_set, weights, **options)
 
 
+@in_one_thread
 def energy(info: Information, feasible_set: FeasibleSet, weights: Any = "joint", **options: Any) -> Estimate:
     """Return the feasible parameters that balance the energy best.
 

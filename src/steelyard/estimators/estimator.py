@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from steelyard.dynamics import Model
+from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError, SolverError, faults_told
 from steelyard.extensions import Extensions
 from steelyard.feasibility.certificates import FeasibilityCertificate
@@ -71,6 +72,7 @@ ESTIMATORS: Extensions[Estimator] = Extensions(
 )
 
 
+@in_one_thread
 def proved_estimate(
     info: Information,
     feasible_set: FeasibleSet,
@@ -176,6 +178,7 @@ def _without_dust(feasible_set: FeasibleSet, parameters: Vector) -> Vector:
     return cleaned if feasible_set.contains(cleaned) else parameters
 
 
+@in_one_thread
 def estimate_with(estimator: str | Estimator, info: Information, feasible_set: FeasibleSet, **options: Any) -> Estimate:
     """Estimate with an estimator by name, or with a function.
 

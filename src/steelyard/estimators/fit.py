@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from steelyard import estimators
+from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError
 from steelyard.feasibility import TieBreak
 from steelyard.feasibility.feasible_set import FeasibleSet
@@ -18,6 +19,7 @@ from .reduced_fit import fit_reduced
 __all__ = ["fit"]
 
 
+@in_one_thread
 def fit(
     info: Information,
     feasible_set: FeasibleSet,

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from steelyard.display import html_table, text_table
 from steelyard.dynamics import Model
+from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError
 from steelyard.files import tell
 from steelyard.once import cached_property
@@ -387,6 +388,7 @@ class FrictionSelection:
         return html_table(repr(self), *self.table(), self.remarks)
 
 
+@in_one_thread
 def select_friction(
     model: Model,
     samples: Samples | Sequence[Samples] | FrictionData,

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from steelyard.dynamics import Model
+from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError, SolverError
 from steelyard.feasibility.feasible_set import FeasibleSet
 from steelyard.files import read_number, shown
@@ -289,6 +290,7 @@ def _rows_at(triangle: Matrix, base: Vector) -> Matrix:
     return np.column_stack([instruments, triangle[:, -1] - (regressor - instruments) @ base])
 
 
+@in_one_thread
 def instrumental_variables(
     samples: Samples | Sequence[Samples],
     feasible_set: FeasibleSet,
@@ -409,6 +411,7 @@ def instrumented_parts(
     return replace(whole, remarks=(*whole.remarks, *found.remarks)), tuple(parts)
 
 
+@in_one_thread
 def of_instruments(info: Information, feasible_set: FeasibleSet, weights: Any = "joint", **options: Any) -> Estimate:
     """Fit a regression of `instrumented_parts`: `instrumental_variables` under the name by which it is found.
 

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError
 from steelyard.files import is_number, plain, shown
 from steelyard.regression import Information, ParameterCovariance
@@ -353,6 +354,7 @@ class _Solution:
         return np.inf if name in self.unknown else float(np.linalg.norm(self.root[self.names.index(name)]))
 
 
+@in_one_thread
 def estimate_joint_stiffness(
     joint: str,
     rows: DeflectionRows,

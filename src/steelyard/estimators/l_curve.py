@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.linalg
 
+from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError, SolverError
 from steelyard.feasibility.feasible_set import FeasibleSet
 from steelyard.regression import Information, Reduced
@@ -103,6 +104,7 @@ class LCurve:
         return figure
 
 
+@in_one_thread
 def l_curve(
     info: Information,
     feasible_set: FeasibleSet,

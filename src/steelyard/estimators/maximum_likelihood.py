@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from steelyard.dynamics import Model
+from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError
 from steelyard.feasibility.feasible_set import FeasibleSet
 from steelyard.files import read_number, shown
@@ -81,6 +82,7 @@ class LikelihoodInformation(Information):
         return "maximum likelihood"
 
 
+@in_one_thread
 def likelihood_information(
     model: Model,
     samples: Given,
@@ -220,6 +222,7 @@ def likelihood_parts(
     return whole, _parts(model, read(), noise, whole, [round(rows * (k + 1) / count) for k in range(count)])
 
 
+@in_one_thread
 def maximum_likelihood(
     info: Information, feasible_set: FeasibleSet, weights: Any = "joint", **options: Any
 ) -> Estimate:

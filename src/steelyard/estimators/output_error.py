@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from steelyard.dynamics import Model
+from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError, SolverError
 from steelyard.feasibility.feasible_set import FeasibleSet
 from steelyard.files import read_number, shown
@@ -49,6 +50,7 @@ DIFFERENCE = 0.1
 """Step of the differences by which positions are derived, in standard errors."""
 
 
+@in_one_thread
 def output_error(
     samples: Samples | Sequence[Samples],
     feasible_set: FeasibleSet,
@@ -185,6 +187,7 @@ def output_parts(
     return replace(found.information, remarks=(*found.information.remarks, *found.remarks)), tuple(parts)
 
 
+@in_one_thread
 def of_outputs(info: Information, feasible_set: FeasibleSet, weights: Any = "joint", **options: Any) -> Estimate:
     """Fit a regression of `output_parts`: `output_error` under the name by which it is found.
 

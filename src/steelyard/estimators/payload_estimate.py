@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.display import few_digits, html_table, outward, text_table
 from steelyard.dynamics import BaseParameters
-from steelyard.dynamics.threads import one_thread
+from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError
 from steelyard.feasibility import FeasibleSet
 from steelyard.feasibility.bounds.bound_finder import NoInteriorError, given_region
@@ -202,6 +202,7 @@ class KnownRobot:
     covariance: Array | None = field(default=None, repr=False)
 
 
+@in_one_thread
 def estimate_payload(
     body: CarriedBody,
     loaded: Information,
@@ -278,10 +279,10 @@ def estimate_payload(
     >>> round(found.mass, 4), found.center_of_mass.round(4).tolist(), found["mass"].standing
     (0.5, [0.02, 0.03, 0.1], 'measured')
     """
-    with one_thread():
-        return _estimated(_problem(body, loaded, unloaded, robot, consistency, constraints, weights), solver)
+    return _estimated(_problem(body, loaded, unloaded, robot, consistency, constraints, weights), solver)
 
 
+@in_one_thread
 def unexplained_with(
     body: CarriedBody,
     loaded: Information,
@@ -294,10 +295,9 @@ def unexplained_with(
 
     The latter is NaN where there is none. Such a payload may be impossible. All arguments are as in `estimate_payload`.
     """
-    with one_thread():
-        problem = _problem(body, loaded, unloaded, robot, "full", (), weights)
-        of_loaded = loaded.relative_error(problem.carrying @ problem.base + problem.offset)
-        return of_loaded, np.nan if unloaded is None else unloaded.relative_error(problem.alone @ problem.base)
+    problem = _problem(body, loaded, unloaded, robot, "full", (), weights)
+    of_loaded = loaded.relative_error(problem.carrying @ problem.base + problem.offset)
+    return of_loaded, np.nan if unloaded is None else unloaded.relative_error(problem.alone @ problem.base)
 
 
 @dataclass(frozen=True, eq=False)

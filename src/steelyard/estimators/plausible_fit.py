@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from steelyard.display import html_table, text_table
 from steelyard.dynamics import Model
+from steelyard.dynamics.threads import in_one_thread
 from steelyard.feasibility import FeasibleSet
 from steelyard.feasibility.certificates import FeasibilityCertificate
 from steelyard.feasibility.constraints import Constraint
@@ -174,6 +175,7 @@ class TriedPrior:
     validation: CrossValidation | None
 
 
+@in_one_thread
 def tried_prior(
     info: Information,
     stretches: Sequence[Information],
@@ -272,6 +274,7 @@ def allowed_share(away: Callable[[float], float], covariance: ParameterCovarianc
     return SHARES[int(np.argmax(np.array(found) - found[-1] <= count))]
 
 
+@in_one_thread
 def plausible_fit(
     info: Information, feasible_set: FeasibleSet, unconstrained: Estimate, tried: TriedPrior
 ) -> PlausibleFit:

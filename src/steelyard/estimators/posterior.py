@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from steelyard.display import html_table, text_table
+from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError, SolverError
 from steelyard.feasibility.barrier import Barrier, minimise
 from steelyard.feasibility.bounds.quantities import Combination, Quantity, quantities
@@ -194,6 +195,7 @@ class Posterior:
 _HEADS = ("name", "mean", "from", "to", "Laplace from", "to", "unit", "independent", "R-hat")
 
 
+@in_one_thread
 def posterior(
     info: Information,
     feasible_set: FeasibleSet,
@@ -300,6 +302,7 @@ def posterior(
     return _told(info, density, mode, asked, drawn, acceptance, int(steps), used, random)
 
 
+@in_one_thread
 def bayesian(
     info: Information,
     feasible_set: FeasibleSet,

@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from steelyard.display import percent
+from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError, SolverError
 from steelyard.feasibility.dual_bound import PARAMETER_BOUND
 from steelyard.feasibility.feasible_set import MARGIN_FACTORS, FeasibleSet
@@ -107,6 +108,7 @@ class FeasibleFit:
     remarks: tuple[str, ...]
 
 
+@in_one_thread
 def fit_reduced(
     reduced: Reduced,
     feasible_set: FeasibleSet,

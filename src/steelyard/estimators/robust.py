@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from steelyard.dynamics import Model
+from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError
 from steelyard.feasibility.feasible_set import FeasibleSet
 from steelyard.files import read_number
@@ -79,6 +80,7 @@ class RobustInformation(Information):
     huber: HuberWeights | None = field(default=None, repr=False)
 
 
+@in_one_thread
 def robust_information(
     model: Model,
     samples: Samples | Sequence[Samples],

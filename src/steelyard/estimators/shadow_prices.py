@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from steelyard.display import html_table, percent, text_table
-from steelyard.dynamics.threads import one_thread
+from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError
 from steelyard.feasibility.feasible_set import FeasibleSet, reduced_regression
 from steelyard.feasibility.growth import mass_bound_of
@@ -151,6 +151,7 @@ class ShadowPrices:
 HEADS = ("saved", "squared", "marginal", "per", "condition")
 
 
+@in_one_thread
 def shadow_prices(
     info: Any,
     feasible_set: FeasibleSet,
@@ -210,49 +211,48 @@ def shadow_prices(
         mass_bound = read_number(mass_bound, "mass_bound", "a positive number of kg", above=0)
     reduced = reduced_regression(info, weights, feasible_set)
     norm2 = float(reduced.norm2)
-    with one_thread():
-        regression = ReducedRegression.of(reduced, feasible_set)
-        scale = regression.units(feasible_set)
-        bound = mass_bound_of(feasible_set, scale) if mass_bound is None else mass_bound
-        gaps = []
+    regression = ReducedRegression.of(reduced, feasible_set)
+    scale = regression.units(feasible_set)
+    bound = mass_bound_of(feasible_set, scale) if mass_bound is None else mass_bound
+    gaps = []
 
-        def least(allowed: FeasibleSet) -> Optimum:
-            fitting = Fitting(allowed, regression, regression.units(allowed).with_cad(), solver)
-            found = fitting.least(allowed.margin, bound)
-            gaps.append(found.squared_residual - found.lower_bound)
-            return found
+    def least(allowed: FeasibleSet) -> Optimum:
+        fitting = Fitting(allowed, regression, regression.units(allowed).with_cad(), solver)
+        found = fitting.least(allowed.margin, bound)
+        gaps.append(found.squared_residual - found.lower_bound)
+        return found
 
-        whole = least(feasible_set)
-        size = max(whole.squared_residual, regression.noise_floor)
+    whole = least(feasible_set)
+    size = max(whole.squared_residual, regression.noise_floor)
 
-        def saving(allowed: FeasibleSet) -> float:
-            return max(whole.squared_residual - least(allowed).squared_residual, 0.0)
+    def saving(allowed: FeasibleSet) -> float:
+        return max(whole.squared_residual - least(allowed).squared_residual, 0.0)
 
-        def price(name: str, kind: str, saved: float, active: bool, marginal: float, unit: str) -> ShadowPrice:
-            left = max(size - saved, 0.0) / size
-            return ShadowPrice(name, kind, active, saved, 1.0 - math.sqrt(left), marginal, unit)
+    def price(name: str, kind: str, saved: float, active: bool, marginal: float, unit: str) -> ShadowPrice:
+        left = max(size - saved, 0.0) / size
+        return ShadowPrice(name, kind, active, saved, 1.0 - math.sqrt(left), marginal, unit)
 
-        prices = []
-        for index, (block, place) in enumerate(zip(feasible_set.blocks, feasible_set.stack.slices, strict=True)):
-            # d(squared residual) / dr of D - r 1, from the multipliers (weak duality).
-            slope = float(np.trace(vector_to_symmetric(whole.multipliers[place])))
-            active = slope > ACTIVE * max(size, 1e-6 * norm2)
-            saved = saving(feasible_set.without((index,))) if active else 0.0
-            relative = slope / (2.0 * size) if active else 0.0
-            unit = (block.unit or "SI unit") if block.size == 1 else "SI unit"
-            prices.append(price(block.name, block.kind, saved, active, relative, unit))
-        groups = []
-        for kind, name in (("link", "all links"), ("term", "all terms"), ("constraint", "all constraints")):
-            members = [i for i, block in enumerate(feasible_set.blocks) if block.kind == kind]
-            if members:
-                active = any(prices[i].active for i in members)
-                groups.append(price(name, "group", saving(feasible_set.without(members)), active, math.nan, ""))
-        if feasible_set.consistency == "full":
-            weaker = FeasibleSet(
-                feasible_set.model, "inertia", feasible_set.constraints, feasible_set.margin, feasible_set.terms
-            )
-            saved = saving(weaker)
-            groups.append(price("triangle inequality", "group", saved, saved > ACTIVE * norm2, math.nan, ""))
+    prices = []
+    for index, (block, place) in enumerate(zip(feasible_set.blocks, feasible_set.stack.slices, strict=True)):
+        # d(squared residual) / dr of D - r 1, from the multipliers (weak duality).
+        slope = float(np.trace(vector_to_symmetric(whole.multipliers[place])))
+        active = slope > ACTIVE * max(size, 1e-6 * norm2)
+        saved = saving(feasible_set.without((index,))) if active else 0.0
+        relative = slope / (2.0 * size) if active else 0.0
+        unit = (block.unit or "SI unit") if block.size == 1 else "SI unit"
+        prices.append(price(block.name, block.kind, saved, active, relative, unit))
+    groups = []
+    for kind, name in (("link", "all links"), ("term", "all terms"), ("constraint", "all constraints")):
+        members = [i for i, block in enumerate(feasible_set.blocks) if block.kind == kind]
+        if members:
+            active = any(prices[i].active for i in members)
+            groups.append(price(name, "group", saving(feasible_set.without(members)), active, math.nan, ""))
+    if feasible_set.consistency == "full":
+        weaker = FeasibleSet(
+            feasible_set.model, "inertia", feasible_set.constraints, feasible_set.margin, feasible_set.terms
+        )
+        saved = saving(weaker)
+        groups.append(price("triangle inequality", "group", saved, saved > ACTIVE * norm2, math.nan, ""))
     return ShadowPrices(
         prices=tuple(sorted(prices, key=lambda p: (-p.squared_saving, -p.marginal))),
         groups=tuple(sorted(groups, key=lambda p: -p.squared_saving)),

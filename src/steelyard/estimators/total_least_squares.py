@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError
 from steelyard.feasibility.feasible_set import FeasibleSet
 from steelyard.regression import Estimate, Factor, Information, triangular
@@ -21,6 +22,7 @@ ROUNDING = 1e-12
 """Part of the largest eigenvalue below which those of the corrected Gram matrix count as zero."""
 
 
+@in_one_thread
 def total_least_squares(
     info: Information,
     feasible_set: FeasibleSet,

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from steelyard.display import html_sentences
-from steelyard.dynamics.threads import one_thread
+from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError
 from steelyard.lmi import is_positive_definite
 from steelyard.regression.factor import eigenvectors
@@ -149,6 +149,7 @@ class Verdict:
         return html_sentences(first, others, strong=True)
 
 
+@in_one_thread
 def check(
     feasible_set: FeasibleSet, base: npt.ArrayLike | None = None, parameters: npt.ArrayLike | None = None
 ) -> Verdict:
@@ -184,10 +185,9 @@ def check(
     """
     if (base is None) == (parameters is None):
         raise InputError("check takes either base= or parameters=; give exactly one of them.")
-    with one_thread():
-        if parameters is not None:
-            return _check_parameters(feasible_set, feasible_set.as_parameters(parameters))
-        return _check_base(feasible_set, feasible_set.as_base(base if base is not None else ()))
+    if parameters is not None:
+        return _check_parameters(feasible_set, feasible_set.as_parameters(parameters))
+    return _check_base(feasible_set, feasible_set.as_base(base if base is not None else ()))
 
 
 def _check_parameters(feasible_set: FeasibleSet, parameters: Vector) -> Verdict:

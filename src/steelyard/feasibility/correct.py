@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from steelyard.conic import Outcome, find_solver
+from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError, SolverError
 
 from .certificates import FeasibilityCertificate
@@ -78,6 +79,7 @@ class Correction:
         return f"{text}."
 
 
+@in_one_thread
 def correct(
     feasible_set: FeasibleSet,
     base: npt.ArrayLike | None = None,

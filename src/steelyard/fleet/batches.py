@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from math import exp, log, tanh
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray

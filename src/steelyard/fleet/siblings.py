@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from steelyard.dynamics.threads import in_one_thread
 from steelyard.errors import InputError
 from steelyard.regression.factor import eigenvectors
 
@@ -286,6 +287,7 @@ def false_discoveries(probabilities: ArrayLike, rate: float) -> NDArray[np.bool_
     return rejected
 
 
+@in_one_thread
 def compare_siblings(
     bases: ArrayLike,
     covariances: ArrayLike,

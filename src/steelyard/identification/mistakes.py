@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from steelyard.display import percent
 from steelyard.dynamics import Model
+from steelyard.dynamics.threads import in_one_thread
 from steelyard.estimators.marginal_likelihood import (
     LEAST_ERROR,
     BodyPrior,
@@ -202,6 +203,7 @@ class _Candidate:
     """The fit without it, where that is of other rows than the base's."""
 
 
+@in_one_thread
 def find_mistakes(
     model: Model,
     samples: Samples,
