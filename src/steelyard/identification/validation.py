@@ -47,9 +47,6 @@ or a rotor inertia of 1.5 times the size 9.5 and 4.1, torques that are 20 ms lat
 _POINTS = 1200  # of each log that are kept, to look for mistakes where it is predicted poorly
 
 
-_ELASTIC = (
-    "Joints are elastic: links were taken to move as the motors do, less the deflections that the estimate predicts."
-)
 _RIGID = (
     "The estimate is of a robot with elastic joints, but the robot file has no table [elastic]: links were taken to "
     "move as the motors do; give the robot.toml of the identification."
@@ -335,11 +332,13 @@ def read_as_fitted(
     seen = tuple(str(log) for log in logs if result.has_seen(log))
     remarks += [f"{log}: was used to make {result.name}, so that its error is no test of a prediction." for log in seen]
     if result.estimate.elastic_model.get("link_motion"):
-        remarks.append(_ELASTIC if file.section("elastic") else _RIGID)
         if file.section("elastic"):
             from .elastic.elastic_joints import links_of_logs  # loaded for elastic joints alone
 
-            logs = links_of_logs(file, model, result.estimate, logs, used)
+            logs, told = links_of_logs(file, model, result.estimate, logs, used)
+            remarks += [told] if told else []
+        else:
+            remarks.append(_RIGID)
     reader.decide(logs, say)
     reduced, means = [], BatchMeansTree()
     for (one,), _ in one_by_one(

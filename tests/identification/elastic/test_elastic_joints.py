@@ -126,6 +126,28 @@ def test_from_a_log_to_a_table_and_back(robot, tmp_path, run):
     assert rows.read_text().startswith("t,torque_joint1,deflection_joint1,measured_joint1")
 
 
+@pytest.mark.slow
+def test_what_is_held_out_is_predicted_with_the_measured_motion_of_its_links(robot, tmp_path):
+    """From the motor's motion the link's acceleration is a fourth derivative: a true model seemed six times worse."""
+    log, second = pendulum(), pendulum(15.0)
+    second = {**second, "link1": second["link1"] + 0.5}  # the zero of a log is its own
+    path = with_lines(robot, f"motor_inertia = [{ROTOR}]", "held_out.toml")
+    result = sy.identify(path, log, second)
+    fitted, held_out = (one.feasible_error for one in result.predictions)
+    assert held_out < 1.2 * fitted
+    assert any(remark.endswith("taken to move as their own encoders say.") for remark in result.remarks)
+    result.save(tmp_path / "result")
+    again = validate_estimate(path, tmp_path / "result", second)
+    assert again.prediction.relative_error < 1.2 * fitted
+    bare = {name: values for name, values in second.items() if name != "link1"}
+    unseen = validate_estimate(path, tmp_path / "result", bare)
+    assert unseen.prediction.relative_error > 3.0 * fitted
+    assert any("the error holds that of this prediction, too" in remark for remark in unseen.remarks)
+    apart = {**second, "link1": second["link1"][::-1].copy()}
+    with pytest.raises(InputError, match=r'two encoders of "joint1" differ by .* that no spring explains'):
+        sy.identify(path, log, apart)
+
+
 def stribeck(speed):
     return VISCOUS * speed + np.sign(speed) * (1.5 + 2.0 * np.exp(-((speed / 0.4) ** 2)))
 
