@@ -1,6 +1,7 @@
 """Stiffness of a joint from its deflection, against the truth of a spring and a damper that SciPy integrates."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -65,10 +66,40 @@ def test_the_inertia_of_the_motor_is_found_where_it_is_not_known(pendulum):
         rows.deflection, rows.velocity, rows.acceleration, rows.position, rows.torque + 0.2 * rows.acceleration,
         rows.torque_rate,
     )  # fmt: skip
-    found = estimate_joint_stiffness("elbow", wrong, motor_inertia=0.1, inertia_is_given=False)
+    found = estimate_joint_stiffness("elbow", wrong, motor_inertia=0.1, motor_inertia_error=np.inf)
     # 0.2 of the motor's 0.3 kg m² were counted to the link, of which 0.1 is known.
     assert abs(found.stiffness / STIFFNESS - 1.0) < 0.01
     assert abs(found.motor_inertia - 0.3) < 4 * found.motor_inertia_standard_error + 0.005
+
+
+@pytest.mark.parametrize("noise", [1e-5, 3e-3])
+def test_an_inertia_that_torques_tell_poorly_is_weighed_against_the_deflection(pendulum, noise):
+    """Torques tell the inertia of a motor of 0.3 kg m² as 0.1, and have a standard error of 0.15."""
+    rows = rows_of(pendulum, noise)
+    wrong = replace(rows, torque=rows.torque + 0.2 * rows.acceleration)
+    found = estimate_joint_stiffness("elbow", wrong, motor_inertia=0.1, motor_inertia_error=0.15)
+    alone = estimate_joint_stiffness("elbow", wrong, motor_inertia=0.1, motor_inertia_error=np.inf)
+    taken = estimate_joint_stiffness("elbow", wrong, motor_inertia=0.1)
+    assert abs(found.motor_inertia - 0.3) < 3.0 * found.motor_inertia_standard_error + 0.005
+    assert found.motor_inertia_standard_error < min(0.15, alone.motor_inertia_standard_error) + 1e-9
+    assert found.compliance_standard_error < 1.001 * alone.compliance_standard_error
+    low, high = found.stiffness_interval
+    assert low < STIFFNESS < high
+    if noise < 1e-4:
+        assert abs(found.stiffness / STIFFNESS - 1.0) < 0.005
+        assert not taken.stiffness_interval[0] < STIFFNESS < taken.stiffness_interval[1]
+
+
+def test_a_torque_of_acceleration_alone_leaves_the_scatter_of_the_inertia_to_the_stiffness(pendulum):
+    """Nothing but the torques tells motor and link apart there: 0.6 kg m² of a link beside 0.06 of uncertainty."""
+    rows = rows_of(pendulum, 0.0)
+    noise = 1e-6 * np.random.default_rng(5).normal(size=rows.torque.size)
+    torque = INERTIA * rows.acceleration
+    spun = replace(rows, deflection=torque / STIFFNESS + noise, torque=torque, torque_rate=0.0 * torque)
+    found = estimate_joint_stiffness("elbow", spun, motor_inertia=0.3, motor_inertia_error=0.06, encoder_errors="none")
+    assert abs(found.stiffness / STIFFNESS - 1.0) < 0.01
+    assert abs(found.compliance_standard_error * STIFFNESS - 0.1) < 0.01
+    assert found.motor_inertia_standard_error == pytest.approx(0.06, rel=0.05)
 
 
 def test_a_deflection_below_the_resolution_gives_a_lower_bound(pendulum):

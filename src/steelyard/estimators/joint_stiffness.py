@@ -66,7 +66,7 @@ MOST_WIDENING = 2.0
 """By which an error of an encoder may raise the standard error of the compliance; one that raises it further could be
 the torque of the links under another name."""
 
-_COMPLIANCE, _RELAXATION, _INERTIA = "compliance", "relaxation", "motor inertia"
+_BOUNDED = _COMPLIANCE, _RELAXATION, _INERTIA = "compliance", "relaxation", "motor inertia"
 
 
 @dataclass(frozen=True, eq=False)
@@ -332,12 +332,17 @@ def stiffness_table(joints: Sequence[JointStiffness]) -> tuple[tuple[str, ...], 
 
 @dataclass(frozen=True, eq=False)
 class _Known:
-    """Values that need not be found: the inertia of the motor, the delay of the second encoder."""
+    """What is known beside the rows: the inertia of the motor with its standard error, whether the delay is."""
 
     motor_inertia: float
-    inertia: bool
+    inertia_error: float
     delay: bool
     scale_error: float
+
+    @property
+    def inertia(self) -> bool:
+        """Whether the inertia of the motor is not looked for."""
+        return self.inertia_error == 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -360,7 +365,7 @@ def estimate_joint_stiffness(
     rows: DeflectionRows,
     *,
     motor_inertia: float = 0.0,
-    inertia_is_given: bool = True,
+    motor_inertia_error: float = 0.0,
     encoder_errors: str = "automatic",
     delay_is_given: bool = False,
     torque_scale_error: float = 0.0,
@@ -377,9 +382,10 @@ def estimate_joint_stiffness(
     rows : DeflectionRows
     motor_inertia : float
         B on the joint side, kg·m² or kg, with which the torque was computed.
-    inertia_is_given : bool
-        Whether B is known. If not, it is found with the stiffness: torques alone do not tell it from the inertia of
-        the links where the joint is the first or the second of an arm, so that the deflection has to.
+    motor_inertia_error : float
+        Standard error of B: 0 where it is known, infinite where nothing tells it. Above 0 it is found with the
+        stiffness, and both sources are weighed: torques do not tell B from the inertia of the links where the joint is
+        the first or the second of an arm, and elsewhere often poorly, so that the deflection has to.
     encoder_errors : {"automatic", "none"}
         Whether a wrong scale, an eccentricity and a lost motion of the second encoder are taken in where they are
         significant (three standard errors), and can be told from the torque.
@@ -412,7 +418,7 @@ def estimate_joint_stiffness(
         raise InputError(f'encoder_errors must be "automatic" or "none", got {encoder_errors!r}.')
     _require_motion(joint, rows)
     taken: list[str] = []
-    known = _Known(motor_inertia, inertia_is_given, delay_is_given, torque_scale_error)
+    known = _Known(motor_inertia, motor_inertia_error, delay_is_given, torque_scale_error)
     solution = _solve(rows, taken, known)
     while encoder_errors == "automatic":
         better = _significant(rows, taken, known, solution)
@@ -536,7 +542,9 @@ def _solve(rows: DeflectionRows, taken: list[str], known: _Known) -> _Solution:
 
     columns = _columns(rows, taken, known)
     names, matrix = tuple(columns), np.column_stack(list(columns.values()))
-    bounded = np.array([name in (_COMPLIANCE, _RELAXATION, _INERTIA) for name in names])
+    # Where torques tell the inertia of the motor, too, it comes to lie above zero with them.
+    above_zero = (_COMPLIANCE, _RELAXATION) if np.isfinite(known.inertia_error) else _BOUNDED
+    bounded = np.array([name in above_zero for name in names])
     size = np.sqrt(np.mean(matrix**2, axis=0))
     size = np.where(size > 0.0, size, 1.0)
     matrix /= size
@@ -544,9 +552,9 @@ def _solve(rows: DeflectionRows, taken: list[str], known: _Known) -> _Solution:
     lower = np.where(bounded, 0.0, -np.inf)
     found = lsq_linear(whole[:-1, :-1], whole[:-1, -1], bounds=(lower, np.inf), method="bvls", tol=1e-14)
     values = found.x
-    # A combination of compliance and inertia at a bound of either is still uncertain in both directions: the compliance
-    # keeps its own standard error there, that of the regression with all the columns.
-    free = ~bounded | (values > 0.0) | np.array([name == _COMPLIANCE for name in names])
+    # A combination of compliance and inertia at a bound of either is still uncertain in both directions: both keep the
+    # standard errors of the regression with all the columns there.
+    free = ~bounded | (values > 0.0) | np.array([name in (_COMPLIANCE, _INERTIA) for name in names])
     residual = rows.deflection - matrix @ values
     chosen = np.column_stack([matrix[:, free], rows.deflection])
     information = _information([n for n, f in zip(names, free, strict=True) if f], chosen, rows.log)
@@ -554,7 +562,39 @@ def _solve(rows: DeflectionRows, taken: list[str], known: _Known) -> _Solution:
     root = np.zeros((len(names), covariance.root.shape[1]))
     root[free] = covariance.root
     unknown = frozenset(names[k] for k in np.flatnonzero(free)[covariance.unknown])
-    return _Solution(names, values / size, root / size[:, None], residual, unknown)
+    solution = _Solution(names, values / size, root / size[:, None], residual, unknown)
+    if known.inertia or not np.isfinite(known.inertia_error):
+        return solution
+    if unknown & {_COMPLIANCE, _INERTIA}:  # the transmission carries nothing but the acceleration of its link
+        return _with_known_inertia(rows, taken, known)
+    if not solution.values[names.index(_COMPLIANCE)] > 0.0:
+        return solution
+    return _weighed(solution, known, np.column_stack(list(columns.values())), rows.deflection)
+
+
+def _weighed(solution: _Solution, known: _Known, matrix: Array, deflection: Array) -> _Solution:
+    """Weigh the inertia that deflections tell against that of the torques: least squares of both together."""
+    inertia, compliance = (solution.names.index(name) for name in (_INERTIA, _COMPLIANCE))
+    values, root = solution.values, solution.root
+    apart = root[inertia] - known.motor_inertia * root[compliance]  # of the value of B / K less B times that of 1 / K
+    variance = float(apart @ apart)
+    noise = (known.inertia_error * values[compliance]) ** 2
+    gain = root @ apart / max(variance + noise, 1e-300)
+    values = values - gain * (values[inertia] - known.motor_inertia * values[compliance])
+    values[inertia] = max(values[inertia], 0.0)
+    root = np.column_stack([root - np.outer(gain, apart), gain * np.sqrt(noise)])
+    return _Solution(solution.names, values, root, deflection - matrix @ values, solution.unknown)
+
+
+def _with_known_inertia(rows: DeflectionRows, taken: list[str], known: _Known) -> _Solution:
+    """Solve with the inertia that the torques tell, and count how far its error turns the compliance."""
+    solution = _solve(rows, taken, replace(known, inertia_error=0.0))
+    torque, acceleration = rows.torque - rows.torque.mean(), rows.acceleration - rows.acceleration.mean()
+    turned = known.inertia_error * float(torque @ acceleration) / float(torque @ torque)
+    place = solution.names.index(_COMPLIANCE)
+    column = np.zeros(len(solution.names))
+    column[place] = turned * solution.values[place]
+    return replace(solution, root=np.column_stack([solution.root, column]))
 
 
 def _information(names: list[str], rows: Array, log: NDArray[np.intp] | None) -> Information:
@@ -599,9 +639,15 @@ def _result(joint: str, rows: DeflectionRows, solution: _Solution, known: _Known
     compliance = float(values[_COMPLIANCE])
     error = float(np.hypot(errors[_COMPLIANCE], compliance * known.scale_error))
     inertia, inertia_error = known.motor_inertia, np.nan
-    if not known.inertia:
+    if _INERTIA in values:
         inertia = values[_INERTIA] / compliance if compliance > 0.0 else np.nan
-        inertia_error = _inertia_error(solution)
+        # What is not the motor's of the inertia behind the torque is the links'; their scale is not known better.
+        whole = rows.torque + known.motor_inertia * rows.acceleration
+        moved = rows.acceleration - rows.acceleration.mean()
+        behind = abs(float(whole @ moved) / float(moved @ moved))
+        inertia_error = float(np.hypot(_inertia_error(solution), known.scale_error * behind))
+    elif not known.inertia:
+        inertia_error = known.inertia_error
     relaxation = float(values[_RELAXATION])  # D / K²
     relaxation_bound = relaxation + NORMAL * _error_alone(rows, solution)
     found = JointStiffness.of_compliance(joint, compliance, error, unit)

@@ -324,7 +324,7 @@ def _told(joints: Sequence[JointStiffness]) -> list[str]:
             found.append(f"{one.joint}: its second encoder has significant errors of its own ({errors}).")
         if not np.isfinite(one.motor_inertia_standard_error):
             continue
-        if not one.motor_inertia_standard_error < 0.5 * one.motor_inertia:
+        if one.is_wide and not one.motor_inertia_standard_error < 0.5 * one.motor_inertia:
             found.append(
                 f"{one.joint}: the log determines the inertia of its motor poorly, and with it the stiffness; state "
                 "motor_inertia in [elastic] where it is known."
@@ -466,21 +466,22 @@ def _stiffness(
     joint = robot.joints[robot.driving_joints[place]]
     own_inertia = transmissions.rotor(place)
     known = _known_inertia(settings, order, place, transmissions)
-    given = transmissions.rotors[place] < 0 or known is not None or transmissions.tells_rotor(place)
+    inertia_error = transmissions.rotor_error(place) if known is None else 0.0
     inertia = own_inertia if known is None else known
     delay = 0.0 if settings.delay == "automatic" else float(settings.delay[order])
-    scale_error = _scale_error(place, transmissions, read, motions, torques, given, own_inertia - inertia)
+    change = own_inertia - inertia
+    scale_error = _scale_error(place, transmissions, read, motions, torques, inertia_error == 0.0, change)
     found: JointStiffness | None = None
     for _ in range(3):
         parts = []
         for log, (one, motion, torque) in enumerate(zip(read, motions, torques, strict=True)):
-            parts.append(_rows(one, motion, torque, place, delay, own_inertia - inertia, log))
+            parts.append(_rows(one, motion, torque, place, delay, change, log))
         rows = _joined(parts)
         found = estimate_joint_stiffness(
             name,
             rows,
             motor_inertia=inertia,
-            inertia_is_given=given,
+            motor_inertia_error=inertia_error,
             encoder_errors=settings.encoder_errors,
             delay_is_given=settings.delay != "automatic",
             torque_scale_error=scale_error,
