@@ -11,7 +11,12 @@ import steelyard as sy
 from steelyard.errors import InputError
 from steelyard.identification import DriveSettings, identify_from_positions
 from steelyard.identification.encoders_only.drive_logs import read_drive_logs, refuse_still
-from steelyard.identification.encoders_only.drive_remarks import remarks_on_logs, remarks_on_rows, remarks_on_zeros
+from steelyard.identification.encoders_only.drive_remarks import (
+    remarks_on_logs,
+    remarks_on_missing_terms,
+    remarks_on_rows,
+    remarks_on_zeros,
+)
 from steelyard.identification.encoders_only.positions import _freed_inertials, _problem
 from steelyard.identification.encoders_only.shooting import PositionLog
 from steelyard.identification.given import given_robot
@@ -258,6 +263,10 @@ def test_friction_by_position_and_load_and_springs_are_found_where_they_are(arm,
     assert found.load_friction[1] == pytest.approx(LOAD[1], abs=0.03)
     assert found.stiffness[0] == pytest.approx(STIFFNESS[0], abs=0.03)
     assert any(remark.startswith("Added: Coulomb friction that varies over the travel") for remark in found.remarks)
+    plain = identify_from_positions(robot, log, settings=SETTINGS)
+    (told,) = (one for one in plain.remarks if one.startswith("The simulation misses"))
+    assert "shoulder by" in told
+    assert "--friction auto" in told
     found.save(tmp_path / "result")
     joint = json.loads((tmp_path / "result" / "drives.json").read_text())["joints"]["shoulder"]
     assert joint["frictionloss_by_position"]["frictionloss"] == pytest.approx(found.coulomb_by_position[:, 0])
@@ -282,6 +291,7 @@ def test_no_friction_is_added_that_is_not_there(arm):
         remark.startswith("No term of friction was added") for remark in found.remarks
     )
     assert found.drives[DRIVE_PARAMETERS.index("load_friction")].tolist() == [0.0, 0.0]
+    assert not any(one.startswith("The simulation misses") for one in found.remarks)
 
 
 def test_logs_that_are_too_short_choose_no_friction(arm):
@@ -446,6 +456,11 @@ def test_what_spoils_values_at_times_is_told_with_its_time(tmp_path):
     (burst,) = remarks_on_rows(robot, [log], [residuals], both)
     assert "elbow, most of all from 9" in burst
     assert "shoulder" not in burst
+    error = 0.01 * np.std(log.q, axis=0) * [1.0, 0.1]  # the latter may be steps and friction near standstill
+    (missed,) = remarks_on_missing_terms(robot, [log], error, both, chosen=False)
+    assert f"misses shoulder by {1e3 * error[0]:.2g} mrad" in missed
+    assert "--friction auto" in missed
+    assert remarks_on_missing_terms(robot, [log], error, ~both, chosen=False) == []
 
 
 @pytest.mark.parametrize(

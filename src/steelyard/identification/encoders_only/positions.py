@@ -30,6 +30,7 @@ from .drive_remarks import (
     remarks_on_gains,
     remarks_on_logs,
     remarks_on_missing_commands,
+    remarks_on_missing_terms,
     remarks_on_rate,
     remarks_on_rows,
     remarks_on_settings,
@@ -227,11 +228,14 @@ def identify_from_positions(
     if early and explicable and not doubts and _change_at_every_row(fitted):
         say("looking whether commands changed between rows")
         doubts = remarks_on_missing_commands(body, error, _passing_error(problem, found, weights))
-    remarks = [
+    explained = [
         *doubts,
         *of_units,
         *remarks_on_rows(body, fitted, found.residuals, above),
         *remarks_on_logs(body, chosen, fitted, drives, above),
+    ]
+    remarks = [
+        *(explained or remarks_on_missing_terms(body, fitted, error, above, friction == "auto")),
         *remarks_on_zeros(body, drives),
         *remarks_on_rate(body, chosen, drives, values),
         *remarks,
