@@ -77,6 +77,18 @@ def test_amplitudes_that_nothing_tells_are_left_out() -> None:
     assert two_heaps(np.ones(30)) is None
 
 
+@pytest.mark.parametrize("size", [1e-200, 1.0, 1e200])
+@pytest.mark.parametrize("noise", [0.0, 1e-12])
+@pytest.mark.parametrize("alike", [30, 25])
+def test_robots_that_are_exactly_alike_are_heaps_without_a_warning(size: float, noise: float, alike: int) -> None:
+    """Their likelihood has no end: the search for the largest one divided by the scale that it had brought to zero."""
+    around = np.random.default_rng(3).normal(size=40) * np.where(np.arange(40) < alike, noise, 1e-9)
+    found = two_heaps(size * (np.repeat([0.0, 1.0], [30, 10]) + around))
+    assert found is not None
+    assert found[1].tolist() == list(range(30, 40))
+    assert found[2] == pytest.approx(size)
+
+
 def test_a_batch_is_the_difference_of_two_means() -> None:
     """In the balanced case, generalised least squares are the means of both heaps, and the error is that of theirs."""
     random = np.random.default_rng(5)

@@ -42,6 +42,9 @@ MOST_SKEWED = 1.5
 OF_DRIVES = ("friction", "term")
 """Kinds of causes by whose own size robots vary in them."""
 
+WIDEST, FARTHEST = 50.0, 1e60
+"""Logarithm of the scale of a heap, and distance of a robot, beyond which they do not count; in deviations of all."""
+
 GRADIENT = 0.03
 """Largest derivative of the logarithm of a likelihood where it is as large as it can be."""
 
@@ -126,6 +129,7 @@ def two_heaps(amplitudes: Array, causes: int = 1) -> tuple[float, Numbers, float
     middle = float(np.median(values))
     size = 1.4826 * float(np.median(np.abs(values - middle)))
     values = (values - middle) / max(size, 1e-9 * float(np.max(np.abs(values - middle))), 1e-300)
+    values = np.clip(values, -FARTHEST, FARTHEST)
     # Distances from medians tell the best place at once, and whether it is worth while to go on; those of two heaps of
     # Laplace's distribution, which a few robots that are far out do not draw.
     near = np.clip(values, -WIDE, WIDE)
@@ -171,7 +175,8 @@ def _log_likelihood(values: Array, scale: float, skew: float, tails: float) -> t
     """
     from scipy.special import gammaln, psi
 
-    spread, freedom = exp(min(scale, 50.0)), LIGHTEST_TAILS + exp(min(tails, 7.0))
+    # Of robots that are exactly alike the likelihood has no end.
+    spread, freedom = exp(np.clip(scale, -WIDEST, WIDEST)), LIGHTEST_TAILS + exp(np.clip(tails, -WIDEST, 7.0))
     skewed = MOST_SKEWED * tanh(skew / MOST_SKEWED)
     side = np.where(values > 0.0, 1.0, -1.0)
     own = spread * np.where(values > 0.0, exp(skewed), exp(-skewed))
@@ -187,9 +192,9 @@ def _log_likelihood(values: Array, scale: float, skew: float, tails: float) -> t
     by_freedom += 0.5 * (float(pulls.sum()) / freedom - logarithms)
     derivatives = (
         by_place,
-        (float(pulls.sum()) - len(values)) * (scale < 50.0),
+        (float(pulls.sum()) - len(values)) * (abs(scale) < WIDEST),
         by_skewed * (1.0 - tanh(skew / MOST_SKEWED) ** 2),
-        by_freedom * exp(min(tails, 7.0)) * (tails < 7.0),
+        by_freedom * (freedom - LIGHTEST_TAILS) * (-WIDEST < tails < 7.0),
     )
     return told, np.array(derivatives)
 

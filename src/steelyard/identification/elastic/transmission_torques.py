@@ -70,7 +70,7 @@ class Transmissions:
     def rotor_error(self, joint: int) -> float:
         """Standard error of a joint's rotor, infinite where torques alone do not tell it from the links; 0 without one.
 
-        On simulated arms with torques that are noisy by 1 to 2 % it was 1 to 4 % of the rotor, and up to 73 %.
+        On simulated arms (MuJoCo) it was 0.3 to 4 % of the rotor with clean torques, and 7 to 73 % with noisy ones.
         """
         place = self.rotors[joint]
         if place < 0:
