@@ -63,8 +63,12 @@ def test_shared_work_may_share_work() -> None:
 @pytest.mark.parametrize("count", [0, 1, 2, 7, 8])
 def test_turns_are_in_order_and_each_is_in_one_thread(threads: int, count: int) -> None:
     places: dict[int, set[int]] = {}
+    begun = [threading.Event() for _ in range(count)]
 
     def slowly(number: int) -> int:
+        begun[number].set()
+        if threads > 1 and number ^ 1 < count:  # on a busy machine one thread could do both, one after the other
+            assert begun[number ^ 1].wait(30.0)
         places[number] = set(in_threads(lambda _: time.sleep(0.001) or threading.get_ident(), range(4)))
         return number * number
 
